@@ -1,0 +1,122 @@
+"""The equations of one dynamic system, as CasADi functions.
+
+A :class:`Block` is what plants and controllers are written as before they become something that
+runs: a component of the loop, a python-control system or the C code of an FMU. With state x,
+input u, parameters p (all column vectors):
+
+    continuous (``sample_time`` is None):  dx/dt  = update(x, u, p),  y = output(x, u, p)
+    discrete   (sampled every T s):        x[k+1] = update(x, u, p),  y = output(x, u, p)
+
+The initial state is ``start(u, p)``, evaluated once with the first inputs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.signals import Array, Variable
+
+
+@dataclass(frozen=True)
+class Block:
+    """Equations and variables of one dynamic system.
+
+    Attributes:
+        name: identifier (a legal C name).
+        description: one sentence for the user.
+        inputs, outputs, states, parameters: their variables; ``start`` of a parameter is its value.
+        update: (x, u, p) -> dx/dt or x[k+1], shape (nx,).
+        output: (x, u, p) -> y, shape (ny,).
+        start: (u, p) -> x at the first instant, shape (nx,).
+        rate_bound: (x, p) -> an upper bound of the fastest rate in 1/s, from which the number of
+            integration substeps follows; None for discrete systems.
+        sample_time: period in s of a discrete system, None for a continuous one.
+        fixed: names of the parameters that may only change before initialisation.
+    """
+
+    name: str
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    update: ca.Function
+    output: ca.Function
+    start: ca.Function
+    rate_bound: ca.Function | None = None
+    sample_time: float | None = None
+    description: str = ""
+    fixed: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        nx, nu, ny, p = len(self.states), len(self.inputs), len(self.outputs), len(self.parameters)
+        checks = [
+            (self.update, (nx, nu, p), nx),
+            (self.output, (nx, nu, p), ny),
+            (self.start, (nu, p), nx),
+        ]
+        if self.rate_bound is not None:
+            checks.append((self.rate_bound, (nx, p), 1))
+        for function, sizes, result in checks:
+            got = tuple(function.numel_in(i) for i in range(function.n_in()))
+            if got != sizes or function.numel_out(0) != result:
+                raise InputError(
+                    f"Function '{function.name()}' does not fit the variables of block '{self.name}'.",
+                    got=f"inputs {got}, output {function.numel_out(0)}",
+                    valid=f"inputs {sizes}, output {result}",
+                )
+        names = [v.name for v in (*self.inputs, *self.outputs, *self.states, *self.parameters)]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise InputError(f"Block '{self.name}' has variables of the same name.", got=", ".join(doubled))
+
+    @property
+    def parameter_values(self) -> Array:
+        """Start values of the parameters, (np,)."""
+        return np.array([v.start for v in self.parameters], dtype=float)
+
+    def with_parameters(self, values: dict[str, float]) -> Block:
+        """The same block with other start values of the named parameters; raises UnknownNameError."""
+        names = [v.name for v in self.parameters]
+        for name in values:
+            if name not in names:
+                raise UnknownNameError("parameter", name, names, where=f"block '{self.name}'")
+        return replace(self, parameters=tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters))
+
+    def digest(self) -> str:
+        """SHA-256 of the equations and the variables (start values included)."""
+        state = hashlib.sha256(repr((self.name, self.sample_time, sorted(self.fixed))).encode())
+        for group in (self.inputs, self.outputs, self.states, self.parameters):
+            state.update(repr(group).encode())
+        for function in (self.update, self.output, self.start, self.rate_bound):
+            if function is not None:
+                state.update(function.serialize().encode())
+        return state.hexdigest()
+
+
+SUBSTEP_RATE = 0.2
+"""Largest product of substep and fastest rate, h_sub * rate; RK4 is stable to 2.78 and at 0.2 its
+error per unit of time is of the order 0.2**4 / 120 = 1e-5 of the fastest mode, which is a small part
+of the motion."""
+MAXIMUM_SUBSTEPS = 65536
+
+
+def choose_substeps(rate: float, step: float, *, minimum: int = 4) -> int:
+    """Substeps of RK4 in a communication step: the power of two >= step * rate / SUBSTEP_RATE.
+
+    Powers of two, so that a small change of a parameter seldom changes the discretisation.
+
+    Args:
+        rate: bound of the fastest rate, 1/s.
+        step: communication step, s.
+        minimum: never fewer than this.
+    """
+    wanted = step * rate / SUBSTEP_RATE
+    count = minimum
+    while count < wanted and count < MAXIMUM_SUBSTEPS:
+        count *= 2
+    return count

@@ -1,0 +1,18 @@
+"""What runs in the loop: FMUs, python-control systems and CasADi models behind one interface."""
+
+from fmu_didim.components.base import Component, Instance
+from fmu_didim.components.control import ControlComponent, block_as_control, to_control, wrap_control
+from fmu_didim.components.fmu import FmuComponent, load_fmu
+from fmu_didim.components.model import ModelComponent
+
+__all__ = [
+    "Component",
+    "ControlComponent",
+    "FmuComponent",
+    "Instance",
+    "ModelComponent",
+    "block_as_control",
+    "load_fmu",
+    "to_control",
+    "wrap_control",
+]

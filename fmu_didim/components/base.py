@@ -1,0 +1,128 @@
+"""The one interface of everything that runs in the loop, plant or controller.
+
+A :class:`Component` is an immutable description; ``instantiate`` makes the running
+:class:`Instance`, the only thing that changes. The order of calls is
+
+    begin_initialisation, any number of (set, get), end_initialisation,
+    then at each instant: set, get, step.
+
+After ``set``, ``get`` returns the outputs at the present instant, direct feed-through included.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.errors import UnknownNameError
+from fmu_didim.signals import Array, Variable
+
+
+class Instance(ABC):
+    """A running component. ``inputs`` (nu,) and ``outputs`` (ny,) are its buffers.
+
+    The master may replace them once, before initialisation, by views into its own memory (``bind``),
+    so that no values are copied in the loop.
+    """
+
+    inputs: Array
+    outputs: Array
+
+    def bind(self, inputs: Array, outputs: Array) -> None:
+        """Use these contiguous buffers from now on."""
+        self.inputs, self.outputs = inputs, outputs
+
+    @abstractmethod
+    def begin_initialisation(self, time: float) -> None:
+        """Start the initialisation at ``time`` (s)."""
+
+    @abstractmethod
+    def end_initialisation(self) -> None:
+        """Fix the initial state from the inputs set last."""
+
+    @abstractmethod
+    def set(self) -> None:
+        """Hand the input buffer to the component."""
+
+    @abstractmethod
+    def get(self) -> None:
+        """Fill the output buffer with the outputs at the present instant."""
+
+    @abstractmethod
+    def step(self, time: float, size: float) -> None:
+        """Advance from ``time`` by ``size`` (s), inputs held; raises SimulationError."""
+
+    @abstractmethod
+    def save_state(self) -> Any:
+        """A copy of the complete state."""
+
+    @abstractmethod
+    def restore_state(self, state: Any) -> None:
+        """Go back to a saved state."""
+
+    def close(self) -> None:  # noqa: B027 - most components hold nothing that must be released
+        """Release what the instance holds; it must not be used afterwards."""
+
+
+class Component(ABC):
+    """Immutable and picklable description of something that runs in the loop.
+
+    Attributes:
+        inputs, outputs, parameters: its variables; ``start`` of a parameter is its present value.
+        sample_time: period in s of a sampled system, None for a continuous one or if unknown.
+    """
+
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    sample_time: float | None
+
+    @abstractmethod
+    def with_parameters(self, values: Mapping[str, float]) -> Component:
+        """The same component with other values of the named parameters; raises UnknownNameError."""
+
+    @abstractmethod
+    def instantiate(self) -> Instance:
+        """A new running instance."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Kind, origin and options, for the provenance of a result."""
+
+    def parameter_values(self) -> dict[str, float]:
+        """Present values by name."""
+        return {v.name: v.start for v in self.parameters}
+
+
+def check_names(kind: str, names: Mapping[str, float], valid: tuple[Variable, ...], *, where: str) -> None:
+    """Raise UnknownNameError for the first name that is not among the variables."""
+    known = [v.name for v in valid]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(kind, name, known, where=where)
+
+
+def buffers(inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> tuple[Array, Array]:
+    """Fresh buffers of an instance: inputs at their start values, outputs 0."""
+    return np.array([v.start for v in inputs], dtype=float), np.zeros(len(outputs))
+
+
+class SampleClock:
+    """Which instants t0 + n T of a sampled system fall into a step; counted, never accumulated."""
+
+    def __init__(self, start: float, period: float) -> None:
+        self.start, self.period, self.count = start, period, 0
+
+    def is_due(self, time: float) -> bool:
+        """Whether ``time`` is the next sample instant (to 1e-6 of a period)."""
+        return abs(time - self._next()) <= 1e-6 * self.period
+
+    def is_before(self, time: float) -> bool:
+        """Whether the next sample instant lies clearly before ``time``."""
+        return self._next() < time - 1e-6 * self.period
+
+    def _next(self) -> float:
+        return self.start + self.count * self.period

@@ -1,0 +1,332 @@
+"""python-control systems in the loop, and blocks as python-control systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from operator import itemgetter
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
+from fmu_didim.components.base import Component, Instance, SampleClock, buffers, check_names
+from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.signals import Array, Variable
+
+StartFunction = Callable[[Array, Array], Array]
+DEFAULT_SUBSTEPS = 10
+
+
+@dataclass(frozen=True)
+class ControlComponent(Component):
+    """A ``StateSpace``, ``TransferFunction`` or ``NonlinearIOSystem`` as a component.
+
+    A discrete system is sampled at its ``dt``; a continuous one advances by RK4 with equal substeps,
+    inputs held.
+
+    Attributes:
+        system: the python-control system.
+        inputs, outputs, parameters: its variables, in the order of the system's signals.
+        initial_state: (nx,) start value of the state.
+        start: (u, p) -> x, instead of ``initial_state``, when the start follows from the first inputs.
+        rate: p -> fastest rate in 1/s, from which the substeps follow when ``substeps`` is None.
+        substeps: RK4 substeps in a communication step.
+        origin: where the system comes from, for the provenance.
+    """
+
+    system: Any
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...] = ()
+    initial_state: tuple[float, ...] = ()
+    start: StartFunction | None = None
+    rate: Callable[[Array], float] | None = None
+    substeps: int | None = None
+    origin: str = ""
+    sample_time: float | None = field(default=None)
+
+    def with_parameters(self, values: Mapping[str, float]) -> ControlComponent:
+        check_names("parameter", values, self.parameters, where=f"python-control system {self.origin}")
+        changed = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
+        return replace(self, parameters=changed)
+
+    def instantiate(self) -> Instance:
+        return _ControlInstance(self)
+
+    def describe(self) -> dict[str, Any]:
+        return {
+            "kind": "control",
+            "origin": self.origin,
+            "class": type(self.system).__name__,
+            "sample_time": self.sample_time,
+            "substeps": self.substeps or "automatic",
+        }
+
+
+class _ControlInstance(Instance):
+    def __init__(self, component: ControlComponent) -> None:
+        self._component = component
+        self._parameters = component.parameter_values()
+        self._p = np.array(list(self._parameters.values()))
+        self._clock: SampleClock | None = None
+        self._live, self._initialising, self._time = True, False, 0.0
+        self._count = component.substeps or 0
+        self._update, self._output = _functions(component.system, self._parameters)
+        self._x = np.array(component.initial_state, dtype=float)
+        self.bind(*buffers(component.inputs, component.outputs))
+
+    def bind(self, inputs: Array, outputs: Array) -> None:
+        super().bind(inputs, outputs)
+        self._held = inputs.copy()
+
+    def begin_initialisation(self, time: float) -> None:
+        self._initialising, self._time = True, time
+        if self._component.sample_time is not None:
+            self._clock = SampleClock(time, self._component.sample_time)
+
+    def end_initialisation(self) -> None:
+        self._start()
+        self._initialising = False
+
+    def _start(self) -> None:
+        if self._component.start is not None:
+            self._x = np.asarray(self._component.start(self._held, self._p), dtype=float)
+
+    def set(self) -> None:
+        self._held[:] = self.inputs
+
+    def get(self) -> None:
+        if self._initialising:
+            self._start()
+        if self._live:
+            self.outputs[:] = self._output(self._time, self._x, self._held)
+
+    def step(self, time: float, size: float) -> None:
+        if self._clock is None:
+            self._integrate(time, size)
+        else:
+            self._sample(time, size)
+        self._time = time + size
+
+    def _integrate(self, time: float, size: float) -> None:
+        count = self._count or self._choose(size)
+        if count >= MAXIMUM_SUBSTEPS:
+            raise SimulationError(
+                "The equations of the python-control system are too stiff to integrate.",
+                where=self._component.origin,
+                got=f"t = {time:.6g} s",
+            )
+        h, x, u, update = size / count, self._x, self._held, self._update
+        for i in range(count):
+            t = time + i * h
+            k1 = update(t, x, u)
+            k2 = update(t + h / 2, x + h / 2 * k1, u)
+            k3 = update(t + h / 2, x + h / 2 * k2, u)
+            k4 = update(t + h, x + h * k3, u)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        self._x = x
+
+    def _choose(self, size: float) -> int:
+        rate = self._component.rate
+        return choose_substeps(rate(self._p), size) if rate is not None else DEFAULT_SUBSTEPS
+
+    def _sample(self, time: float, size: float) -> None:
+        clock = self._clock
+        assert clock is not None
+        while clock.is_due(time) or clock.is_before(time + size):
+            instant = clock.start + clock.count * clock.period
+            self.outputs[:] = self._output(instant, self._x, self._held)
+            self._x = np.asarray(self._update(instant, self._x, self._held), dtype=float)
+            clock.count += 1
+        self._live = clock.is_due(time + size)
+
+    def save_state(self) -> Any:
+        count = self._clock.count if self._clock else 0
+        return self._x.copy(), self._held.copy(), self.outputs.copy(), self._live, self._time, count
+
+    def restore_state(self, state: Any) -> None:
+        x, held, outputs, self._live, self._time, count = state
+        self._x = x.copy()
+        self._held[:], self.outputs[:] = held, outputs
+        if self._clock:
+            self._clock.count = count
+
+
+def _functions(system: Any, parameters: dict[str, float]) -> tuple[Callable[..., Array], Callable[..., Array]]:
+    """(t, x, u) -> next state or derivative, and (t, x, u) -> outputs, of a python-control system."""
+    if hasattr(system, "A"):
+        a, b, c, d = (np.asarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
+        return lambda t, x, u: a @ x + b @ u, lambda t, x, u: c @ x + d @ u
+    return (
+        lambda t, x, u: np.atleast_1d(system.dynamics(t, x, u, params=parameters)),
+        lambda t, x, u: np.atleast_1d(system.output(t, x, u, params=parameters)),
+    )
+
+
+def wrap_control(
+    system: Any, *, origin: str = "", initial_state: tuple[float, ...] = (), substeps: int | None = None
+) -> ControlComponent:
+    """A user's python-control system as a component.
+
+    Args:
+        system: ``StateSpace``, ``TransferFunction`` (single input and output, or with slycot) or
+            ``NonlinearIOSystem``; discrete systems need a numeric ``dt``.
+        origin: its name, for messages and provenance.
+        initial_state: start value of the state, zero by default.
+        substeps: RK4 substeps in a communication step of a continuous system.
+
+    Raises:
+        InputError: the object is no such system, its ``dt`` is not numeric, or the state has another size.
+    """
+    import control
+
+    if isinstance(system, control.TransferFunction):
+        try:
+            system = control.ss(system)
+        except control.ControlMIMONotImplemented as error:
+            raise InputError(
+                "A transfer function with several inputs or outputs needs the package slycot.",
+                where=origin,
+                next_step="Give a StateSpace, or install slycot.",
+            ) from error
+    if not isinstance(system, control.StateSpace | control.NonlinearIOSystem):
+        raise InputError(
+            "This is not a python-control system that can be simulated.",
+            where=origin,
+            got=type(system).__name__,
+            valid="StateSpace, TransferFunction, NonlinearIOSystem",
+        )
+    discrete = bool(system.isdtime(strict=True))
+    if discrete and (system.dt is True or not system.dt > 0):
+        raise InputError(
+            "A discrete system needs its sample time.", where=origin, got=f"dt = {system.dt}", valid="dt in seconds"
+        )
+    state = initial_state or (0.0,) * int(system.nstates)
+    if len(state) != system.nstates:
+        raise InputError("The initial state has another size.", where=origin, got=len(state), valid=str(system.nstates))
+    return ControlComponent(
+        system=system,
+        inputs=tuple(Variable(name, "", "input") for name in system.input_labels),
+        outputs=tuple(Variable(name) for name in system.output_labels),
+        parameters=tuple(
+            Variable(name, "", "parameter", float(value))
+            for name, value in getattr(system, "params", {}).items()
+            if np.isscalar(value)
+        ),
+        initial_state=tuple(float(v) for v in state),
+        substeps=substeps,
+        origin=origin,
+        sample_time=float(system.dt) if discrete else None,
+    )
+
+
+def to_control(block: Block) -> Any:
+    """A block as a python-control system: ``StateSpace`` if its equations are linear, else ``NonlinearIOSystem``.
+
+    The parameters of a nonlinear system are its ``params``; those of a linear one are fixed at their
+    present values.
+    """
+    import control
+
+    names = dict(
+        inputs=[v.name for v in block.inputs],
+        outputs=[v.name for v in block.outputs],
+        states=[v.name for v in block.states],
+        name=block.name,
+        dt=block.sample_time if block.sample_time is not None else 0,
+    )
+    matrices = _linear_matrices(block)
+    if matrices is not None:
+        return control.ss(*matrices, **names)
+    update, output = (_NumpyFunction(f, block) for f in (block.update, block.output))
+    parameters = {v.name: v.start for v in block.parameters}
+    return control.nlsys(update, output, params=parameters, **names)
+
+
+class _NumpyFunction:
+    """A CasADi function (x, u, p) with the signature (t, x, u, params) of python-control."""
+
+    def __init__(self, function: ca.Function, block: Block) -> None:
+        self._function = function
+        self._names = [v.name for v in block.parameters]
+        self._prepare()
+
+    def _prepare(self) -> None:
+        function = self._function
+        self._x, self._u, self._p = (np.zeros(function.numel_in(i)) for i in range(3))
+        self._result = np.zeros(function.numel_out(0))
+        self._buffer, self._run = function.buffer()
+        for i, argument in enumerate((self._x, self._u, self._p)):
+            self._buffer.set_arg(i, memoryview(argument))
+        self._buffer.set_res(0, memoryview(self._result))
+        self._values = itemgetter(*self._names) if len(self._names) > 1 else None
+
+    def __call__(self, t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:
+        self._x[:] = x
+        self._u[:] = u
+        if self._values is not None:
+            self._p[:] = self._values(params)
+        elif self._names:
+            self._p[0] = params[self._names[0]]
+        self._run()
+        return self._result.copy()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_function": self._function, "_names": self._names}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._prepare()
+
+
+@dataclass(frozen=True)
+class _BlockStart:
+    function: ca.Function
+
+    def __call__(self, u: Array, p: Array) -> Array:
+        return np.asarray(self.function(u, p).full()).ravel()
+
+
+@dataclass(frozen=True)
+class _BlockRate:
+    block: Block
+
+    def __call__(self, p: Array) -> float:
+        u = np.zeros(len(self.block.inputs))
+        assert self.block.rate_bound is not None
+        return float(self.block.rate_bound(self.block.start(u, p), p))
+
+
+def block_as_control(block: Block, *, substeps: int | None = None) -> ControlComponent:
+    """A block run as a python-control system, with the start and the substeps of the block."""
+    return ControlComponent(
+        system=to_control(block),
+        inputs=block.inputs,
+        outputs=block.outputs,
+        parameters=block.parameters,
+        initial_state=(0.0,) * len(block.states),
+        start=_BlockStart(block.start) if block.states else None,
+        rate=_BlockRate(block) if block.rate_bound is not None else None,
+        substeps=substeps,
+        origin=f"block '{block.name}'",
+        sample_time=block.sample_time,
+    )
+
+
+def _linear_matrices(block: Block) -> tuple[Array, Array, Array, Array] | None:
+    """A, B, C, D at the present parameters if update and output are linear in (x, u), else None."""
+    nx, nu = len(block.states), len(block.inputs)
+    x, u = ca.SX.sym("x", nx), ca.SX.sym("u", nu)
+    z = ca.vertcat(x, u)
+    result = []
+    for function in (block.update, block.output):
+        value = function(x, u, ca.DM(block.parameter_values))
+        jacobian = ca.jacobian(value, z)
+        offset = ca.substitute(value, z, ca.SX.zeros(nx + nu))
+        if ca.depends_on(jacobian, z) or not bool(ca.simplify(offset).is_zero()):
+            return None
+        result.append(ca.evalf(jacobian).full())
+    (ab, cd) = result
+    return ab[:, :nx], ab[:, nx:], cd[:, :nx], cd[:, nx:]

@@ -1,0 +1,169 @@
+"""A block evaluated by CasADi's virtual machine: the reference for what the FMU of the block does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
+from fmu_didim.components.base import Component, Instance, SampleClock, buffers
+from fmu_didim.errors import SimulationError
+from fmu_didim.signals import Array, Variable
+
+
+@dataclass(frozen=True)
+class ModelComponent(Component):
+    """A :class:`Block` as a component; continuous blocks advance by RK4 with equal substeps.
+
+    Attributes:
+        block: the equations.
+        substeps: RK4 substeps in a communication step; None chooses them from the block's rate.
+    """
+
+    block: Block
+    substeps: int | None = None
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:  # type: ignore[override]
+        return self.block.inputs
+
+    @property
+    def outputs(self) -> tuple[Variable, ...]:  # type: ignore[override]
+        return self.block.outputs
+
+    @property
+    def parameters(self) -> tuple[Variable, ...]:  # type: ignore[override]
+        return self.block.parameters
+
+    @property
+    def sample_time(self) -> float | None:  # type: ignore[override]
+        return self.block.sample_time
+
+    def with_parameters(self, values: Mapping[str, float]) -> ModelComponent:
+        return ModelComponent(self.block.with_parameters(dict(values)), self.substeps)
+
+    def instantiate(self) -> Instance:
+        return _ModelInstance(self)
+
+    def describe(self) -> dict[str, Any]:
+        return {"kind": "model", "name": self.block.name, "substeps": self.substeps or "automatic"}
+
+
+class _Evaluator:
+    """Calls a CasADi function on fixed numpy buffers, without allocation."""
+
+    def __init__(self, function: ca.Function, arguments: list[Array], result: Array) -> None:
+        self._buffer, self._run = function.buffer()
+        self._keep = (*arguments, result)
+        for i, argument in enumerate(arguments):
+            self._buffer.set_arg(i, memoryview(argument))
+        self._buffer.set_res(0, memoryview(result))
+
+    def __call__(self) -> None:
+        self._run()
+
+
+class _ModelInstance(Instance):
+    def __init__(self, component: ModelComponent) -> None:
+        block = component.block
+        self._block, self._substeps = block, component.substeps
+        self._p = block.parameter_values
+        self._x = np.zeros(len(block.states))
+        self._next = np.zeros(len(block.states))
+        self._size = np.zeros(1)
+        self._rate = 0.0
+        self._live = True
+        self._initialising = False
+        self._clock: SampleClock | None = None
+        self.bind(*buffers(block.inputs, block.outputs))
+
+    def bind(self, inputs: Array, outputs: Array) -> None:
+        super().bind(inputs, outputs)
+        self._held = np.zeros(inputs.size)
+        self._output = _Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
+        if self._block.sample_time is None:
+            self._update = _Evaluator(
+                _runge_kutta(self._block), [self._x, self._held, self._p, self._size], self._next
+            )
+        else:
+            self._update = _Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
+
+    def begin_initialisation(self, time: float) -> None:
+        self._initialising = True
+        if self._block.sample_time is not None:
+            self._clock = SampleClock(time, self._block.sample_time)
+
+    def end_initialisation(self) -> None:
+        self._start()
+        self._initialising = False
+        if self._block.rate_bound is not None:
+            self._rate = float(self._block.rate_bound(self._x, self._p))
+
+    def _start(self) -> None:
+        if self._x.size:
+            self._x[:] = self._block.start(self._held, self._p).full().ravel()
+
+    def set(self) -> None:
+        self._held[:] = self.inputs
+
+    def get(self) -> None:
+        if self._initialising:
+            self._start()
+        if self._live:
+            self._output()
+
+    def step(self, time: float, size: float) -> None:
+        if self._clock is None:
+            self._integrate(time, size)
+        else:
+            self._sample(time, size)
+
+    def _integrate(self, time: float, size: float) -> None:
+        count = self._substeps or choose_substeps(self._rate, size)
+        if count >= MAXIMUM_SUBSTEPS:
+            raise SimulationError(
+                f"The equations of '{self._block.name}' are too stiff to integrate.",
+                got=f"fastest rate {self._rate:.3g} 1/s at t = {time:.6g} s",
+                next_step="Check the inertias and the smoothing velocities.",
+            )
+        self._size[0] = size / count
+        for _ in range(count):
+            self._update()
+            self._x[:] = self._next
+
+    def _sample(self, time: float, size: float) -> None:
+        clock = self._clock
+        assert clock is not None
+        while clock.is_due(time) or clock.is_before(time + size):
+            self._output()
+            self._update()
+            self._x[:] = self._next
+            clock.count += 1
+        self._live = clock.is_due(time + size)
+
+    def save_state(self) -> Any:
+        count = self._clock.count if self._clock else 0
+        return self._x.copy(), self._held.copy(), self.outputs.copy(), self._live, count, self._rate
+
+    def restore_state(self, state: Any) -> None:
+        self._x[:], self._held[:], self.outputs[:], self._live, count, self._rate = state
+        if self._clock:
+            self._clock.count = count
+
+
+def _runge_kutta(block: Block) -> ca.Function:
+    """One substep of the classical Runge-Kutta method: (x, u, p, h) -> x(t + h), input held."""
+    x = ca.SX.sym("x", len(block.states))
+    u = ca.SX.sym("u", len(block.inputs))
+    p = ca.SX.sym("p", len(block.parameters))
+    h = ca.SX.sym("h")
+    k1 = block.update(x, u, p)
+    k2 = block.update(x + h / 2 * k1, u, p)
+    k3 = block.update(x + h / 2 * k2, u, p)
+    k4 = block.update(x + h * k3, u, p)
+    following = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return ca.Function("substep", [x, u, p, h], [ca.densify(following)])

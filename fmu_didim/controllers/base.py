@@ -1,0 +1,146 @@
+"""What a control law is: its options as a document, and the sampled block it builds.
+
+A new law is one file with one class derived from :class:`ControlLaw`, and one row in
+``fmu_didim.controllers.LAWS``. Inputs are named ``q_ref<j>``, ``dq_ref<j>``, ``ddq_ref<j>``, ``q<j>``
+and ``dq<j>``; outputs ``command<j>``, in the unit ``command_unit``, before the drive gain.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import casadi as ca
+from pydantic import Field, model_validator
+
+from fmu_didim.block import Block
+from fmu_didim.documents import Strict
+from fmu_didim.effects import UNITS, JointType
+from fmu_didim.signals import Variable
+
+Positive = Annotated[float, Field(gt=0)]
+VelocityKind = Literal["measured", "backward_difference"]
+
+
+@dataclass
+class Equations:
+    """Equations of a law under construction, all in CasADi SX; a law fills it, ``ControlLaw.block`` closes it."""
+
+    inputs: dict[str, ca.SX] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, tuple[ca.SX, float, str]] = field(default_factory=dict)
+    states: dict[str, tuple[ca.SX, ca.SX, ca.SX, str]] = field(default_factory=dict)
+
+    def input(self, name: str, unit: str) -> ca.SX:
+        """The input of that name, made at its first use."""
+        if name not in self.inputs:
+            self.inputs[name] = ca.SX.sym(name)
+            self.units[name] = unit
+        return self.inputs[name]
+
+    def parameter(self, name: str, value: float, description: str = "") -> ca.SX:
+        """A tunable parameter."""
+        symbol = ca.SX.sym(name)
+        self.parameters[name] = (symbol, value, description)
+        return symbol
+
+    def state(self, name: str, unit: str, symbol: ca.SX, following: ca.SX, start: ca.SX) -> None:
+        """A state with its next value and its start value (in inputs and parameters only)."""
+        self.states[name] = (symbol, following, start, unit)
+
+
+class ControlLaw(Strict):
+    """Options shared by all laws.
+
+    Attributes:
+        law: name of the law.
+        name: identifier of the controller (a legal C name).
+        joints: the type of each joint.
+        rate_hz: sample rate; the command is held over one period (zero-order hold).
+        command_unit: unit of the command (N.m, N, V, A).
+        saturation: symmetric limit of each command, or nothing.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    law: str
+    name: str = Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
+    description: str = ""
+    source: str = ""
+    joints: tuple[JointType, ...] = Field(min_length=1)
+    rate_hz: Positive
+    command_unit: str = "N.m"
+    saturation: tuple[Positive, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_value_per_joint(self) -> ControlLaw:
+        for key in type(self).model_fields:
+            value = getattr(self, key)
+            if key not in ("joints", "gravity") and isinstance(value, tuple) and len(value) != len(self.joints):
+                raise ValueError(f"{key} has {len(value)} values for {len(self.joints)} joints")
+        return self
+
+    @property
+    def period(self) -> float:
+        """Sample period in s."""
+        return 1.0 / self.rate_hz
+
+    @abstractmethod
+    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+        """One expression a joint for the command; declares inputs, parameters and states on the way."""
+
+    def block(self, *, folder: Path = Path()) -> Block:
+        """The law as a sampled block; ``folder`` is where files named in the options are looked for."""
+        equations = Equations()
+        commands = self.commands(equations, folder=folder)
+        for j, limit in enumerate(self.saturation or (), start=1):
+            bound = equations.parameter(f"limit{j}", limit, "symmetric limit of the command")
+            commands[j - 1] = ca.fmin(ca.fmax(commands[j - 1], -bound), bound)
+        x = ca.vertcat(ca.SX(0, 1), *(entry[0] for entry in equations.states.values()))
+        u = ca.vertcat(*equations.inputs.values())
+        p = ca.vertcat(ca.SX(0, 1), *(entry[0] for entry in equations.parameters.values()))
+        following = ca.vertcat(ca.SX(0, 1), *(entry[1] for entry in equations.states.values()))
+        start = ca.vertcat(ca.SX(0, 1), *(entry[2] for entry in equations.states.values()))
+        return Block(
+            name=self.name,
+            description=self.description,
+            inputs=tuple(Variable(name, equations.units[name], "input") for name in equations.inputs),
+            outputs=tuple(
+                Variable(f"command{j}", self.command_unit, "output", 0.0, "motor command")
+                for j in range(1, len(commands) + 1)
+            ),
+            states=tuple(Variable(name, entry[3], "local") for name, entry in equations.states.items()),
+            parameters=tuple(
+                Variable(name, "", "parameter", value, text) for name, (_, value, text) in equations.parameters.items()
+            ),
+            update=ca.Function("update", [x, u, p], [ca.densify(following)]),
+            output=ca.Function("output", [x, u, p], [ca.densify(ca.vertcat(*commands))]),
+            start=ca.Function("start", [u, p], [ca.densify(start)]),
+            sample_time=self.period,
+        )
+
+    def error_signals(self, equations: Equations, j: int) -> Mapping[str, ca.SX]:
+        """The inputs q_ref, dq_ref and q of joint j."""
+        units = UNITS[self.joints[j - 1]]
+        return {
+            "q_ref": equations.input(f"q_ref{j}", units.position),
+            "dq_ref": equations.input(f"dq_ref{j}", units.velocity),
+            "q": equations.input(f"q{j}", units.position),
+        }
+
+    def velocity_signal(self, equations: Equations, j: int, kind: VelocityKind) -> ca.SX:
+        """Velocity of joint j: the input ``dq<j>``, or (q[k] - q[k-1]) / T.
+
+        The first difference is exact when the joint starts with the velocity of the reference:
+        q[-1] = q[0] - T dq_ref[0].
+        """
+        units = UNITS[self.joints[j - 1]]
+        if kind == "measured":
+            return equations.input(f"dq{j}", units.velocity)
+        q = equations.input(f"q{j}", units.position)
+        dq_ref = equations.input(f"dq_ref{j}", units.velocity)
+        previous = ca.SX.sym(f"q_previous{j}")
+        equations.state(f"q_previous{j}", units.position, previous, q, q - self.period * dq_ref)
+        return (q - previous) / self.period

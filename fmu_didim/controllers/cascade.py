@@ -1,0 +1,42 @@
+"""Cascade control of industrial drives: proportional position loop around a PI velocity loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+
+from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
+
+
+class CascadePPI(ControlLaw):
+    """v_ref = Kv (q_ref - q) + feedforward dq_ref;  e_v = v_ref - dq;
+    command = Kp e_v + Ki I, I[k+1] = I[k] + T e_v[k], I[0] = 0.
+
+    Attributes:
+        Kv: gains of the position loop, 1/s.
+        Kp, Ki: gains of the velocity loop.
+        feedforward: share of the reference velocity added to v_ref, 0 to 1.
+        velocity: ``measured`` (an input) or ``backward_difference`` of q.
+    """
+
+    Kv: tuple[float, ...]
+    Kp: tuple[float, ...]
+    Ki: tuple[float, ...]
+    feedforward: float = 1.0
+    velocity: VelocityKind = "measured"
+
+    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+        result = []
+        for j in range(1, len(self.joints) + 1):
+            signals = self.error_signals(equations, j)
+            dq = self.velocity_signal(equations, j, self.velocity)
+            kv = equations.parameter(f"Kv{j}", self.Kv[j - 1], "gain of the position loop")
+            kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain of the velocity loop")
+            ki = equations.parameter(f"Ki{j}", self.Ki[j - 1], "integral gain of the velocity loop")
+            forward = equations.parameter(f"feedforward{j}", self.feedforward, "velocity feed-forward")
+            error = kv * (signals["q_ref"] - signals["q"]) + forward * signals["dq_ref"] - dq
+            integral = ca.SX.sym(f"integral{j}")
+            equations.state(f"integral{j}", "", integral, integral + self.period * error, ca.SX(0))
+            result.append(kp * error + ki * integral)
+        return result

@@ -1,0 +1,32 @@
+"""Proportional-derivative control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+
+from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
+
+
+class PD(ControlLaw):
+    """command = Kp (q_ref - q) + Kd (dq_ref - dq), for each joint.
+
+    Attributes:
+        Kp, Kd: gains of each joint.
+        velocity: ``measured`` (an input) or ``backward_difference`` of q.
+    """
+
+    Kp: tuple[float, ...]
+    Kd: tuple[float, ...]
+    velocity: VelocityKind = "measured"
+
+    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+        result = []
+        for j in range(1, len(self.joints) + 1):
+            signals = self.error_signals(equations, j)
+            dq = self.velocity_signal(equations, j, self.velocity)
+            kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain")
+            kd = equations.parameter(f"Kd{j}", self.Kd[j - 1], "derivative gain")
+            result.append(kp * (signals["q_ref"] - signals["q"]) + kd * (signals["dq_ref"] - dq))
+        return result

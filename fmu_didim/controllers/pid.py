@@ -1,0 +1,37 @@
+"""Proportional-integral-derivative control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+
+from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
+
+
+class PID(ControlLaw):
+    """command = Kp e + Ki I + Kd (dq_ref - dq), e = q_ref - q, I[k+1] = I[k] + T e[k], I[0] = 0.
+
+    Attributes:
+        Kp, Ki, Kd: gains of each joint.
+        velocity: ``measured`` (an input) or ``backward_difference`` of q.
+    """
+
+    Kp: tuple[float, ...]
+    Ki: tuple[float, ...]
+    Kd: tuple[float, ...]
+    velocity: VelocityKind = "measured"
+
+    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+        result = []
+        for j in range(1, len(self.joints) + 1):
+            signals = self.error_signals(equations, j)
+            dq = self.velocity_signal(equations, j, self.velocity)
+            kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain")
+            ki = equations.parameter(f"Ki{j}", self.Ki[j - 1], "integral gain")
+            kd = equations.parameter(f"Kd{j}", self.Kd[j - 1], "derivative gain")
+            error = signals["q_ref"] - signals["q"]
+            integral = ca.SX.sym(f"integral{j}")
+            equations.state(f"integral{j}", "", integral, integral + self.period * error, ca.SX(0))
+            result.append(kp * error + ki * integral + kd * (signals["dq_ref"] - dq))
+        return result

@@ -1,0 +1,24 @@
+"""Inertia of the motor's rotor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import UNITS, JointMotion, JointType, TorqueEffect
+from fmu_didim.signals import Variable
+
+
+class MotorInertia(TorqueEffect):
+    """tau_e = Ia * ddq, with Ia in kg.m2 (kg) on the joint's side of the gear."""
+
+    name = "motor_inertia"
+    equation = "Ia*ddq"
+    source = "Khalil and Dombre, Modeling, Identification and Control of Robots, chapter 9"
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (Variable("Ia", UNITS[joint_type].inertia, "parameter", 0.0, "motor inertia at the joint"),)
+
+    def columns(self, motion: JointMotion, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (motion.ddq,)

@@ -1,0 +1,27 @@
+"""Viscous friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import UNITS, JointMotion, JointType, TorqueEffect
+from fmu_didim.signals import Variable
+
+
+class Viscous(TorqueEffect):
+    """tau_e = Fv * dq, with Fv in N.m.s/rad (revolute) or N.s/m (prismatic)."""
+
+    name = "viscous"
+    equation = "Fv*dq"
+    source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (Variable("Fv", UNITS[joint_type].viscous, "parameter", 0.0, "viscous friction coefficient"),)
+
+    def columns(self, motion: JointMotion, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (motion.dq,)
+
+    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.fabs(parameters["Fv"])

@@ -1,0 +1,129 @@
+"""Torque at a low rate: how a logged sample follows from the held command of the loop.
+
+The command is constant over each period of the control, tau(t) = tau_k on [t_k, t_k + h). So every
+logged sample, a point of it or an average, is a linear combination of the tau_k; the same combination
+of the rows of the regressor belongs to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from fmu_didim.errors import InputError
+from fmu_didim.signals import Array
+
+Kind = Literal["point", "average"]
+Window = Literal["preceding", "centred", "following"]
+_SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
+
+
+@dataclass(frozen=True)
+class SampleOperator:
+    """Linear map from the values at some ticks to the logged samples.
+
+    Attributes:
+        ticks: (K,) the ticks that matter, increasing.
+        matrix: (N, K) weights.
+    """
+
+    ticks: NDArray[np.int64]
+    matrix: sparse.csr_array
+
+    @property
+    def count(self) -> int:
+        """Number of logged samples N."""
+        return int(self.matrix.shape[0])
+
+    def apply(self, values: Array) -> Array:
+        """(K, ...) values at the ticks -> (N, ...) samples."""
+        flat = values.reshape(values.shape[0], -1)
+        return np.asarray(self.matrix @ flat).reshape(self.count, *values.shape[1:])
+
+
+def sample_operator(
+    times: Array,
+    *,
+    start: float,
+    step: float,
+    tick_count: int,
+    kind: Kind = "point",
+    window: Window = "preceding",
+    window_s: float | None = None,
+) -> SampleOperator:
+    """The operator for samples logged at ``times``.
+
+    Args:
+        times: (N,) instants of the log in s.
+        start, step: instant of tick 0 and control period, s.
+        tick_count: number of ticks of the reference.
+        kind: ``point``: the command that acts at the instant; ``average``: its mean over a window.
+        window: where the window lies: it ends, is centred or starts at the instant.
+        window_s: its length in s; by default the mean spacing of ``times``.
+
+    Raises:
+        InputError: an instant lies outside the reference.
+    """
+    position = (times - start) / step
+    last = tick_count
+    # 1e-6 of a period: instants written with few digits still fall on their tick.
+    first_bad = np.flatnonzero((position < -1e-6) | (position >= last - 1e-6 + (kind == "average")))
+    if first_bad.size:
+        t = times[first_bad[0]]
+        raise InputError(
+            "The torque log reaches beyond the reference.",
+            where="measurement",
+            got=f"{first_bad.size} samples, the first one at t = {t:g} s",
+            valid=f"t from {start:g} s to {start + last * step:g} s",
+            next_step="Check that both share one clock; cut the log or give the whole reference.",
+        )
+    if kind == "point":
+        ticks = np.floor(position + 1e-6).astype(np.int64).clip(0)
+        rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
+    else:
+        rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)
+    support, place = np.unique(columns, return_inverse=True)
+    matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
+    return SampleOperator(support.astype(np.int64), matrix)
+
+
+def _length(times: Array, window_s: float | None) -> float:
+    if window_s is not None:
+        return window_s
+    if times.size < 2:
+        raise InputError("The window of a single average is unknown.", next_step="Give window_s.")
+    return float((times[-1] - times[0]) / (times.size - 1))
+
+
+def _average(position: Array, last: int, window: Window, length: float) -> tuple[Array, Array, Array]:
+    """Overlap of each window with each control period; windows are cut where the data begin or end."""
+    rows: list[Array] = []
+    columns: list[Array] = []
+    weights: list[Array] = []
+    for i, here in enumerate(position):
+        low = max(here + _SHIFT[window] * length, 0.0)
+        high = min(here + (1 + _SHIFT[window]) * length, float(last))
+        if high - low < 1e-6:  # nothing before the first sample: the command that acts there
+            low, high = min(max(here, 0.0), last - 1.0), min(max(here, 0.0), last - 1.0) + 1e-6
+        ticks = np.arange(int(np.floor(low + 1e-9)), min(int(np.ceil(high - 1e-9)), last))
+        overlap = np.minimum(ticks + 1.0, high) - np.maximum(ticks, low)
+        rows.append(np.full(ticks.size, i))
+        columns.append(ticks)
+        weights.append(overlap / overlap.sum())
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+
+
+def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
+    """Instants phase + i / rate inside a log, whether or not the rate divides that of the log."""
+    if not rate_hz > 0:
+        raise InputError("The sample rate must be positive.", got=rate_hz, valid="Hz > 0")
+    period = 1.0 / rate_hz
+    first = time[0] + phase_s
+    count = int(np.floor((time[-1] - first) / period + 1e-6)) + 1
+    if count < 1:
+        raise InputError("No sample of that rate and phase falls into the log.", got=f"{rate_hz} Hz, phase {phase_s} s")
+    return np.asarray(first + np.arange(count) * period)

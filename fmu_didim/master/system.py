@@ -1,0 +1,180 @@
+"""The closed loop as an immutable description: components, connections, order, delay, step."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from fmu_didim.components import Component
+from fmu_didim.errors import InputError, UnknownNameError
+
+REFERENCE = "reference"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """target += gain * source.
+
+    Attributes:
+        source: ``component.output``, or ``reference.column`` for a column of the reference trajectory.
+        target: ``component.input``. Several connections to one input add up.
+        gain: factor, such as the drive gain g_t of tau = g_t v (eq. 21 of the DIDIM paper).
+    """
+
+    source: str
+    target: str
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class System:
+    """Components wired to a loop; time is counted in ticks, t = t0 + k * step_size.
+
+    At tick k each component in ``order`` gets its inputs and gives its outputs (so the controller sees
+    reference and position of tick k); then all advance by one step with the inputs held.
+
+    Attributes:
+        components: by name.
+        connections: the wiring.
+        order: the names in the order of evaluation; controller first.
+        step_size: communication step h in s.
+        delays: name -> delay of all its inputs in samples, a fraction allowed: the inputs computed at
+            t_k act from t_k + delay * h. Before the first ones act, they are held at their first value.
+    """
+
+    components: Mapping[str, Component]
+    connections: tuple[Connection, ...]
+    order: tuple[str, ...]
+    step_size: float
+    delays: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.step_size > 0:
+            raise InputError("The communication step must be positive.", got=self.step_size)
+        if sorted(self.order) != sorted(self.components):
+            raise InputError("The order must name each component once.", got=self.order, valid=self.components)
+        for name, delay in self.delays.items():
+            if name not in self.components:
+                raise UnknownNameError("component", name, self.components, where="delays")
+            if not 0 <= delay <= 1000:
+                raise InputError("A delay must be between 0 and 1000 samples.", where=name, got=delay)
+        for connection in self.connections:
+            self._check(connection)
+
+    def _check(self, connection: Connection) -> None:
+        both = f"{connection.source} -> {connection.target}"
+        name, _, variable = connection.target.partition(".")
+        if name not in self.components:
+            raise UnknownNameError("component", name, self.components, where=both)
+        inputs = [v.name for v in self.components[name].inputs]
+        if variable not in inputs:
+            raise UnknownNameError("input", variable, inputs, where=both)
+        name, _, variable = connection.source.partition(".")
+        if name == REFERENCE:
+            return
+        if name not in self.components:
+            raise UnknownNameError("component", name, (*self.components, REFERENCE), where=both)
+        outputs = [v.name for v in self.components[name].outputs]
+        if variable not in outputs:
+            raise UnknownNameError("output", variable, outputs, where=both)
+
+    def replace(self, name: str, component: Component) -> System:
+        """The same system with another component of that name; all else untouched."""
+        if name not in self.components:
+            raise UnknownNameError("component", name, self.components, where="System.replace")
+        return replace(self, components={**self.components, name: component})
+
+    def with_delay(self, name: str, samples: float) -> System:
+        """The same system with another delay of the inputs of one component, in samples."""
+        return replace(self, delays={**self.delays, name: samples})
+
+    def describe(self) -> dict[str, Any]:
+        """Order, delay, step and components, for the provenance of a result."""
+        return {
+            "order": list(self.order),
+            "step_size_s": self.step_size,
+            "delay_samples": dict(self.delays),
+            "hold": "zero-order hold; acceleration taken after the new torque is applied",
+            "components": {name: c.describe() for name, c in self.components.items()},
+            "connections": [f"{c.target} <- {c.gain:g} * {c.source}" for c in self.connections],
+        }
+
+
+_INDEXED = re.compile(r"^(?P<stem>[A-Za-z_]+?)(?P<joint>\d+)$")
+
+
+def closed_loop(
+    plant: Component,
+    controller: Component,
+    *,
+    joint_count: int,
+    step_size: float | None = None,
+    drive_gains: Sequence[float] | None = None,
+    delay_samples: float = 0.0,
+    injections: Mapping[str, str] | None = None,
+    reference_names: Sequence[str],
+) -> System:
+    """A plant and a controller wired by the names of their variables.
+
+    The controller's ``q_ref<j>``, ``dq_ref<j>``, ``ddq_ref<j>`` come from the columns ``q<j>``, ``dq<j>``,
+    ``ddq<j>`` of the reference, its ``q<j>``, ``dq<j>``, ``ddq<j>`` from the plant, and the plant's ``tau<j>``
+    is the drive gain times ``command<j>``.
+
+    Args:
+        plant, controller: the components.
+        joint_count: number of joints n.
+        step_size: communication step in s; by default the controller's sample time.
+        drive_gains: (n,) g_t of tau = g_t command; 1 by default.
+        delay_samples: delay of the command in samples.
+        injections: ``command<j>`` -> reference column added to that command (a test signal).
+        reference_names: columns of the reference.
+
+    Raises:
+        InputError: an input of the controller or the plant has no source; the step is unknown.
+    """
+    step = step_size if step_size is not None else controller.sample_time
+    if step is None:
+        raise InputError(
+            "The sample time of the loop is unknown.",
+            where="controller",
+            next_step="Give the control rate (loop: {rate_hz: ...}).",
+        )
+    gains = list(drive_gains) if drive_gains is not None else [1.0] * joint_count
+    if len(gains) != joint_count:
+        raise InputError("One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers")
+    plant_outputs = {v.name for v in plant.outputs}
+    connections = []
+    for variable in controller.inputs:
+        source = _source(variable.name, plant_outputs, reference_names)
+        if source is None:
+            raise InputError(
+                f"Nothing gives the controller's input '{variable.name}'.",
+                where="closed loop",
+                valid=[f"reference: {', '.join(reference_names)}", f"plant: {', '.join(sorted(plant_outputs))}"],
+                next_step="Add the column to the reference, or map the input to another name.",
+            )
+        connections.append(Connection(source, f"controller.{variable.name}"))
+    for j in range(1, joint_count + 1):
+        connections.append(Connection(f"controller.command{j}", f"plant.tau{j}", gains[j - 1]))
+        column = (injections or {}).get(f"command{j}")
+        if column is not None:
+            connections.append(Connection(f"{REFERENCE}.{column}", f"plant.tau{j}", gains[j - 1]))
+    return System(
+        components={"controller": controller, "plant": plant},
+        connections=tuple(connections),
+        order=("controller", "plant"),
+        step_size=step,
+        delays={"plant": delay_samples} if delay_samples else {},
+    )
+
+
+def _source(name: str, plant_outputs: set[str], reference_names: Sequence[str]) -> str | None:
+    match = _INDEXED.match(name)
+    if match and match["stem"].endswith("_ref"):
+        column = match["stem"].removesuffix("_ref") + match["joint"]
+        return f"{REFERENCE}.{column}" if column in reference_names else None
+    if name in plant_outputs:
+        return f"plant.{name}"
+    return f"{REFERENCE}.{name}" if name in reference_names else None

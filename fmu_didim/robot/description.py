@@ -1,0 +1,130 @@
+"""The robot description: geometry, effects and parameter values, as a YAML document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from fmu_didim.documents import Angle, Strict, read_document
+from fmu_didim.effects import DEFAULT_EFFECTS, EFFECTS, JointType, TorqueEffect
+from fmu_didim.signals import Variable
+
+INERTIAL: tuple[tuple[str, str, str], ...] = (
+    ("XX", "kg.m2", "inertia about the x axis of the link frame"),
+    ("XY", "kg.m2", "product of inertia"),
+    ("XZ", "kg.m2", "product of inertia"),
+    ("YY", "kg.m2", "inertia about the y axis of the link frame"),
+    ("YZ", "kg.m2", "product of inertia"),
+    ("ZZ", "kg.m2", "inertia about the z axis of the link frame"),
+    ("MX", "kg.m", "first moment along x"),
+    ("MY", "kg.m", "first moment along y"),
+    ("MZ", "kg.m", "first moment along z"),
+    ("M", "kg", "mass of the link"),
+)
+"""Name, unit and meaning of the ten inertial parameters of a link, about the origin of its frame."""
+
+
+class Joint(Strict):
+    """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
+
+    The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint's
+    position adds to theta (revolute) or d (prismatic).
+    """
+
+    name: str = ""
+    type: JointType
+    alpha: Angle = 0.0
+    a: float = 0.0
+    theta: Angle = 0.0
+    d: float = 0.0
+    effects: tuple[str, ...] = DEFAULT_EFFECTS
+    parameters: Mapping[str, float] = Field(default_factory=dict)
+
+    @field_validator("effects")
+    @classmethod
+    def _known_effects(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        unknown = [name for name in value if name not in EFFECTS]
+        if unknown:
+            raise ValueError(f"unknown effects {', '.join(unknown)}; valid: {', '.join(EFFECTS)}")
+        return value
+
+    @model_validator(mode="after")
+    def _known_parameters(self) -> Joint:
+        names = [v.name for v in (*self.linear_parameters(), *self.shapes())]
+        unknown = [name for name in self.parameters if name not in names]
+        if unknown:
+            raise ValueError(f"unknown parameters {', '.join(unknown)}; valid: {', '.join(names)}")
+        zero = [v.name for v in self.shapes() if not self.parameters.get(v.name, v.start) > 0]
+        if zero:
+            raise ValueError(f"{', '.join(zero)} must be greater than 0")
+        return self
+
+    def effect_objects(self) -> tuple[TorqueEffect, ...]:
+        """The effects of this joint."""
+        return tuple(EFFECTS[name] for name in self.effects)
+
+    def linear_parameters(self) -> tuple[Variable, ...]:
+        """The parameters that are linear in the torque, without the joint number."""
+        inertial = [Variable(name, unit, "parameter", 0.0, text) for name, unit, text in INERTIAL]
+        return (*inertial, *(v for effect in self.effect_objects() for v in effect.parameters(self.type)))
+
+    def shapes(self) -> tuple[Variable, ...]:
+        """The shape parameters of its effects, without the joint number."""
+        return tuple(v for effect in self.effect_objects() for v in effect.shapes(self.type))
+
+
+class RobotDescription(Strict):
+    """A serial robot.
+
+    ``identified`` names the base parameters: ``computed`` (rank-revealing QR), or a mapping from the
+    name of each base parameter to the standard parameter that carries it. All other parameters keep
+    the values given at their joint, 0 by default. ``known`` lists parameters that a computation of
+    the base parameters must leave alone.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    name: str = Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
+    description: str = ""
+    source: str = ""
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    joints: tuple[Joint, ...] = Field(min_length=1)
+    identified: Literal["computed"] | Mapping[str, str] = "computed"
+    known: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _known_names(self) -> RobotDescription:
+        names = [v.name for v in self.standard_parameters()]
+        used = list(self.known)
+        if not isinstance(self.identified, str):
+            used += list(self.identified.values())
+            doubled = {n for n in self.identified.values() if list(self.identified.values()).count(n) > 1}
+            if doubled:
+                raise ValueError(f"identified names {', '.join(sorted(doubled))} twice")
+        unknown = [name for name in used if name not in names]
+        if unknown:
+            raise ValueError(f"unknown standard parameters {', '.join(unknown)}; valid: {', '.join(names)}")
+        return self
+
+    def standard_parameters(self) -> tuple[Variable, ...]:
+        """All parameters that are linear in the torque, named with the joint number, with their values."""
+        return tuple(
+            Variable(f"{v.name}{j}", v.unit, "parameter", joint.parameters.get(v.name, v.start), v.description)
+            for j, joint in enumerate(self.joints, start=1)
+            for v in joint.linear_parameters()
+        )
+
+    def shape_parameters(self) -> tuple[Variable, ...]:
+        """All shape parameters, named with the joint number, with their values."""
+        return tuple(
+            Variable(f"{v.name}_{j}", v.unit, "parameter", joint.parameters.get(v.name, v.start), v.description)
+            for j, joint in enumerate(self.joints, start=1)
+            for v in joint.shapes()
+        )
+
+
+def read_robot(path: Path | str) -> RobotDescription:
+    """Read and validate a robot description; raises InputError with all its problems."""
+    return read_document(RobotDescription, path)

@@ -1,0 +1,206 @@
+"""Named signals over time, and how they are read and written.
+
+A :class:`Variable` has the attributes of an FMI scalar variable that matter outside an FMU; a
+:class:`Trajectory` is a table of such variables over time. CSV, MATLAB ``.mat`` and Parquet
+(with ``pyarrow`` installed) files are read by :func:`read_trajectory`.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.errors import InputError, UnknownNameError
+
+Array = NDArray[np.float64]
+TIME_NAMES = ("t", "time")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar signal or parameter.
+
+    Attributes:
+        name: the name as in FMI's ``ScalarVariable``.
+        unit: SI unit in FMI syntax (``N.m``, ``rad/s``, ``kg.m2``); empty if unknown.
+        causality: ``input``, ``output``, ``parameter`` or ``local``.
+        start: start value in that unit.
+        description: one sentence for the user.
+    """
+
+    name: str
+    unit: str = ""
+    causality: str = "output"
+    start: float = 0.0
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Signals sampled over time.
+
+    Attributes:
+        time: (N,) strictly increasing instants in s.
+        values: (N, m) values, one column a variable, SI units.
+        variables: the m variables.
+    """
+
+    time: Array
+    values: Array
+    variables: tuple[Variable, ...]
+    source: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        time = np.ascontiguousarray(self.time, dtype=float)
+        values = np.ascontiguousarray(self.values, dtype=float)
+        where = self.source or "trajectory"
+        if time.ndim != 1 or values.shape != (time.size, len(self.variables)):
+            raise InputError(
+                "The table of a trajectory does not fit its time and its names.",
+                where=where,
+                got=f"time {time.shape}, values {values.shape}, {len(self.variables)} names",
+                valid="time (N,), values (N, m), m names",
+            )
+        if time.size and not (np.isfinite(time).all() and np.isfinite(values).all()):
+            bad = np.flatnonzero(~np.isfinite(np.column_stack([time, values])).all(axis=1))
+            raise InputError(
+                "A trajectory holds values that are not finite numbers.",
+                where=where,
+                got=f"{bad.size} rows, the first one is row {bad[0]} (from 0)",
+                next_step="Remove or interpolate those rows.",
+            )
+        if time.size > 1 and not (np.diff(time) > 0).all():
+            row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
+            raise InputError(
+                "Time does not increase.",
+                where=where,
+                got=f"row {row}: t = {time[row]:g} s after {time[row - 1]:g} s",
+                next_step="Sort the rows by time and remove duplicates.",
+            )
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the columns."""
+        return tuple(v.name for v in self.variables)
+
+    def select(self, names: Sequence[str]) -> Array:
+        """The columns of the given names, (N, len(names)); raises UnknownNameError."""
+        index = {name: i for i, name in enumerate(self.names)}
+        for name in names:
+            if name not in index:
+                raise UnknownNameError("column", name, self.names, where=self.source)
+        return self.values[:, [index[name] for name in names]]
+
+    def digest(self) -> str:
+        """SHA-256 of time, values and names, for the provenance of a result."""
+        state = hashlib.sha256(",".join(self.names).encode())
+        state.update(self.time.tobytes())
+        state.update(self.values.tobytes())
+        return state.hexdigest()
+
+
+def trajectory(time: Array, columns: Mapping[str, Array], units: Mapping[str, str] | None = None) -> Trajectory:
+    """A trajectory from named columns; ``units`` gives FMI unit strings by name."""
+    known = units or {}
+    return Trajectory(
+        time=np.asarray(time, dtype=float),
+        values=np.column_stack([np.asarray(c, dtype=float) for c in columns.values()]),
+        variables=tuple(Variable(name, known.get(name, "")) for name in columns),
+    )
+
+
+def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
+    """Read a trajectory from a ``.csv``, ``.mat`` or ``.parquet`` file.
+
+    Args:
+        path: the file. A CSV has one header line with the names.
+        time: name of the time column; by default ``t`` or ``time``.
+
+    Raises:
+        InputError: the file is missing, has another format, or holds no such time column.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
+    readers = {".csv": _read_csv, ".mat": _read_mat, ".parquet": _read_parquet}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=readers)
+    columns = reader(path)
+    candidates = (time,) if time else TIME_NAMES
+    key = next((name for name in candidates if name in columns), None)
+    if key is None:
+        raise InputError("The file has no time column.", where=str(path), got=", ".join(columns), valid=candidates)
+    stamps = columns.pop(key)
+    columns = {name: c for name, c in columns.items() if c.shape == stamps.shape}
+    if not columns:
+        raise InputError("The file has a time column but no signal of its length.", where=str(path))
+    return Trajectory(
+        time=stamps,
+        values=np.column_stack(list(columns.values())),
+        variables=tuple(Variable(name) for name in columns),
+        source=str(path),
+    )
+
+
+def write_csv(signals: Trajectory, path: Path | str) -> None:
+    """Write a trajectory as CSV with the header ``t,<names>``, 9 significant digits."""
+    header = ",".join(("t", *signals.names))
+    table = np.column_stack([signals.time, signals.values])
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments="")
+
+
+def _read_csv(path: Path) -> dict[str, Array]:
+    with path.open(newline="", encoding="utf-8-sig") as stream:
+        rows = csv.reader(stream)
+        header = [name.strip() for name in next(rows, [])]
+        data: list[list[float]] = []
+        for row in rows:
+            if not row:
+                continue
+            try:
+                numbers = [float(cell) for cell in row]
+            except ValueError:
+                numbers = []
+            if len(numbers) != len(header):
+                raise InputError(
+                    "A line of the CSV file is not a row of numbers.",
+                    where=f"{path}, line {rows.line_num}",
+                    got=",".join(row)[:80],
+                    valid=f"{len(header)} comma-separated numbers, decimal point",
+                )
+            data.append(numbers)
+    if not data:
+        raise InputError("The CSV file holds no rows.", where=str(path))
+    table = np.array(data)
+    return {name: table[:, i] for i, name in enumerate(header)}
+
+
+def _read_mat(path: Path) -> dict[str, Array]:
+    from scipy.io import loadmat
+
+    content = loadmat(path)
+    columns: dict[str, Array] = {}
+    for name, value in content.items():
+        if not name.startswith("__") and np.issubdtype(np.asarray(value).dtype, np.number) and value.size > 1:
+            columns[name] = np.asarray(value, dtype=float).ravel()
+    return columns
+
+
+def _read_parquet(path: Path) -> dict[str, Array]:
+    try:
+        from pyarrow import parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError as error:
+        raise InputError(
+            "Parquet files need pyarrow.", where=str(path), next_step="pip install pyarrow, or convert the file to CSV."
+        ) from error
+    table = parquet.read_table(path)
+    return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}
