@@ -92,6 +92,10 @@ class Component(ABC):
     def describe(self) -> dict[str, Any]:
         """Kind, origin and options, for the provenance of a result."""
 
+    def with_substeps(self, count: int) -> Component | None:
+        """The same component with ``count`` integration substeps a step; None if that cannot be chosen."""
+        return None
+
     def parameter_values(self) -> dict[str, float]:
         """Present values by name."""
         return {v.name: v.start for v in self.parameters}

@@ -19,6 +19,8 @@ from fmu_didim.errors import FmuError, SimulationError, UnknownNameError
 from fmu_didim.signals import Array, Variable
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+SUBSTEPS = "substeps"
+"""Integer parameter of the FMUs that this framework exports; 0 means chosen automatically."""
 RESET_STRATEGY = "a new instance for every run"
 
 
@@ -51,6 +53,11 @@ class FmuComponent(Component):
         check_names("parameter", values, self.parameters, where=str(self.path))
         parameters = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
         return replace(self, parameters=parameters, changed=self.changed | set(values))
+
+    def with_substeps(self, count: int) -> FmuComponent | None:
+        if SUBSTEPS not in self.references:
+            return None
+        return replace(self, options={**self.options, SUBSTEPS: count})
 
     def instantiate(self) -> Instance:
         return _FmuInstance(self)

@@ -46,6 +46,9 @@ class ModelComponent(Component):
     def with_parameters(self, values: Mapping[str, float]) -> ModelComponent:
         return ModelComponent(self.block.with_parameters(dict(values)), self.substeps)
 
+    def with_substeps(self, count: int) -> ModelComponent:
+        return ModelComponent(self.block, count)
+
     def instantiate(self) -> Instance:
         return _ModelInstance(self)
 

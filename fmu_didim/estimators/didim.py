@@ -1,0 +1,276 @@
+"""DIDIM: direct and inverse dynamic identification models (Gautier, Janot, Vandanjon).
+
+Each iteration simulates the closed loop with the direct model at chi_k, samples torque and regressor as
+the log did, and solves one linear least squares problem (eqs. 18 to 20 of the paper):
+
+    chi_{k+1} = argmin | Y - W_s(chi_k) chi |
+
+The regressor of the simulated motion stands for the derivative of the simulated torque. The efficient
+finish (:mod:`fmu_didim.identification.finish`) then replaces it by the true sensitivity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.errors import SimulationError
+from fmu_didim.estimators.base import Estimator, Progress, no_progress
+from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
+from fmu_didim.identification.finish import Point, efficient_finish, evaluate
+from fmu_didim.identification.guard import friction_problem, mass_matrix_problem, tracking_problem
+from fmu_didim.identification.problem import Prediction, Problem, predict, predict_torque
+from fmu_didim.identification.start import Start, from_reference, start_values
+from fmu_didim.identification.weighting import weighted_solution, whitened
+from fmu_didim.signals import Array
+from fmu_didim.statistics import (
+    covariance_efficient,
+    covariance_paper,
+    covariance_sandwich,
+    relative_error_percent,
+)
+
+MAXIMUM_HALVINGS = 6
+GROWTH = 1.5
+"""A step after which the error is this many times larger is halved."""
+ERROR_FLOOR = 1e-3
+"""A change of the relative torque error below 0.001 % of the torque counts as none (data without noise)."""
+INTEGRATION_TOLERANCE = 1e-6
+INTEGRATION_SHARE = 0.01
+"""The integration error may reach this part of the relative torque error."""
+ADVICE = (
+    "Start from the reference trajectory (start: reference), check the sign, unit and clock of the torque, "
+    "the gains and the rate of the controller, and the delay of the loop."
+)
+
+
+@dataclass(frozen=True)
+class Didim(Estimator):
+    """The estimator ``didim``.
+
+    Attributes:
+        start: ``reference``, ``description`` or values by name.
+        tolerance: the iterations stop when |eps| and the parameters, in units of torque, both change by
+            less than this part.
+        maximum_iterations: of the DIDIM stage.
+        finish: whether the efficient finish follows.
+        finish_tolerance: relative change of the parameters at which it stops.
+        estimate_delay: whether the delay of the loop is estimated in the finish.
+    """
+
+    name = "didim"
+    needs_positions = False
+
+    start: Any = "reference"
+    tolerance: float = 0.025
+    maximum_iterations: int = 20
+    finish: bool = True
+    finish_tolerance: float = 1e-6
+    estimate_delay: bool = False
+
+    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
+        history: list[Iteration] = []
+        try:
+            return self._from(problem, self.start, history, progress)
+        except _NonPhysicalError as caught:
+            if self.start == "reference":
+                raise RefusedError(
+                    "The identified model is not physical.", iterations=history, got=caught.reason, next_step=ADVICE
+                ) from None
+            note = f"{caught.reason}; restarted from the reference trajectory"
+            self._record(history, progress, Iteration("didim", len(history) + 1, caught.theta, np.nan, note=note))
+        try:
+            return self._from(problem, "reference", history, progress)
+        except _NonPhysicalError as caught:
+            raise RefusedError(
+                "The identified model is not physical, from the given start and from the reference trajectory.",
+                iterations=history,
+                got=caught.reason,
+                next_step=ADVICE,
+            ) from None
+
+    def _record(self, history: list[Iteration], progress: Progress, iteration: Iteration) -> None:
+        history.append(iteration)
+        progress(iteration)
+
+    def _from(self, problem: Problem, start: Start, history: list[Iteration], progress: Progress) -> Estimate:
+        theta, settled = self._iterate(problem, start, history, progress)
+        reason = mass_matrix_problem(problem, theta)
+        if reason:
+            raise _NonPhysicalError(theta, reason)
+        try:
+            prediction = predict(problem, theta)
+        except SimulationError as error:
+            raise _NonPhysicalError(theta, error.what) from error
+        return self._conclude(problem, theta, prediction, settled, history, progress)
+
+    def _iterate(
+        self, problem: Problem, start: Start, history: list[Iteration], progress: Progress
+    ) -> tuple[Array, bool]:
+        """The DIDIM iterations: the last solution, and whether the stop criteria were met."""
+        theta = start_values(problem, start)
+        restarted = start == "reference"
+        good: tuple[Array, float] | None = None
+        halvings = 0
+        while len(history) < self.maximum_iterations:
+            number = len(history) + 1
+            prediction, failure = _try(problem, theta)
+            error = np.nan
+            if prediction is not None:
+                error = relative_error_percent(problem.measured, prediction.torque)[0]
+                if good is not None and error > GROWTH * good[1]:
+                    failure = f"the error grew to {error:.3g} %"
+            if failure and good is not None and halvings < MAXIMUM_HALVINGS:
+                halvings += 1
+                self._record(
+                    history, progress, Iteration("didim", number, theta, error, note=f"{failure}; step halved")
+                )
+                theta = 0.5 * (theta + good[0])
+                continue
+            if failure:
+                if restarted:
+                    self._record(history, progress, Iteration("didim", number, theta, error, note=failure))
+                    raise _NonPhysicalError(theta, failure)
+                restarted, good, halvings = True, None, 0
+                note = f"{failure}; restarted from the reference trajectory"
+                self._record(history, progress, Iteration("didim", number, theta, error, note=note))
+                theta = from_reference(problem)
+                continue
+            assert prediction is not None
+            following, change, condition = self._solve(problem, theta, prediction)
+            self._record(history, progress, Iteration("didim", number, theta, float(error), change, condition))
+            settled = (
+                good is not None
+                and abs(error - good[1]) <= max(self.tolerance * good[1], ERROR_FLOOR)
+                and change <= self.tolerance
+            )
+            good, theta, halvings = (theta, float(error)), following, 0
+            if settled:
+                return theta, True
+        return theta, False
+
+    def _solve(self, problem: Problem, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
+        """Next parameters, relative change of the torque they explain, condition number."""
+        target = problem.measured - prediction.known
+        solution, deviation = weighted_solution(problem, prediction.regressor, target)
+        scaled = whitened(prediction.regressor, deviation)
+        moved = np.linalg.norm(scaled @ (solution.solution - theta))
+        size = np.linalg.norm(scaled @ solution.solution)
+        return solution.solution, float(moved / size), solution.condition_number
+
+    def _conclude(
+        self,
+        problem: Problem,
+        theta: Array,
+        prediction: Prediction,
+        settled: bool,
+        history: list[Iteration],
+        progress: Progress,
+    ) -> Estimate:
+        """Statistics, the efficient finish, the check of the integration and of what is physical."""
+        extended = np.append(theta, problem.delay) if self.estimate_delay else theta
+        point = evaluate(problem, extended, prediction)
+        stages = {"didim": self._stage(point, problem.base.count)}
+        remarks: list[str] = []
+        if self.finish or self.estimate_delay:
+            for _ in range(4):
+                finished = efficient_finish(problem, point, tolerance=self.finish_tolerance, progress=progress)
+                history.extend(finished.iterations)
+                point, settled = finished.point, settled and finished.settled
+                difference, allowed = _integration_error(problem, point)
+                if not difference > allowed:
+                    break
+                problem = replace(problem, substep_factor=2 * problem.substep_factor)
+                remarks.append(
+                    f"Substeps of the plant doubled: halving them changed the torque by {100 * difference:.2g} %."
+                )
+                point = evaluate(problem, point.theta)
+            stages["finish"] = Stage(point.theta, np.sqrt(np.diag(point.covariance)))
+            covariance = point.covariance
+        else:
+            difference, _ = _integration_error(problem, point)
+            covariance = covariance_sandwich(
+                whitened(prediction.regressor, point.deviation), whitened(point.sensitivity, point.deviation)
+            )
+        deviation = np.sqrt(np.diag(covariance))
+        self._check_physical(problem, point, deviation)
+        measured = problem.measured
+        return Estimate(
+            estimator=self.name,
+            names=(*problem.base.names, *(("delay",) if self.estimate_delay else ())),
+            units=(*problem.base.units, *(("1",) if self.estimate_delay else ())),
+            value=point.theta,
+            standard_deviation=deviation,
+            covariance=covariance,
+            freedom=float(measured.size - point.theta.size),
+            time=problem.experiment.time,
+            measured=measured,
+            simulated=point.prediction.torque,
+            noise=point.deviation,
+            condition_number=point.condition_number,
+            status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
+            iterations=tuple(history),
+            stages=stages,
+            base_count=problem.base.count,
+            integration_error=difference,
+            remarks=tuple(remarks),
+        )
+
+    def _stage(self, point: Point, count: int) -> Stage:
+        """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""
+        w = whitened(point.prediction.regressor, point.deviation)
+        s = whitened(point.sensitivity[:, :, :count], point.deviation)
+        return Stage(
+            point.theta[:count],
+            np.sqrt(np.diag(covariance_sandwich(w, s))),
+            {
+                "paper": np.sqrt(np.diag(covariance_paper(w))),
+                "cramer_rao": np.sqrt(np.diag(covariance_efficient(s))),
+            },
+        )
+
+    def _check_physical(self, problem: Problem, point: Point, deviation: Array) -> None:
+        count = problem.base.count
+        theta = point.theta[:count]
+        reason = (
+            mass_matrix_problem(problem, theta)
+            or friction_problem(problem, theta, deviation[:count])
+            or tracking_problem(problem, point.prediction.torque)
+        )
+        if reason:
+            raise _NonPhysicalError(theta, reason)
+
+
+class _NonPhysicalError(Exception):
+    """Inside this module: an answer that must not be returned."""
+
+    def __init__(self, theta: Array, reason: str) -> None:
+        self.theta, self.reason = theta, reason
+        super().__init__(reason)
+
+
+def _try(problem: Problem, theta: Array) -> tuple[Prediction | None, str]:
+    """The prediction at theta, or why there is none."""
+    reason = mass_matrix_problem(problem, theta)
+    if reason:
+        return None, reason
+    try:
+        return predict(problem, theta), ""
+    except SimulationError as error:
+        return None, error.what
+
+
+def _integration_error(problem: Problem, point: Point) -> tuple[float, float]:
+    """Relative change of the torque when the plant's substeps are doubled, and what is allowed."""
+    count = problem.base.count
+    there = problem.with_delay(float(point.theta[count])) if point.theta.size > count else problem
+    if there.system.components[there.plant].with_substeps(2) is None:
+        return np.nan, np.inf
+    finer = replace(there, substep_factor=2 * there.substep_factor)
+    torque = predict_torque(finer, point.theta[:count])[0]
+    size = np.linalg.norm(torque)
+    error = float(np.linalg.norm(torque - point.prediction.torque) / size)
+    misfit = float(np.linalg.norm(problem.measured - torque) / size)
+    return error, max(INTEGRATION_TOLERANCE, INTEGRATION_SHARE * misfit)

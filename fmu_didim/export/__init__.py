@@ -1,0 +1,10 @@
+"""Blocks as FMUs: C code by CasADi inside one fixed wrapper, compiled and zipped.
+
+``path = build_fmu(block)`` is all most callers need.
+"""
+
+from fmu_didim.export.build import compile_shared_library
+from fmu_didim.export.c_code import Layout, generate_c, layout
+from fmu_didim.export.fmu import build_fmu
+
+__all__ = ["Layout", "build_fmu", "compile_shared_library", "generate_c", "layout"]

@@ -1,0 +1,198 @@
+"""C source of a block: its equations by CasADi, and the constants the fixed wrapper reads.
+
+Only two of the files in an exported FMU differ from block to block, and both are written here:
+``block_equations.c`` (:func:`generate_c`) and ``block_config.h`` (:func:`generate_config`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Block, choose_substeps
+from fmu_didim.errors import InputError
+
+EQUATIONS_FILE = "block_equations.c"
+CONFIG_FILE = "block_config.h"
+SUBSTEPS_NAME = "substeps"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Value references of the variables of a block: one contiguous range a group, in this order.
+
+    Attributes:
+        inputs, outputs, states, parameters: the ranges of the four groups of the block.
+        derivatives: the derivatives of the states; empty for a sampled block.
+        substeps: the Integer parameter ``substeps``; None for a sampled block.
+    """
+
+    inputs: range
+    outputs: range
+    states: range
+    parameters: range
+    derivatives: range
+    substeps: int | None
+
+
+def layout(block: Block) -> Layout:
+    """The value references of a block; they depend on the sizes of its groups only."""
+    ranges = []
+    end = 0
+    derivatives = block.states if block.sample_time is None else ()
+    for group in (block.inputs, block.outputs, block.states, block.parameters, derivatives):
+        ranges.append(range(end, end + len(group)))
+        end += len(group)
+    inputs, outputs, states, parameters, rates = ranges
+    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None)
+
+
+def exported_names(block: Block) -> list[str]:
+    """Names of the Real variables in the order of their value references."""
+    groups = (block.inputs, block.outputs, block.states, block.parameters)
+    names = [v.name for group in groups for v in group]
+    if block.sample_time is None:
+        names += [f"der({v.name})" for v in block.states]
+    return names
+
+
+def check_exportable(block: Block) -> None:
+    """Raise InputError unless the block has names and start values that an FMU can hold."""
+    where = f"block '{block.name}'"
+    if not (block.name.isascii() and block.name.isidentifier()):
+        raise InputError(
+            "The name of the block is not a legal C name, so it cannot name an FMU.",
+            where=where,
+            valid="letters, digits and underscores, not beginning with a digit",
+        )
+    if block.sample_time is not None and not (math.isfinite(block.sample_time) and block.sample_time > 0):
+        raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
+    names = [*exported_names(block), *([SUBSTEPS_NAME] if block.sample_time is None else [])]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        raise InputError(
+            "The block uses a name that its FMU needs for a variable of its own.",
+            where=where,
+            got=", ".join(doubled),
+            next_step="Rename that variable of the block.",
+        )
+    for variable in (*block.inputs, *block.parameters):
+        if not math.isfinite(variable.start):
+            raise InputError(
+                "A start value is not a finite number.", where=where, got=f"{variable.name} = {variable.start}"
+            )
+    unknown = sorted(block.fixed - {v.name for v in block.parameters})
+    if unknown:
+        raise InputError("Names in 'fixed' are not parameters.", where=where, got=", ".join(unknown))
+
+
+def generate_c(block: Block) -> str:
+    """C source of the equations of a block, without main and without a header.
+
+    The functions, with dense column vectors, CasADi's calling convention, in double precision:
+
+    ============================  ===========================================================
+    ``block_update``              (x, u, p) -> dx/dt (nx,), or x[k+1] of a sampled block
+    ``block_output``              (x, u, p) -> y (ny,)
+    ``block_start``               (u, p) -> x (nx,)
+    ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is none
+    ``block_directional``         (x, u, p, dx, du, dp) -> J_update d, J_output d
+    ``block_start_directional``   (u, p, du, dp) -> J_start d
+    ============================  ===========================================================
+
+    where J d is the Jacobian with respect to all arguments times the seed, in CasADi's forward mode.
+
+    Raises:
+        InputError: a name or a start value cannot be exported.
+
+    Source: J. A. E. Andersson et al., "CasADi: a software framework for nonlinear optimization and
+    optimal control", Math. Prog. Comp. 11 (2019), sections 3.6 (forward mode) and 5 (C code).
+    """
+    check_exportable(block)
+    generator = ca.CodeGenerator(EQUATIONS_FILE, {"with_header": False, "main": False, "mex": False})
+    for function in _exported_functions(block):
+        generator.add(function)
+    return str(generator.dump())
+
+
+def generate_config(block: Block, *, guid: str) -> str:
+    """The header ``block_config.h``: sizes, value references, start values and names of a block."""
+    check_exportable(block)
+    refs = layout(block)
+    names = exported_names(block)
+    starts = [0.0] * len(names)
+    for group, variables in ((refs.inputs, block.inputs), (refs.parameters, block.parameters)):
+        for reference, variable in zip(group, variables, strict=True):
+            starts[reference] = float(variable.start)
+    fixed = [int(v.name in block.fixed) for v in block.parameters]
+    # The rule of `choose_substeps` is handed over, not repeated.
+    minimum = (choose_substeps.__kwdefaults__ or {})["minimum"]
+    lines = [
+        "/* Generated by fmu_didim: what the wrapper knows about this block. */",
+        f"#define BLOCK_NAME {_c_string(block.name)}",
+        f"#define BLOCK_GUID {_c_string(guid)}",
+        f"#define BLOCK_SAMPLED {int(block.sample_time is not None)}",
+        f"#define BLOCK_SAMPLE_TIME {float(block.sample_time or 0.0)!r}",
+        f"#define BLOCK_SUBSTEP_RATE {SUBSTEP_RATE!r}",
+        f"#define BLOCK_MINIMUM_SUBSTEPS {minimum}",
+        f"#define BLOCK_MAXIMUM_SUBSTEPS {MAXIMUM_SUBSTEPS}",
+        f"#define INPUT_COUNT {len(refs.inputs)}",
+        f"#define OUTPUT_COUNT {len(refs.outputs)}",
+        f"#define STATE_COUNT {len(refs.states)}",
+        f"#define PARAMETER_COUNT {len(refs.parameters)}",
+        f"#define DERIVATIVE_COUNT {len(refs.derivatives)}",
+        f"#define VALUE_COUNT {len(names)}",
+        "/* First value reference of each group; they follow each other without a gap. */",
+        f"#define INPUT_FIRST {refs.inputs.start}",
+        f"#define OUTPUT_FIRST {refs.outputs.start}",
+        f"#define STATE_FIRST {refs.states.start}",
+        f"#define PARAMETER_FIRST {refs.parameters.start}",
+        f"#define DERIVATIVE_FIRST {refs.derivatives.start}",
+        f"#define SUBSTEPS_REFERENCE {len(names)}",
+        _c_array("double", "block_start_values", [repr(value) for value in starts]),
+        _c_array("unsigned char", "block_parameter_fixed", [str(flag) for flag in fixed]),
+        _c_array("char *const", "block_names", [_c_string(name) for name in names]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _exported_functions(block: Block) -> list[ca.Function]:
+    nx, nu, p = len(block.states), len(block.inputs), len(block.parameters)
+    functions = [f for f in (block.update, block.output, block.start, block.rate_bound) if f is not None]
+    # Scalar expressions give straight-line code; matrix expressions are kept where they are needed.
+    kind: Any = ca.SX if all(f.is_a("SXFunction") for f in functions) else ca.MX
+    x, u, q = kind.sym("x", nx), kind.sym("u", nu), kind.sym("p", p)
+    dx, du, dq = kind.sym("x_seed", nx), kind.sym("u_seed", nu), kind.sym("p_seed", p)
+
+    def column(expression: Any, rows: int) -> Any:
+        return ca.densify(ca.reshape(expression, rows, 1))
+
+    update = column(block.update(x, u, q), nx)
+    output = column(block.output(x, u, q), len(block.outputs))
+    start = column(block.start(u, q), nx)
+    rate = column(block.rate_bound(x, q), 1) if block.rate_bound is not None else kind(ca.DM(0.0))
+    # One forward sweep for both results, so that they share what they have in common.
+    dots = [ca.densify(dot) for dot in ca.forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
+    start_dot = ca.densify(ca.forward([start], [u, q], [[du, dq]])[0][0])
+    return [
+        ca.Function("block_update", [x, u, q], [update]),
+        ca.Function("block_output", [x, u, q], [output]),
+        ca.Function("block_start", [u, q], [start]),
+        ca.Function("block_rate", [x, q], [rate]),
+        ca.Function("block_directional", [x, u, q, dx, du, dq], dots),
+        ca.Function("block_start_directional", [u, q, du, dq], [start_dot]),
+    ]
+
+
+def _c_string(text: str) -> str:
+    return json.dumps(text)
+
+
+def _c_array(kind: str, name: str, values: Iterable[str]) -> str:
+    items = list(values) or ["0"]  # C has no empty array
+    return f"static const {kind} {name}[] = {{{', '.join(items)}}};"

@@ -1,0 +1,141 @@
+"""What an estimator returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.errors import IdentificationError
+from fmu_didim.signals import Array
+from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
+
+
+class Status(Enum):
+    """How an estimation ended; the value is advice to the user."""
+
+    CONVERGED = "Converged."
+    MAXIMUM_ITERATIONS = (
+        "The iterations did not settle: the values are those of the last one. Increase maximum_iterations, "
+        "start from the reference trajectory, or check the model of the controller and the delay of the loop."
+    )
+    REFUSED = "No values are given: see the reason."
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One step of an estimator.
+
+    Attributes:
+        stage: ``didim``, ``finish``, ...; number: counted from 1 within the stage.
+        parameters: (b,) values simulated in this step.
+        relative_error_percent: 100 |y - y_s| / |y| at these values; NaN if the simulation failed.
+        change: relative change of the parameters that the step proposes, in units of torque.
+        note: what was caught and how it was recovered from.
+    """
+
+    stage: str
+    number: int
+    parameters: Array
+    relative_error_percent: float
+    change: float = float("nan")
+    condition_number: float = float("nan")
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Values and standard deviations at the end of a stage, (b,) each.
+
+    ``formulas`` holds standard deviations by other formulas, for comparison.
+    """
+
+    value: Array
+    standard_deviation: Array
+    formulas: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Identified parameters and all that is needed to judge them.
+
+    Attributes:
+        estimator: its name.
+        names, units: (p,) of the parameters; loop parameters such as ``delay`` come last.
+        value, standard_deviation: (p,); covariance: (p, p).
+        freedom: degrees of freedom of the residual.
+        time: (N,); measured, simulated: (N, n) torque at the samples (filtered if asked for).
+        noise: (n,) standard deviation of the torque residual of each joint.
+        condition_number: of the scaled regressor.
+        status: how it ended; iterations: its history; stages: intermediate results by name.
+        base_count: number of base parameters b among the p.
+        integration_error: relative difference of the torque when the plant's substeps are doubled.
+        remarks: what the user should know.
+        provenance: versions, options, hashes, loop.
+    """
+
+    estimator: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    standard_deviation: Array
+    covariance: Array
+    freedom: float
+    time: Array
+    measured: Array
+    simulated: Array
+    noise: Array
+    condition_number: float
+    status: Status
+    iterations: tuple[Iteration, ...]
+    stages: Mapping[str, Stage]
+    base_count: int
+    integration_error: float = float("nan")
+    remarks: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def residual(self) -> Array:
+        """(N, n) measured minus simulated torque."""
+        return self.measured - self.simulated
+
+    @property
+    def base_value(self) -> Array:
+        """(b,) base parameters, without those of the loop."""
+        return self.value[: self.base_count]
+
+    @property
+    def relative_deviation_percent(self) -> Array:
+        """100 sigma / |value|, (p,)."""
+        return relative_deviation_percent(self.value, self.standard_deviation)
+
+    def interval(self, level: float = 0.95) -> Array:
+        """(p, 2) confidence intervals."""
+        return confidence_interval(self.value, self.standard_deviation, self.freedom, level)
+
+    def correlations(self, threshold: float = 0.9) -> list[tuple[str, str, float]]:
+        """Pairs of parameters whose correlation exceeds the threshold, largest first."""
+        matrix = correlation(self.covariance)
+        rows, columns = np.triu_indices(len(self.names), k=1)
+        pairs = [
+            (self.names[i], self.names[j], float(matrix[i, j]))
+            for i, j in zip(rows, columns, strict=True)
+            if abs(matrix[i, j]) > threshold
+        ]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+    @property
+    def iteration_count(self) -> int:
+        """Iterations of the main stage (the efficient finish is counted apart)."""
+        return sum(1 for it in self.iterations if it.stage != "finish")
+
+
+class RefusedError(IdentificationError):
+    """No answer can be given; carries the iterations made so far."""
+
+    def __init__(self, what: str, *, iterations: list[Iteration], got: object = None, next_step: str = "") -> None:
+        self.iterations = tuple(iterations)
+        super().__init__(what, got=got, next_step=next_step)

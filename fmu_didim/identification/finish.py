@@ -1,0 +1,147 @@
+"""The efficient finish: Gauss-Newton on the torque with the true sensitivity of the closed loop.
+
+DIDIM's fixed point solves W'(y - tau_s) = 0 and is consistent; the minimum of |y - tau_s|^2 solves
+S'(y - tau_s) = 0 and reaches the Cramer-Rao bound. From DIDIM's answer a few steps suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.errors import SimulationError
+from fmu_didim.identification.estimate import Iteration
+from fmu_didim.identification.guard import mass_matrix_problem
+from fmu_didim.identification.problem import Prediction, Problem, predict
+from fmu_didim.identification.sensitivity import sensitivity
+from fmu_didim.identification.weighting import joint_deviation, whitened
+from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_efficient, least_squares, relative_error_percent
+
+MAXIMUM_HALVINGS = 8
+MAXIMUM_DELAY = 50.0
+RENEW_STEP = 0.02
+"""A step larger than this part of a standard deviation makes the sensitivity worth computing again."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """The closed loop at one set of parameters.
+
+    Attributes:
+        theta: (p,) base parameters, then the delay in samples if it is estimated.
+        prediction: of the simulation there.
+        sensitivity: (N, n, p).
+        deviation: (n,) noise of each joint that the residual shows.
+    """
+
+    theta: Array
+    prediction: Prediction
+    sensitivity: Array
+    deviation: Array
+    condition_number: float
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
+        return covariance_efficient(whitened(self.sensitivity, self.deviation))
+
+
+def _split(problem: Problem, theta: Array) -> tuple[Problem, Array]:
+    count = problem.base.count
+    return (problem.with_delay(float(theta[count])), theta[:count]) if theta.size > count else (problem, theta)
+
+
+def evaluate(problem: Problem, theta: Array, prediction: Prediction | None = None) -> Point:
+    """Simulate at theta and differentiate; ``prediction`` saves the first simulation where it is known."""
+    there, base = _split(problem, theta)
+    prediction = prediction or predict(there, base)
+    s = sensitivity(there, base, prediction.torque, prediction.regressor, with_delay=theta.size > base.size)
+    deviation = joint_deviation(problem, problem.measured - prediction.torque, s)
+    condition = least_squares(whitened(s, deviation), np.zeros(s.shape[0] * s.shape[1])).condition_number
+    return Point(theta, prediction, s, deviation, condition)
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The minimum: the point, whether the steps settled, and their history."""
+
+    point: Point
+    settled: bool
+    iterations: tuple[Iteration, ...]
+
+
+def efficient_finish(
+    problem: Problem,
+    start: Point,
+    *,
+    tolerance: float,
+    maximum_iterations: int = 15,
+    progress: Callable[[Iteration], None],
+) -> Finished:
+    """Minimise the weighted torque error from ``start``.
+
+    Steps are halved while a simulation fails or the error grows. It has settled when no parameter moves
+    by more than ``tolerance`` times the larger of its size and its standard deviation.
+    """
+    point, deviation = start, start.deviation
+    history: list[Iteration] = []
+    renew = False
+    for number in range(1, maximum_iterations + 1):
+        if renew:
+            point = evaluate(problem, point.theta, point.prediction)
+        residual = problem.measured - point.prediction.torque
+        cost = float(np.sum(whitened(residual, deviation) ** 2))
+        step = least_squares(whitened(point.sensitivity, deviation), whitened(residual, deviation)).solution
+        scale = np.sqrt(np.diag(point.covariance))
+        theta, prediction, note = _search(problem, point.theta, step, deviation, cost)
+        moved = theta - point.theta
+        history.append(
+            Iteration(
+                "finish",
+                number,
+                theta,
+                relative_error_percent(problem.measured, prediction.torque)[0],
+                float(np.max(np.abs(moved) / np.maximum(np.abs(theta), scale))),
+                point.condition_number,
+                note,
+            )
+        )
+        progress(history[-1])
+        point = Point(theta, prediction, point.sensitivity, deviation, point.condition_number)
+        if (np.abs(moved) <= tolerance * np.maximum(np.abs(theta), scale)).all():
+            final = joint_deviation(problem, problem.measured - prediction.torque, point.sensitivity)
+            return Finished(
+                Point(theta, prediction, point.sensitivity, final, point.condition_number), True, tuple(history)
+            )
+        renew = bool((np.abs(moved) > RENEW_STEP * scale).any())
+    return Finished(point, False, tuple(history))
+
+
+def _search(
+    problem: Problem, theta: Array, step: Array, deviation: Array, cost: float
+) -> tuple[Array, Prediction, str]:
+    """The longest of the steps step / 2^k that simulates and does not raise the error."""
+    note = ""
+    for halving in range(MAXIMUM_HALVINGS):
+        trial = theta + step / 2**halving
+        if theta.size > problem.base.count:
+            trial[-1] = min(max(trial[-1], 0.0), MAXIMUM_DELAY)
+        there, base = _split(problem, trial)
+        if mass_matrix_problem(there, base):
+            note = "step halved: inertia not positive definite"
+            continue
+        try:
+            prediction = predict(there, base)
+        except SimulationError as error:
+            note = f"step halved: {error.what}"
+            continue
+        reached = float(np.sum(whitened(problem.measured - prediction.torque, deviation) ** 2))
+        # At the minimum, rounding decides whether the error grows.
+        if reached <= cost * (1 + 1e-9) or np.abs(step).max() < 1e-9 * np.abs(theta).max():
+            return trial, prediction, note
+        note = "step halved: the error grew"
+    there, base = _split(problem, theta)
+    return theta, predict(there, base), "no smaller step lowers the error"

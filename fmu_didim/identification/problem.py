@@ -1,0 +1,227 @@
+"""What is to be identified from which data, and what a set of parameters predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import signal
+
+from fmu_didim.base_parameters import BaseParameters
+from fmu_didim.block import choose_substeps
+from fmu_didim.components import Component
+from fmu_didim.errors import DivergedError, InputError
+from fmu_didim.master import Recording, SampleOperator, System, simulate
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array, Trajectory
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Zero-phase Butterworth filter, applied alike to the torque and to the columns of the regressor."""
+
+    cutoff_hz: float
+    order: int = 4
+
+    def apply(self, values: Array, rate_hz: float) -> Array:
+        """Filter (N, ...) samples along time; raises InputError if the cut-off is not below half the rate."""
+        if not 0 < self.cutoff_hz < rate_hz / 2:
+            raise InputError(
+                "The cut-off frequency of the filter must lie below half the torque rate.",
+                got=f"{self.cutoff_hz:g} Hz at {rate_hz:g} Hz",
+            )
+        sections = signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
+        return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of the real system.
+
+    Attributes:
+        reference: what the controller was given, one row a control period; columns ``q<j>`` and, where
+            known, ``dq<j>``, ``ddq<j>``.
+        time: (N,) instants of the torque log, s; torque: (N, n) joint torque, N.m or N.
+        operator: how the log follows from the held command.
+        positions: measured positions ``q<j>``, for the estimators that need them.
+        position_torque: torque ``tau<j>`` logged at the instants of the positions, for ``idim_ls``.
+        label: name shown to the user.
+    """
+
+    reference: Trajectory
+    time: Array
+    torque: Array
+    operator: SampleOperator
+    positions: Trajectory | None = None
+    position_torque: Array | None = None
+    label: str = "estimation"
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate of the torque log."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An identification problem.
+
+    Attributes:
+        system: the closed loop; ``plant`` names its component that carries the parameters.
+        model: inverse model of the plant, whose regressor is the Jacobian of DIDIM.
+        base: the parameters to identify.
+        experiment: the data.
+        torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
+        joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
+        low_pass: filter of the torque and of the regressor.
+        substep_factor: multiplies the number of integration substeps of the plant.
+    """
+
+    system: System
+    model: RobotModel
+    base: BaseParameters
+    experiment: Experiment
+    plant: str = "plant"
+    torque_deviation: Array | None = None
+    joint_weights: str = "estimated"
+    low_pass: LowPass | None = None
+    substep_factor: int = 1
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.model.joint_count
+
+    @property
+    def measured(self) -> Array:
+        """(N, n) torque that the prediction is compared with: the log, filtered if asked for."""
+        return self.filtered(self.experiment.torque)
+
+    def filtered(self, values: Array) -> Array:
+        """Values at the samples (N, ...), filtered if asked for."""
+        return values if self.low_pass is None else self.low_pass.apply(values, self.experiment.rate_hz)
+
+    def on(self, experiment: Experiment) -> Problem:
+        """The same problem with other data."""
+        return replace(self, experiment=experiment)
+
+    def with_delay(self, samples: float) -> Problem:
+        """The same problem with another delay of the command."""
+        return replace(self, system=self.system.with_delay(self.plant, samples))
+
+    @property
+    def delay(self) -> float:
+        """Delay of the command in samples."""
+        return float(self.system.delays.get(self.plant, 0.0))
+
+    def plant_values(self, theta: Array) -> dict[str, float]:
+        """Parameters of the plant, by name, for base parameters (b,): regrouped ones are zero."""
+        chi = self.base.expand(theta)
+        return {self.base.standard_names[i]: float(chi[i]) for i in self.model.active}
+
+    def system_with(self, theta: Array) -> System:
+        """The loop with other plant parameters; controller, reference and sampling stay untouched."""
+        plant = self.system.components[self.plant]
+        values = {**self.plant_values(theta), **self._start_values()}
+        offered = {v.name for v in plant.parameters}
+        plant = plant.with_parameters({name: value for name, value in values.items() if name in offered})
+        return self.system.replace(self.plant, self._refined(plant, theta))
+
+    def _start_values(self) -> dict[str, float]:
+        reference = self.experiment.reference
+        first = dict(zip(reference.names, reference.values[0], strict=True))
+        result = {}
+        for j in range(1, self.joint_count + 1):
+            result[f"q_start{j}"] = first[f"q{j}"]
+            result[f"dq_start{j}"] = first.get(f"dq{j}", 0.0)
+        return {name: float(value) for name, value in result.items()}
+
+    def _refined(self, plant: Component, theta: Array) -> Component:
+        if self.substep_factor == 1:
+            return plant
+        return plant.with_substeps(self.substep_factor * self.substeps(theta)) or plant
+
+    def substeps(self, theta: Array) -> int:
+        """Integration substeps of the plant's equations in a control period, from their fastest rate."""
+        block = self.model.block({**self.plant_values(theta), **self._start_values()})
+        p = block.parameter_values
+        x = block.start(np.zeros(len(block.inputs)), p)
+        assert block.rate_bound is not None
+        return choose_substeps(float(block.rate_bound(x, p)), self.system.step_size)
+
+    def position_bounds(self) -> dict[str, tuple[float, float]]:
+        """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
+        result = {}
+        for j in range(1, self.joint_count + 1):
+            column = self.experiment.reference.select([f"q{j}"])
+            low, high = float(column.min()), float(column.max())
+            room = 10 * max(high - low, 1e-6)
+            result[f"{self.plant}.q{j}"] = (low - room, high + room)
+        return result
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the closed loop gives for one set of parameters, at the samples of the log.
+
+    Attributes:
+        torque: (N, n) simulated torque tau_s.
+        regressor: (N, n, b) W_s; known: (N, n) torque of the parameters that are not identified, so that
+            tau_s = W_s chi + known to rounding.
+    """
+
+    torque: Array
+    regressor: Array
+    known: Array
+    recording: Recording = field(repr=False)
+
+
+def joint_signals(problem: Problem, name: str) -> list[str]:
+    """``plant.q1``, ``plant.q2``, ... for ``q``."""
+    return [f"{problem.plant}.{name}{j}" for j in range(1, problem.joint_count + 1)]
+
+
+def drive_torque(problem: Problem, recording: Recording) -> Array:
+    """(K, n) torque of the drives at the recorded ticks: the sum of what is wired to the plant's inputs."""
+    columns = []
+    for j in range(1, problem.joint_count + 1):
+        target = f"{problem.plant}.tau{j}"
+        parts = [c for c in problem.system.connections if c.target == target]
+        columns.append(sum((c.gain * recording.applied[c.source] for c in parts), start=np.zeros(1)))
+    return np.column_stack(columns)
+
+
+def predict_torque(problem: Problem, theta: Array) -> tuple[Array, Recording]:
+    """Simulated torque at the samples, (N, n), and the recording; raises DivergedError, SimulationError."""
+    experiment = problem.experiment
+    recording = simulate(
+        problem.system_with(theta),
+        experiment.reference,
+        ticks=experiment.operator.ticks,
+        bounds=problem.position_bounds(),
+    )
+    torque = experiment.operator.apply(drive_torque(problem, recording))
+    if not np.isfinite(torque).all():
+        raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
+    return problem.filtered(torque), recording
+
+
+def predict(problem: Problem, theta: Array) -> Prediction:
+    """Simulated torque and regressor at the samples of the log."""
+    torque, recording = predict_torque(problem, theta)
+    motion = [recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq")]
+    columns, known = sampled_regressor(problem, *motion)
+    return Prediction(torque, columns, known, recording)
+
+
+def sampled_regressor(problem: Problem, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
+    """W (N, n, b) and the known torque (N, n) at the samples, from the motion at the operator's ticks (K, n)."""
+    columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq))
+    operator = problem.experiment.operator
+    return problem.filtered(operator.apply(columns)), problem.filtered(operator.apply(known))
+
+
+def named(problem: Problem, theta: Array) -> Mapping[str, float]:
+    """Base parameters by name."""
+    return dict(zip(problem.base.names, (float(v) for v in theta), strict=True))

@@ -1,0 +1,65 @@
+"""Where an estimation starts: given values, the robot description, or the reference trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.identification.problem import Problem, sampled_regressor
+from fmu_didim.signals import Array, Trajectory
+from fmu_didim.statistics import least_squares
+
+Start = str | Mapping[str, float]
+KINDS = ("reference", "description")
+
+
+def start_values(problem: Problem, start: Start) -> Array:
+    """Base parameters (b,) to start from.
+
+    Args:
+        start: ``reference`` (see :func:`from_reference`), ``description`` (the values of the robot
+            description, regrouped), or values by name; names that are missing start at 0.
+
+    Raises:
+        InputError: another word; UnknownNameError: a name is not among the base parameters.
+    """
+    if start == "reference":
+        return from_reference(problem)
+    if start == "description":
+        return problem.base.reduce(problem.model.parameter_values)
+    if isinstance(start, str):
+        raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
+    for name in start:
+        if name not in problem.base.names:
+            raise UnknownNameError("base parameter", name, problem.base.names, where="start")
+    return np.array([float(start.get(name, 0.0)) for name in problem.base.names])
+
+
+def from_reference(problem: Problem) -> Array:
+    """Least squares of the measured torque on the regressor of the reference motion.
+
+    Needs no initial values at all: a controller that tracks well makes q = q_ref nearly true.
+    """
+    ticks = problem.experiment.operator.ticks
+    columns, known = sampled_regressor(problem, *reference_motion(problem.experiment.reference, problem.joint_count, ticks))
+    count = problem.base.count
+    target = (problem.measured - known).reshape(-1)
+    return least_squares(columns.reshape(-1, count), target, names=problem.base.names).solution
+
+
+def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """q, dq, ddq of the reference at the ticks, (K, n) each; derivatives by cubic spline where not given."""
+    joints = range(1, joint_count + 1)
+    q = reference.select([f"q{j}" for j in joints])
+    given = set(reference.names)
+    has_velocity = all(f"dq{j}" in given for j in joints)
+    dq = reference.select([f"dq{j}" for j in joints]) if has_velocity else CubicSpline(reference.time, q)(reference.time, 1)
+    if all(f"ddq{j}" in given for j in joints):
+        ddq = reference.select([f"ddq{j}" for j in joints])
+    else:
+        ddq = CubicSpline(reference.time, dq)(reference.time, 1)
+    return q[ticks], np.asarray(dq)[ticks], np.asarray(ddq)[ticks]

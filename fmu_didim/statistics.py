@@ -1,0 +1,136 @@
+"""Least squares and its statistics.
+
+The DIDIM paper's formulas (eqs. 5 to 9) with their two slips mended: the variance of the noise is the
+*squared* norm of the residual over the degrees of freedom (eq. 7), and a relative standard deviation is
+taken of |chi| (eq. 9). With W the regressor and S = d tau_s / d chi the true sensitivity of the closed
+loop, both divided by the standard deviation of the noise:
+
+    paper (eq. 8)   C = (W'W)^-1
+    DIDIM           C = (W'S)^-1 (W'W) (S'W)^-1      its fixed point solves W'(y - tau_s(chi)) = 0
+    Gauss-Newton    C = (S'S)^-1                     the Cramer-Rao bound for normal noise
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.linalg import qr, solve_triangular
+
+from fmu_didim.errors import IdentificationError
+from fmu_didim.signals import Array
+
+CONDITION_LIMIT = 1e12
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Solution of min |b - A x|.
+
+    Attributes:
+        solution: (p,); residual: (r,).
+        condition_number: of A with columns scaled to length one.
+        leverage: (r,) diagonal of the projection on the columns of A.
+    """
+
+    solution: Array
+    residual: Array
+    condition_number: float
+    leverage: Array
+
+
+def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) -> LeastSquares:
+    """Solve min |target - matrix x| by QR of the column-scaled matrix.
+
+    Args:
+        matrix: (r, p), r >= p; target: (r,).
+        names: of the columns, for the error message.
+
+    Raises:
+        IdentificationError: too few rows, not finite, or columns that depend on each other.
+    """
+    rows, count = matrix.shape
+    if rows <= count:
+        raise IdentificationError(
+            "There are not more samples than parameters.", got=f"{rows} samples, {count} parameters",
+            next_step="Record longer, at a higher rate, or identify fewer parameters.",
+        )  # fmt: skip
+    norms = np.linalg.norm(matrix, axis=0)
+    if not (np.isfinite(norms).all() and np.isfinite(target).all()):
+        raise IdentificationError("The least squares problem holds values that are not finite.")
+    if (norms == 0).any():
+        unexcited = [names[i] if names else str(i) for i in np.flatnonzero(norms == 0)]
+        raise IdentificationError(
+            "The motion does not excite some parameters.", got=", ".join(unexcited),
+            next_step="Remove them from the identified parameters, or use another trajectory.",
+        )  # fmt: skip
+    q, r = qr(matrix / norms, mode="economic")
+    singular = np.linalg.svd(r, compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
+    if condition > CONDITION_LIMIT:
+        raise IdentificationError(
+            "The motion cannot tell the parameters apart.", got=f"condition number {condition:.3g}",
+            next_step="Use a richer trajectory, or identify fewer parameters.",
+        )  # fmt: skip
+    solution = solve_triangular(r, q.T @ target) / norms
+    return LeastSquares(solution, target - matrix @ solution, condition, np.einsum("ij,ij->i", q, q))
+
+
+def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:
+    """Standard deviation of the noise of each joint, (n,): sqrt(|rho_j|^2 / (N - trace of its leverages)).
+
+    Args:
+        residual, leverage: (N, n).
+        floor: (n,) smallest value, so that noise-free data have weights too.
+    """
+    freedom = residual.shape[0] - leverage.sum(axis=0)
+    return np.asarray(np.maximum(np.sqrt((residual**2).sum(axis=0) / np.maximum(freedom, 1.0)), floor))
+
+
+def covariance_paper(w: Array) -> Array:
+    """(W'W)^-1 of the whitened regressor (r, p): eq. (8)."""
+    return _inverse_gram(w)
+
+
+def covariance_sandwich(w: Array, s: Array) -> Array:
+    """(W'S)^-1 (W'W) (S'W)^-1 of the whitened regressor and sensitivity (r, p)."""
+    cross = np.linalg.inv(w.T @ s)
+    return np.asarray(cross @ (w.T @ w) @ cross.T)
+
+
+def covariance_efficient(s: Array) -> Array:
+    """(S'S)^-1 of the whitened sensitivity (r, p)."""
+    return _inverse_gram(s)
+
+
+def _inverse_gram(a: Array) -> Array:
+    norms = np.linalg.norm(a, axis=0)
+    r = qr(a / norms, mode="economic")[1]
+    inverse = solve_triangular(r, np.eye(r.shape[0])) / norms[:, None]
+    return np.asarray(inverse @ inverse.T)
+
+
+def relative_deviation_percent(value: Array, deviation: Array) -> Array:
+    """100 sigma / |chi| (eq. 9, mended); infinite where chi is zero."""
+    size = np.abs(value)
+    return np.asarray(np.divide(100.0 * deviation, size, out=np.full_like(size, np.inf), where=size > 0))
+
+
+def confidence_interval(value: Array, deviation: Array, freedom: float, level: float = 0.95) -> Array:
+    """(p, 2) interval by Student's t with ``freedom`` degrees of freedom."""
+    half = stats.t.ppf(0.5 + level / 2, max(freedom, 1.0)) * deviation
+    return np.column_stack([value - half, value + half])
+
+
+def correlation(covariance: Array) -> Array:
+    """(p, p) correlation coefficients."""
+    scale = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(scale, scale))
+
+
+def relative_error_percent(measured: Array, simulated: Array) -> tuple[float, Array]:
+    """100 |y - y_s| / |y|: in total, and of each joint (n,)."""
+    difference = measured - simulated
+    per_joint = 100 * np.linalg.norm(difference, axis=0) / np.linalg.norm(measured, axis=0)
+    return float(100 * np.linalg.norm(difference) / np.linalg.norm(measured)), per_joint
