@@ -102,7 +102,9 @@ SUBSTEP_RATE = 0.2
 """Largest product of substep and fastest rate, h_sub * rate; RK4 is stable to 2.78 and at 0.2 its
 error per unit of time is of the order 0.2**4 / 120 = 1e-5 of the fastest mode, which is a small part
 of the motion."""
-MAXIMUM_SUBSTEPS = 65536
+MAXIMUM_SUBSTEPS = 1024
+"""More substeps in a control period than this mean equations too stiff to be a robot: simulating them is
+refused instead of taking for ever."""
 
 
 def choose_substeps(rate: float, step: float, *, minimum: int = 4) -> int:

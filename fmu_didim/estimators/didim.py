@@ -37,6 +37,9 @@ GROWTH = 1.5
 """A step after which the error is this many times larger is halved."""
 ERROR_FLOOR = 1e-3
 """A change of the relative torque error below 0.001 % of the torque counts as none (data without noise)."""
+USELESS_ERROR = 50.0
+"""A start whose torque error in percent exceeds this, and whose first step does not bring it below, is
+given up for the reference trajectory instead of being halved towards."""
 INTEGRATION_TOLERANCE = 1e-6
 INTEGRATION_SHARE = 0.01
 """The integration error may reach this part of the relative torque error."""
@@ -122,7 +125,10 @@ class Didim(Estimator):
                 error = relative_error_percent(problem.measured, prediction.torque)[0]
                 if good is not None and error > GROWTH * good[1]:
                     failure = f"the error grew to {error:.3g} %"
-            if failure and good is not None and halvings < MAXIMUM_HALVINGS:
+            hopeless = good is not None and good[1] > USELESS_ERROR and not restarted
+            if hopeless and not failure and error > USELESS_ERROR:
+                failure = f"the torque error is still {error:.0f} % after a step"
+            if failure and good is not None and not hopeless and halvings < MAXIMUM_HALVINGS:
                 halvings += 1
                 self._record(
                     history, progress, Iteration("didim", number, theta, error, note=f"{failure}; step halved")

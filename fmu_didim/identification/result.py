@@ -1,0 +1,237 @@
+"""The saved result of an identification: ``result.json`` and the torque tables beside it.
+
+The models of this module are the schema of the file (``result_schema()`` gives it as JSON Schema);
+``schema_version`` rises when a field changes its meaning or goes away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from fmu_didim.errors import InputError
+from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Status
+from fmu_didim.identification.problem import Problem
+from fmu_didim.identification.validation import Validation
+from fmu_didim.signals import Array, trajectory, write_csv
+
+RESULT_FILE = "result.json"
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Number = Annotated[float | None, BeforeValidator(_finite_or_none)]
+"""A number; null where it is not defined (NaN and infinity have no place in JSON)."""
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ParameterResult(_Document):
+    """One identified parameter."""
+
+    value: float = Field(description="estimate, in the unit")
+    std: float = Field(description="standard deviation, in the unit")
+    rel_std_percent: Number = Field(description="100 std / |value|; null if the value is zero")
+    interval: tuple[float, float] = Field(description="95 % confidence interval")
+    unit: str = Field(description="FMI unit string")
+    standard: str = Field(description="standard parameter of the plant that carries it; empty for parameters of the loop")
+
+
+class StageResult(_Document):
+    """Values at the end of a stage, by parameter."""
+
+    value: dict[str, float]
+    std: dict[str, float]
+    formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
+
+
+class ErrorResult(_Document):
+    """Relative torque error 100 |y - y_s| / |y|."""
+
+    total: Number
+    per_joint: list[Number]
+
+
+class IterationResult(_Document):
+    """One iteration."""
+
+    stage: str
+    number: int
+    relative_error_percent: Number
+    change: Number
+    condition_number: Number
+    parameters: dict[str, float]
+    note: str
+
+
+class ResultDocument(_Document):
+    """The content of ``result.json``."""
+
+    schema_version: Literal[1] = 1
+    name: str
+    description: str = ""
+    status: Literal["converged", "maximum_iterations", "refused"]
+    advice: str
+    estimator: str
+    iterations: int = Field(description="iterations of the main stage")
+    finish_iterations: int = Field(description="iterations of the efficient finish")
+    parameters: dict[str, ParameterResult]
+    stages: dict[str, StageResult]
+    regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
+    correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
+    condition_number: Number
+    noise_std: list[Number] = Field(description="standard deviation of the torque residual, per joint")
+    torque_unit: list[str] = Field(description="per joint")
+    relative_error_percent: dict[str, ErrorResult] = Field(description="keys: train, validation")
+    integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
+    history: list[IterationResult]
+    loop: dict[str, Any]
+    signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
+    remarks: list[str]
+    provenance: dict[str, Any]
+
+
+def result_schema() -> dict[str, Any]:
+    """JSON Schema of ``result.json``."""
+    return ResultDocument.model_json_schema()
+
+
+def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(v) for name, v in zip(names, values, strict=False)}
+
+
+def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[IterationResult]:
+    return [
+        IterationResult(
+            stage=it.stage,
+            number=it.number,
+            relative_error_percent=float(it.relative_error_percent),
+            change=float(it.change),
+            condition_number=float(it.condition_number),
+            parameters=_by_name(names, it.parameters),
+            note=it.note,
+        )
+        for it in iterations
+    ]
+
+
+def _torque_units(problem: Problem) -> list[str]:
+    return ["N.m" if joint.type == "revolute" else "N" for joint in problem.model.description.joints]
+
+
+def result_document(
+    name: str,
+    problem: Problem,
+    estimate: Estimate,
+    validations: Sequence[Validation],
+    *,
+    description: str = "",
+) -> ResultDocument:
+    """The document of an estimate and its validations."""
+    intervals = estimate.interval()
+    standard = (*problem.base.standard, *("" for _ in range(len(estimate.names) - problem.base.count)))
+    parameters = {
+        parameter: ParameterResult(
+            value=float(estimate.value[i]),
+            std=float(estimate.standard_deviation[i]),
+            rel_std_percent=float(estimate.relative_deviation_percent[i]),
+            interval=(float(intervals[i, 0]), float(intervals[i, 1])),
+            unit=estimate.units[i],
+            standard=standard[i],
+        )
+        for i, parameter in enumerate(estimate.names)
+    }
+    stages = {
+        stage: StageResult(
+            value=_by_name(estimate.names, content.value),
+            std=_by_name(estimate.names, content.standard_deviation),
+            formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
+        )
+        for stage, content in estimate.stages.items()
+    }
+    failures = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    return ResultDocument(
+        name=name,
+        description=description,
+        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
+        advice=estimate.status.value,
+        estimator=estimate.estimator,
+        iterations=estimate.iteration_count,
+        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
+        parameters=parameters,
+        stages=stages,
+        regrouping=problem.base.relations(),
+        correlations=estimate.correlations(),
+        condition_number=estimate.condition_number,
+        noise_std=[float(v) for v in estimate.noise],
+        torque_unit=_torque_units(problem),
+        relative_error_percent={
+            v.label: ErrorResult(total=v.total_percent, per_joint=[float(e) for e in v.per_joint_percent])
+            for v in validations
+        },
+        integration_error=float(estimate.integration_error),
+        history=_history(estimate.names, estimate.iterations),
+        loop=problem.system.describe(),
+        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        remarks=[*estimate.remarks, *failures],
+        provenance=dict(estimate.provenance),
+    )
+
+
+def refused_document(
+    name: str, problem: Problem, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
+) -> ResultDocument:
+    """The document of a refusal: the reason and the iterations, no values."""
+    return ResultDocument(
+        name=name,
+        status="refused",
+        advice=str(error),
+        estimator=estimator,
+        iterations=len(error.iterations),
+        finish_iterations=0,
+        parameters={},
+        stages={},
+        regrouping=problem.base.relations(),
+        correlations=[],
+        condition_number=None,
+        noise_std=[],
+        torque_unit=_torque_units(problem),
+        relative_error_percent={},
+        integration_error=None,
+        history=_history(problem.base.names, error.iterations),
+        loop=problem.system.describe(),
+        signals={},
+        remarks=[],
+        provenance=dict(provenance),
+    )
+
+
+def save_result(document: ResultDocument, validations: Sequence[Validation], directory: Path) -> Path:
+    """Write ``result.json`` and one torque table a validation; returns the path of the former."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for v in validations:
+        if v.label in document.signals:
+            joints = range(1, v.measured.shape[1] + 1)
+            columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
+            columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
+            write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label])
+    path = directory / RESULT_FILE
+    path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    return path
+
+
+def load_result(directory: Path) -> ResultDocument:
+    """Read ``result.json`` of a directory; raises InputError if there is none or of another version."""
+    path = directory / RESULT_FILE
+    if not path.is_file():
+        raise InputError("There is no result.", where=str(path), next_step="Run fmu-didim identify first.")
+    return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
