@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,10 @@ class Component(ABC):
         """The same component with other values of the named parameters; raises UnknownNameError."""
 
     @abstractmethod
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> Component:
+        """The same component with other names of its inputs and outputs, in the same order."""
+
+    @abstractmethod
     def instantiate(self) -> Instance:
         """A new running instance."""
 
@@ -107,6 +112,31 @@ def check_names(kind: str, names: Mapping[str, float], valid: tuple[Variable, ..
     for name in names:
         if name not in known:
             raise UnknownNameError(kind, name, known, where=where)
+
+
+def rename(component: Component, *, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Component:
+    """Give inputs and outputs the names of their roles in the loop.
+
+    Args:
+        inputs, outputs: role -> own name. Others keep their names.
+
+    Raises:
+        UnknownNameError: the component has no variable of that own name.
+    """
+    if not inputs and not outputs:
+        return component
+
+    def renamed(kind: str, variables: tuple[Variable, ...], roles: Mapping[str, str]) -> tuple[Variable, ...]:
+        own = [v.name for v in variables]
+        for name in roles.values():
+            if name not in own:
+                raise UnknownNameError(kind, name, own, where="mapping of names in the case")
+        back = {name: role for role, name in roles.items()}
+        return tuple(replace(v, name=back.get(v.name, v.name)) for v in variables)
+
+    return component.with_names(
+        renamed("input", component.inputs, inputs), renamed("output", component.outputs, outputs)
+    )
 
 
 def buffers(inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> tuple[Array, Array]:

@@ -52,6 +52,9 @@ class ControlComponent(Component):
         changed = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
         return replace(self, parameters=changed)
 
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ControlComponent:
+        return replace(self, inputs=inputs, outputs=outputs)
+
     def with_substeps(self, count: int) -> ControlComponent:
         return replace(self, substeps=count)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 
 from fmu_didim.cache import cached_folder, file_digest
 from fmu_didim.components.base import Component, Instance, buffers, check_names
-from fmu_didim.errors import FmuError, SimulationError, UnknownNameError
+from fmu_didim.errors import FmuError, SimulationError
 from fmu_didim.signals import Array, Variable
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -30,7 +30,8 @@ class FmuComponent(Component):
 
     Attributes:
         path: the ``.fmu`` file; folder: where it is extracted.
-        references: FMI name -> value reference; names: role in the loop -> FMI name.
+        references: name of a parameter -> value reference; input_references, output_references: in the
+            order of the inputs and outputs, which may have been given other names.
         options: values of Integer parameters set before initialisation.
         changed: names of the parameters whose values were set, in addition to the FMU's own start values.
     """
@@ -44,7 +45,8 @@ class FmuComponent(Component):
     outputs: tuple[Variable, ...]
     parameters: tuple[Variable, ...]
     references: Mapping[str, int]
-    names: Mapping[str, str]
+    input_references: tuple[int, ...]
+    output_references: tuple[int, ...]
     options: Mapping[str, int] = field(default_factory=dict)
     changed: frozenset[str] = frozenset()
     sample_time: float | None = None
@@ -53,6 +55,9 @@ class FmuComponent(Component):
         check_names("parameter", values, self.parameters, where=str(self.path))
         parameters = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
         return replace(self, parameters=parameters, changed=self.changed | set(values))
+
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> FmuComponent:
+        return replace(self, inputs=inputs, outputs=outputs)
 
     def with_substeps(self, count: int) -> FmuComponent | None:
         if SUBSTEPS not in self.references:
@@ -73,23 +78,11 @@ class FmuComponent(Component):
         }
 
 
-def load_fmu(
-    path: Path | str,
-    *,
-    inputs: Mapping[str, str] | None = None,
-    outputs: Mapping[str, str] | None = None,
-    options: Mapping[str, int] | None = None,
-) -> FmuComponent:
-    """Read an FMI 2.0 co-simulation FMU.
-
-    Args:
-        path: the ``.fmu`` file.
-        inputs, outputs: role in the loop (``tau1``, ``q1``, ...) -> name in the FMU; by default every
-            real input and output under its own name.
-        options: values of Integer parameters.
+def load_fmu(path: Path | str) -> FmuComponent:
+    """Read an FMI 2.0 co-simulation FMU; all its real inputs, outputs and parameters keep their names.
 
     Raises:
-        FmuError: the file is not such an FMU; UnknownNameError: a name in the mapping does not exist.
+        FmuError: the file is not such an FMU.
     """
     path = Path(path)
     if not path.is_file():
@@ -100,42 +93,34 @@ def load_fmu(
         raise FmuError("This FMI version is not supported.", where=str(path), got=description.fmiVersion, valid="2.0")
     if description.coSimulation is None:
         raise FmuError("The FMU has no co-simulation interface.", where=str(path), valid="co-simulation")
-    variables = {v.name: v for v in description.modelVariables if v.type == "Real"}
-    units = {name: v.unit or (v.declaredType.unit if v.declaredType else "") or "" for name, v in variables.items()}
+    reals = [v for v in description.modelVariables if v.type == "Real"]
 
-    def group(causality: str, mapping: Mapping[str, str] | None) -> dict[str, Variable]:
-        own = {name: name for name, v in variables.items() if v.causality == causality}
-        result = {}
-        for role, name in (mapping or own).items():
-            if name not in own:
-                raise UnknownNameError(causality, name, own, where=str(path))
-            start = variables[name].start
-            result[role] = Variable(role, units[name], causality, float(start) if start is not None else 0.0)
-        return result
+    def group(causality: str) -> tuple[tuple[Variable, ...], tuple[int, ...]]:
+        chosen = [v for v in reals if v.causality == causality]
+        return tuple(_variable(v) for v in chosen), tuple(int(v.valueReference) for v in chosen)
 
-    chosen_inputs, chosen_outputs = group("input", inputs), group("output", outputs)
-    integers = {v.name: v for v in description.modelVariables if v.type in ("Integer", "Enumeration")}
-    for name in options or {}:
-        if name not in integers:
-            raise UnknownNameError("Integer parameter", name, integers, where=str(path))
-    names = {**{r: r for r in variables}, **dict(inputs or {}), **dict(outputs or {})}
+    inputs, input_references = group("input")
+    outputs, output_references = group("output")
+    parameters, _ = group("parameter")
+    settable = [v for v in description.modelVariables if v.causality == "parameter" and v.type in ("Real", "Integer")]
     return FmuComponent(
         path=path,
         folder=folder,
         digest=digest,
         guid=description.guid,
         identifier=description.coSimulation.modelIdentifier,
-        inputs=tuple(chosen_inputs.values()),
-        outputs=tuple(chosen_outputs.values()),
-        parameters=tuple(
-            Variable(name, units[name], "parameter", float(v.start or 0.0), v.description or "")
-            for name, v in variables.items()
-            if v.causality == "parameter"
-        ),
-        references={name: int(v.valueReference) for name, v in {**variables, **integers}.items()},
-        names=names,
-        options=dict(options or {}),
+        inputs=inputs,
+        outputs=outputs,
+        parameters=parameters,
+        references={v.name: int(v.valueReference) for v in settable},
+        input_references=input_references,
+        output_references=output_references,
     )
+
+
+def _variable(own: Any) -> Variable:
+    unit = own.unit or (own.declaredType.unit if own.declaredType else "") or ""
+    return Variable(own.name, unit, own.causality, float(own.start or 0.0), own.description or "")
 
 
 def _open(path: Path, digest: str) -> tuple[Any, Path]:
@@ -195,6 +180,10 @@ def _library(folder: Path, guid: str, identifier: str) -> Any:
         ) from error
 
 
+def _references(numbers: Sequence[int]) -> ctypes.Array[ctypes.c_uint]:
+    return (ctypes.c_uint * len(numbers))(*numbers)
+
+
 class _FmuInstance(Instance):
     def __init__(self, component: FmuComponent) -> None:
         self._component = component
@@ -214,14 +203,9 @@ class _FmuInstance(Instance):
         self._c = ctypes.c_void_p(self._pointer)
         dll = self._slave.dll
         self._set_real, self._get_real, self._do_step = dll.fmi2SetReal, dll.fmi2GetReal, dll.fmi2DoStep
-        self._input_references = self._references([v.name for v in component.inputs])
-        self._output_references = self._references([v.name for v in component.outputs])
+        self._input_references = _references(component.input_references)
+        self._output_references = _references(component.output_references)
         self.bind(*buffers(component.inputs, component.outputs))
-
-    def _references(self, roles: list[str]) -> ctypes.Array[ctypes.c_uint]:
-        component = self._component
-        numbers = [component.references[component.names[role]] for role in roles]
-        return (ctypes.c_uint * len(numbers))(*numbers)
 
     def bind(self, inputs: Array, outputs: Array) -> None:
         super().bind(inputs, outputs)
@@ -234,7 +218,7 @@ class _FmuInstance(Instance):
         changed = [v for v in component.parameters if v.name in component.changed]
         if changed:
             values = np.array([v.start for v in changed])
-            references = self._references([v.name for v in changed])
+            references = _references([component.references[v.name] for v in changed])
             self._check(
                 "fmi2SetReal",
                 self._set_real(self._c, references, len(changed), values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))),

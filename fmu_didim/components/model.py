@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -45,6 +45,9 @@ class ModelComponent(Component):
 
     def with_parameters(self, values: Mapping[str, float]) -> ModelComponent:
         return ModelComponent(self.block.with_parameters(dict(values)), self.substeps)
+
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ModelComponent:
+        return replace(self, block=replace(self.block, inputs=inputs, outputs=outputs))
 
     def with_substeps(self, count: int) -> ModelComponent:
         return ModelComponent(self.block, count)

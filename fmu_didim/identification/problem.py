@@ -45,7 +45,6 @@ class Experiment:
         time: (N,) instants of the torque log, s; torque: (N, n) joint torque, N.m or N.
         operator: how the log follows from the held command.
         positions: measured positions ``q<j>``, for the estimators that need them.
-        position_torque: torque ``tau<j>`` logged at the instants of the positions, for ``idim_ls``.
         label: name shown to the user.
     """
 
@@ -54,7 +53,6 @@ class Experiment:
     torque: Array
     operator: SampleOperator
     positions: Trajectory | None = None
-    position_torque: Array | None = None
     label: str = "estimation"
 
     @property

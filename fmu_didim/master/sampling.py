@@ -19,6 +19,8 @@ from fmu_didim.signals import Array
 
 Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
+JITTER = 0.01
+"""Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
 
 
@@ -70,8 +72,7 @@ def sample_operator(
     """
     position = (times - start) / step
     last = tick_count
-    # 1e-6 of a period: instants written with few digits still fall on their tick.
-    first_bad = np.flatnonzero((position < -1e-6) | (position >= last - 1e-6 + (kind == "average")))
+    first_bad = np.flatnonzero((position < -JITTER) | (position >= last - JITTER + (kind == "average")))
     if first_bad.size:
         t = times[first_bad[0]]
         raise InputError(
@@ -82,7 +83,7 @@ def sample_operator(
             next_step="Check that both share one clock; cut the log or give the whole reference.",
         )
     if kind == "point":
-        ticks = np.floor(position + 1e-6).astype(np.int64).clip(0)
+        ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
         rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
     else:
         rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)

@@ -102,6 +102,9 @@ class System:
         }
 
 
+_TERM = re.compile(
+    r"\s*(?P<sign>[+-]?)\s*(?:(?P<gain>\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*\*\s*)?(?P<name>[A-Za-z_]\w*)\s*"
+)
 _INDEXED = re.compile(r"^(?P<stem>[A-Za-z_]+?)(?P<joint>\d+)$")
 
 
@@ -117,6 +120,8 @@ def closed_loop(
     reference_names: Sequence[str],
 ) -> System:
     """A plant and a controller wired by the names of their variables.
+
+    An input of the controller may also be named by a sum, ``q_ref1 - q1``.
 
     The controller's ``q_ref<j>``, ``dq_ref<j>``, ``ddq_ref<j>`` come from the columns ``q<j>``, ``dq<j>``,
     ``ddq<j>`` of the reference, its ``q<j>``, ``dq<j>``, ``ddq<j>`` from the plant, and the plant's ``tau<j>``
@@ -147,15 +152,16 @@ def closed_loop(
     plant_outputs = {v.name for v in plant.outputs}
     connections = []
     for variable in controller.inputs:
-        source = _source(variable.name, plant_outputs, reference_names)
-        if source is None:
-            raise InputError(
-                f"Nothing gives the controller's input '{variable.name}'.",
-                where="closed loop",
-                valid=[f"reference: {', '.join(reference_names)}", f"plant: {', '.join(sorted(plant_outputs))}"],
-                next_step="Add the column to the reference, or map the input to another name.",
-            )
-        connections.append(Connection(source, f"controller.{variable.name}"))
+        for gain, name in _terms(variable.name):
+            source = _source(name, plant_outputs, reference_names)
+            if source is None:
+                raise InputError(
+                    f"Nothing gives '{name}', an input of the controller.",
+                    where="closed loop",
+                    valid=f"reference: {', '.join(reference_names)}; plant: {', '.join(sorted(plant_outputs))}",
+                    next_step="Add the column to the reference, or map the input to another name.",
+                )
+            connections.append(Connection(source, f"controller.{variable.name}", gain))
     for j in range(1, joint_count + 1):
         connections.append(Connection(f"controller.command{j}", f"plant.tau{j}", gains[j - 1]))
         column = (injections or {}).get(f"command{j}")
@@ -168,6 +174,14 @@ def closed_loop(
         step_size=step,
         delays={"plant": delay_samples} if delay_samples else {},
     )
+
+
+def _terms(name: str) -> list[tuple[float, str]]:
+    """Gains and names of a sum such as ``q_ref1 - 0.5 * q1``; a single name is itself."""
+    found = list(_TERM.finditer(name))
+    if "".join(m.group(0) for m in found) != name or not found:
+        return [(1.0, name)]
+    return [((-1.0 if m["sign"] == "-" else 1.0) * float(m["gain"] or 1.0), m["name"]) for m in found]
 
 
 def _source(name: str, plant_outputs: set[str], reference_names: Sequence[str]) -> str | None:

@@ -1,0 +1,186 @@
+"""From a case document to components, the loop and the problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.base_parameters import base_parameters
+from fmu_didim.block import Block
+from fmu_didim.case.data import read_experiment, read_reference
+from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
+from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, rename, wrap_control
+from fmu_didim.controllers import read_controller
+from fmu_didim.errors import InputError
+from fmu_didim.estimators import Estimator
+from fmu_didim.export import build_fmu
+from fmu_didim.identification.problem import Experiment, LowPass, Problem
+from fmu_didim.imports import import_object
+from fmu_didim.master import System, closed_loop
+from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.signals import Trajectory
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case that is ready to run; made by :func:`load_case`.
+
+    Attributes:
+        document: what the file says; folder: where it lies.
+        model: the robot; plant, controller: the components.
+        problem: with the training experiment, None if the case has no torque log.
+        validation: the other experiment, if there is one.
+        estimator: with its options.
+    """
+
+    document: CaseDocument
+    folder: Path
+    model: RobotModel
+    plant: Component
+    controller: Component
+    problem: Problem | None
+    validation: Experiment | None
+    estimator: Estimator
+
+    @property
+    def name(self) -> str:
+        """Name of the case."""
+        return self.document.name
+
+    def reference(self, which: str = "train") -> Trajectory:
+        """The reference of an experiment, ``train`` or ``validation``."""
+        source: ExperimentSource | None = getattr(self.document, which)
+        if source is None:
+            raise InputError("The case has no such experiment.", where=self.name, got=which)
+        return read_reference(
+            source.reference, self.folder, step=_step(self.document, self.controller), joint_count=self.model.joint_count
+        )
+
+    def system(self, reference: Trajectory) -> System:
+        """The loop of the case along a reference."""
+        return _system(self.document, self.model, self.plant, self.controller, reference)
+
+
+def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
+    """Read a case, build its FMUs and load its data; all that can be wrong is found here.
+
+    Args:
+        path: the case file.
+        require_torque: whether a torque log is needed (not for a mere simulation).
+
+    Raises:
+        InputError, FmuError, BuildError: with what, where, got, valid and next step.
+    """
+    document, folder = read_case(path), Path(path).parent
+    model = RobotModel(read_robot(folder / document.robot))
+    base = base_parameters(model)
+    controller = _component(document.controller, folder, _controller_block)
+    plant = _component(document.plant, folder, lambda _: model.block())
+    step = _step(document, controller)
+    estimator = make_estimator(document.estimator)
+
+    def experiment(source: ExperimentSource, label: str) -> Experiment:
+        return read_experiment(
+            source, folder, step=step, drive_gains=document.loop.drive_gains, joint_count=model.joint_count, label=label
+        )
+
+    problem = None
+    if require_torque or document.train.torque is not None:
+        train = experiment(document.train, "train")
+        problem = Problem(
+            system=_system(document, model, plant, controller, train.reference),
+            model=model,
+            base=base,
+            experiment=train,
+            torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
+            joint_weights=document.joint_weights,
+            low_pass=None if document.low_pass is None else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
+        )
+        _check(document, problem, estimator)
+    validation = document.validation
+    cross = experiment(validation, "validation") if validation is not None and validation.torque is not None else None
+    return Case(document, folder, model, plant, controller, problem, cross, estimator)
+
+
+def _step(document: CaseDocument, controller: Component) -> float:
+    if document.loop.rate_hz is not None:
+        return 1.0 / document.loop.rate_hz
+    if controller.sample_time is None:
+        raise InputError(
+            "The control rate is unknown.", where="loop", next_step="Give loop: {rate_hz: ...}; this controller states none."
+        )
+    return controller.sample_time
+
+
+def _system(
+    document: CaseDocument, model: RobotModel, plant: Component, controller: Component, reference: Trajectory
+) -> System:
+    return closed_loop(
+        plant,
+        controller,
+        joint_count=model.joint_count,
+        step_size=_step(document, controller),
+        drive_gains=document.loop.drive_gains,
+        delay_samples=document.loop.delay_samples,
+        injections={c: name for c, name in document.loop.injections.items() if name in reference.names},
+        reference_names=reference.names,
+    )
+
+
+def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> None:
+    n = problem.joint_count
+    if problem.torque_deviation is not None and problem.torque_deviation.size != n:
+        raise InputError("torque_std needs one value for each joint.", got=problem.torque_deviation.size, valid=str(n))
+    if estimator.needs_positions and problem.experiment.positions is None:
+        raise InputError(
+            f"The estimator {estimator.name} needs measured positions.", where="train",
+            next_step="Add positions: {file: ...}, or use didim, which needs none.",
+        )  # fmt: skip
+    offered = {v.name for v in problem.system.components[problem.plant].parameters}
+    absent = [name for name in problem.base.standard if name not in offered]
+    if absent:
+        raise InputError(
+            "The plant lacks parameters that are to be identified.", where="plant",
+            got=", ".join(absent), valid=sorted(offered),
+            next_step="Name the parameters of the plant as the robot description does.",
+        )  # fmt: skip
+
+
+def _controller_block(path: Path | None) -> Block:
+    if path is None:
+        raise InputError("The controller needs a source.", where="controller", valid=".yaml, .fmu, package.module:name")
+    return read_controller(path)
+
+
+def _component(source: ComponentSource, folder: Path, make_block: Any) -> Component:
+    named = source.source
+    if named is not None and named.endswith(".fmu"):
+        if source.kind != "fmu":
+            raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
+        component: Component = load_fmu(folder / named)
+    elif named is not None and ":" in named:
+        if source.kind != "control":
+            raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
+        found = import_object(named, folder=folder, where="case")
+        system = found() if callable(found) and not hasattr(found, "nstates") else found
+        component = wrap_control(system, origin=named, initial_state=source.initial_state, substeps=source.substeps)
+    else:
+        block = make_block(folder / named if named is not None else None)
+        component = _from_block(block, source)
+    if source.parameters:
+        component = component.with_parameters(source.parameters)
+    if source.substeps is not None:
+        component = component.with_substeps(source.substeps) or component
+    return rename(component, inputs=source.inputs, outputs=source.outputs)
+
+
+def _from_block(block: Block, source: ComponentSource) -> Component:
+    if source.kind == "fmu":
+        # An FMU does not tell its sample time; the description does.
+        return replace(load_fmu(build_fmu(block)), sample_time=block.sample_time)
+    if source.kind == "control":
+        return block_as_control(block)
+    return ModelComponent(block)

@@ -1,0 +1,132 @@
+"""Where the data of a case lie, and how they become an experiment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.case.document import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
+from fmu_didim.errors import InputError
+from fmu_didim.excitation import Excitation
+from fmu_didim.identification.problem import Experiment
+from fmu_didim.master import decimated_times, sample_operator
+from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
+
+DATA_VARIABLE = "FMU_DIDIM_DATA"
+DATA_PREFIX = "data:"
+
+
+def data_folder(folder: Path) -> Path:
+    """The folder of the environment variable ``FMU_DIDIM_DATA``, else ``../shared/data`` beside the project.
+
+    Args:
+        folder: that of the case file, from which the project's folder is looked for.
+    """
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        return Path(named)
+    for parent in (folder.resolve(), *folder.resolve().parents):
+        if (parent / "pyproject.toml").is_file():
+            return parent.parent / "shared" / "data"
+    return Path("../shared/data")
+
+
+def resolve(source: SignalFile, folder: Path) -> Path:
+    """The path of a file; raises InputError that says where to get it."""
+    if source.file.startswith(DATA_PREFIX):
+        root = data_folder(folder)
+        path = root / source.file.removeprefix(DATA_PREFIX)
+        step = f"Set {DATA_VARIABLE} to the folder that holds {source.file.removeprefix(DATA_PREFIX)}."
+    else:
+        path = folder / source.file
+        step = "Check the path in the case file; it is relative to the folder of that file."
+    if not path.is_file():
+        raise InputError("A data file is absent.", where=str(path), next_step=f"{step} {source.obtain}".strip())
+    return path
+
+
+def read_signals(source: SignalFile, folder: Path) -> Trajectory:
+    """The signals of a file under the names of the case."""
+    found = read_trajectory(resolve(source, folder), time=source.time)
+    back: Mapping[str, str] = {column: name for name, column in source.columns.items()}
+    found.select(list(source.columns.values()))  # a missing column is an error before any work
+    return replace(found, variables=tuple(Variable(back.get(v.name, v.name), v.unit) for v in found.variables))
+
+
+def read_reference(source: Excitation | ReferenceFile, folder: Path, *, step: float, joint_count: int) -> Trajectory:
+    """The reference, one row a control period; a warm-up starts before t = 0."""
+    if isinstance(source, Excitation):
+        if source.joint_count != joint_count:
+            raise InputError(
+                "The reference has another number of joints than the robot.", where="reference",
+                got=source.joint_count, valid=str(joint_count),
+            )  # fmt: skip
+        return source.trajectory(1.0 / step)
+    found = read_signals(source, folder)
+    found.select([f"q{j}" for j in range(1, joint_count + 1)])
+    if source.warm_up_s > 0 and source.period_s is not None:
+        return _with_warm_up(found, step, source.period_s, source.warm_up_s)
+    return found
+
+
+def _with_warm_up(found: Trajectory, step: float, period_s: float, warm_up_s: float) -> Trajectory:
+    period, count = round(period_s / step), round(warm_up_s / step)
+    if period > found.time.size:
+        raise InputError(
+            "The reference is shorter than its period.", where=found.source,
+            got=f"{found.time[-1] - found.time[0]:g} s", valid=f">= {period_s:g} s",
+        )  # fmt: skip
+    before = found.values[period - count : period].copy()
+    # Test signals added to the command are not part of the periodic motion.
+    motion = [v.name.rstrip("0123456789") in ("q", "dq", "ddq") for v in found.variables]
+    before[:, ~np.array(motion)] = 0.0
+    time = found.time[0] + np.arange(-count, 0) * step
+    return replace(found, time=np.concatenate([time, found.time]), values=np.vstack([before, found.values]))
+
+
+def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, times: Array) -> Array:
+    """Samples of a log at other instants: the values that hold there, or their averages."""
+    step = float((log.time[-1] - log.time[0]) / (log.time.size - 1))
+    operator = sample_operator(
+        times, start=float(log.time[0]), step=step, tick_count=log.time.size, kind=source.sampling,
+        window=source.window, window_s=source.window_s,
+    )  # fmt: skip
+    return operator.apply(torque[operator.ticks])
+
+
+def read_experiment(
+    source: ExperimentSource,
+    folder: Path,
+    *,
+    step: float,
+    drive_gains: tuple[float, ...] | None,
+    joint_count: int,
+    label: str,
+) -> Experiment:
+    """The data of one run.
+
+    Raises:
+        InputError: a file or column is missing, or the log does not fit the reference.
+    """
+    reference = read_reference(source.reference, folder, step=step, joint_count=joint_count)
+    if source.torque is None:
+        raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
+    log = read_signals(source.torque, folder)
+    torque = log.select([f"tau{j}" for j in range(1, joint_count + 1)])
+    if source.torque.quantity == "command":
+        torque = torque * np.array(drive_gains or (1.0,) * joint_count)
+    times = log.time
+    if source.torque.rate_hz is not None:
+        times = decimated_times(log.time, source.torque.rate_hz, source.torque.phase_s)
+        torque = _torque_at(log, torque, source.torque, times)
+    times = times + source.torque.offset_s
+    operator = sample_operator(
+        times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
+        kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
+    )  # fmt: skip
+    positions = read_signals(source.positions, folder) if source.positions is not None else None
+    return Experiment(reference, times, torque, operator, positions, label)

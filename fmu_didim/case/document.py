@@ -1,0 +1,189 @@
+"""The YAML case: robot, plant, controller, loop, experiments, estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
+
+from fmu_didim.documents import Strict, read_document
+from fmu_didim.estimators import ESTIMATORS, Estimator
+from fmu_didim.excitation import AnyExcitation
+
+Positive = Annotated[float, Field(gt=0)]
+Kind = Literal["fmu", "model", "control"]
+
+
+class ComponentSource(Strict):
+    """A plant or a controller.
+
+    Attributes:
+        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
+        source: a description (``.yaml``), an ``.fmu`` file, or ``package.module:name`` (``file.py:name``) of a
+            python-control system or of a function that returns one. A plant without source is the robot.
+        inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
+            ``q_ref1 - q1``) -> name in the component, where they differ.
+        parameters: values that replace those of the source.
+        substeps: integration substeps in a control period; chosen automatically by default.
+        initial_state: of a python-control system.
+    """
+
+    kind: Kind
+    source: str | None = None
+    inputs: Mapping[str, str] = Field(default_factory=dict)
+    outputs: Mapping[str, str] = Field(default_factory=dict)
+    parameters: Mapping[str, float] = Field(default_factory=dict)
+    substeps: Annotated[int, Field(ge=1, le=1024)] | None = None
+    initial_state: tuple[float, ...] = ()
+
+
+class Loop(Strict):
+    """Timing and wiring of the loop.
+
+    Attributes:
+        rate_hz: control rate; that of the controller by default.
+        delay_samples: delay of the command, a fraction allowed.
+        drive_gains: g_t of tau = g_t command (eq. 21), one a joint.
+        injections: ``command<j>`` -> column of the reference added to it.
+    """
+
+    rate_hz: Positive | None = None
+    delay_samples: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    drive_gains: tuple[float, ...] | None = None
+    injections: Mapping[str, str] = Field(default_factory=dict)
+
+
+class SignalFile(Strict):
+    """Signals in a file.
+
+    Attributes:
+        file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
+        columns: name here (``q1``, ``tau1``) -> column in the file, where they differ.
+        time: name of the time column.
+        obtain: where a user gets the file, shown when it is absent.
+    """
+
+    file: str
+    columns: Mapping[str, str] = Field(default_factory=dict)
+    time: str | None = None
+    obtain: str = ""
+
+
+class ReferenceFile(SignalFile):
+    """A reference trajectory from a file, one row a control period.
+
+    A log of a periodic motion seldom starts at rest: with ``period_s`` and ``warm_up_s`` the simulation
+    starts earlier, on the end of the period before.
+    """
+
+    period_s: Positive | None = None
+    warm_up_s: Annotated[float, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _period_of_the_warm_up(self) -> ReferenceFile:
+        if self.warm_up_s > 0 and (self.period_s is None or self.warm_up_s > self.period_s):
+            raise ValueError("warm_up_s needs a period_s that is at least as long")
+        return self
+
+
+class TorqueFile(SignalFile):
+    """The torque log.
+
+    Attributes:
+        quantity: ``torque`` (N.m, N), or ``command``: what the controller gives, times the drive gains.
+        rate_hz, phase_s: use only the samples phase + i / rate of the log (made by ``sampling``).
+        sampling: ``point`` samples, or the ``average`` over a window.
+        window, window_s: where the window of an average lies, and its length (one period by default).
+        offset_s: added to the time of the log, to bring it on the clock of the reference.
+    """
+
+    quantity: Literal["torque", "command"] = "torque"
+    rate_hz: Positive | None = None
+    phase_s: float = 0.0
+    sampling: Literal["point", "average"] = "point"
+    window: Literal["preceding", "centred", "following"] = "preceding"
+    window_s: Positive | None = None
+    offset_s: float = 0.0
+
+
+class ExperimentSource(Strict):
+    """Reference, torque and, for some estimators, positions of one run."""
+
+    reference: AnyExcitation | ReferenceFile
+    torque: TorqueFile | None = None
+    positions: SignalFile | None = None
+
+    @field_validator("reference", mode="wrap")
+    @classmethod
+    def _by_kind(cls, value: Any, handler: Any) -> Any:
+        """Only one of the two forms is tried, so that its own errors are shown."""
+        if isinstance(value, Mapping):
+            form: Any = AnyExcitation if "kind" in value else ReferenceFile
+            return TypeAdapter(form).validate_python(dict(value))
+        return handler(value)
+
+
+class LowPassSource(Strict):
+    """Zero-phase Butterworth filter of torque and regressor."""
+
+    cutoff_hz: Positive
+    order: Annotated[int, Field(ge=1, le=10)] = 4
+
+
+class CaseDocument(Strict):
+    """A case file.
+
+    Attributes:
+        robot: robot description (``.yaml``).
+        plant, controller: what runs in the loop.
+        train, validation: the experiments; cross validation is optional.
+        estimator: ``{kind: didim, ...}`` with the options of that estimator.
+        torque_std: known standard deviation of the torque noise, one a joint.
+        joint_weights: ``estimated`` or ``equal``.
+        low_pass: optional filter.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    name: str
+    description: str = ""
+    robot: str
+    plant: ComponentSource = ComponentSource(kind="fmu")
+    controller: ComponentSource
+    loop: Loop = Loop()
+    train: ExperimentSource
+    validation: ExperimentSource | None = None
+    estimator: Mapping[str, Any] = Field(default_factory=lambda: {"kind": "didim"})
+    torque_std: tuple[Positive, ...] | None = None
+    joint_weights: Literal["estimated", "equal"] = "estimated"
+    low_pass: LowPassSource | None = None
+
+    @field_validator("estimator")
+    @classmethod
+    def _known_estimator(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
+        make_estimator(value)
+        return value
+
+
+def make_estimator(options: Mapping[str, Any]) -> Estimator:
+    """The estimator of ``{kind: ..., <options>}``; raises ValueError with all problems."""
+    kind = options.get("kind")
+    if kind not in ESTIMATORS:
+        raise ValueError(f"there is no estimator '{kind}'; valid: {', '.join(ESTIMATORS)}")
+    form = ESTIMATORS[kind]
+    names = [f.name for f in fields(form)]  # type: ignore[arg-type]
+    given = {name: value for name, value in options.items() if name != "kind"}
+    problems = [f"unknown option '{name}' of {kind}; valid: {', '.join(names)}" for name in given if name not in names]
+    if not problems:
+        try:
+            return TypeAdapter(form).validate_python(given)
+        except ValidationError as error:
+            problems = [f"{'.'.join(map(str, d['loc']))}: {d['msg']} (got {d['input']!r})" for d in error.errors()]
+    raise ValueError("; ".join(problems))
+
+
+def read_case(path: Path | str) -> CaseDocument:
+    """Read and validate a case file; raises InputError with all its problems."""
+    return read_document(CaseDocument, path)

@@ -1,0 +1,146 @@
+"""The command line: arguments and printing only."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fmu_didim.errors import FmuDidimError, InputError
+
+if TYPE_CHECKING:
+    from fmu_didim.identification.estimate import Iteration
+
+EXIT_ERROR, EXIT_NOT_SETTLED = 1, 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except FmuDidimError as error:
+        print(f"\nfmu-didim: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print("\nfmu-didim: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fmu-didim",
+        description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    one = commands.add_parser("identify", help="identify the parameters of a case", description=_identify.__doc__)
+    one.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
+    one.add_argument("--quiet", action="store_true", help="print the table only")
+    one.set_defaults(run=_identify)
+    two = commands.add_parser("simulate", help="simulate the closed loop of a case", description=_simulate.__doc__)
+    two.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
+    two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
+    two.add_argument("--experiment", default="train", choices=("train", "validation"), help="whose reference")
+    two.set_defaults(run=_simulate)
+    three = commands.add_parser("export", help="build the FMU of a robot or controller description")
+    three.add_argument("description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller")
+    three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
+    three.set_defaults(run=_export)
+    return parser
+
+
+def _identify(options: argparse.Namespace) -> int:
+    """Identify the parameters of a case, print the table, save result.json and report.html."""
+    from fmu_didim.case import load_case
+    from fmu_didim.report import result_table
+    from fmu_didim.workflow import identify
+
+    out = options.out or Path("results") / _stem(options.case)
+    say = _silent if options.quiet else _say
+    started = time.perf_counter()
+    say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
+    case = load_case(options.case)
+    say(f"Ready after {time.perf_counter() - started:.1f} s. Identifying {case.name} ...")
+    outcome = identify(case, out=out, progress=_Progress(started, say))
+    print()
+    print(result_table(outcome.document))
+    print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
+    return 0 if outcome.document.status == "converged" else EXIT_NOT_SETTLED
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    """Simulate the closed loop of a case with the values of its robot description, write a CSV table."""
+    from fmu_didim.signals import write_csv
+    from fmu_didim.workflow import simulate_case
+
+    out = options.out or Path("results") / f"{_stem(options.case)}.csv"
+    table = simulate_case(options.case, parameters=_assignments(options.set), which=options.experiment)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_csv(table, out)
+    print(f"{table.time.size} rows, columns t, {', '.join(table.names)}: {out}")
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    from fmu_didim.controllers import read_controller
+    from fmu_didim.documents import load_yaml
+    from fmu_didim.export import build_fmu
+    from fmu_didim.robot import RobotModel, read_robot
+
+    is_controller = "law" in load_yaml(options.description)
+    block = read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
+    options.out.mkdir(parents=True, exist_ok=True)
+    print(build_fmu(block, directory=options.out))
+    return 0
+
+
+def _assignments(texts: list[str]) -> dict[str, float]:
+    values = {}
+    for text in texts:
+        name, separator, number = text.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            separator = ""
+        if not separator:
+            raise InputError("This is not an assignment.", where="--set", got=text, valid="NAME=VALUE, such as Fc1=0.8")
+    return values
+
+
+def _stem(case: Path) -> str:
+    """A folder name that tells cases of one folder apart: ``scara-identify``."""
+    return f"{case.resolve().parent.name}-{case.stem}"
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _silent(text: str) -> None:
+    pass
+
+
+class _Progress:
+    """One line an iteration."""
+
+    def __init__(self, started: float, say: object) -> None:
+        self._started, self._say = started, say
+
+    def __call__(self, iteration: Iteration) -> None:
+        from math import isfinite
+
+        error = iteration.relative_error_percent
+        text = f"torque error {error:7.3f} %" if isfinite(error) else "no simulation       "
+        change = f", change {iteration.change:.2e}" if isfinite(iteration.change) else ""
+        note = f"  [{iteration.note}]" if iteration.note else ""
+        self._say(  # type: ignore[operator]
+            f"{time.perf_counter() - self._started:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}"
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

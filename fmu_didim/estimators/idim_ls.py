@@ -1,0 +1,112 @@
+"""IDIM-LS: inverse dynamic identification model and least squares (section 2 of the DIDIM paper).
+
+    q -> zero-phase Butterworth low-pass -> dq, ddq by central differences
+    Y = W(q, dq, ddq) chi + rho, rows of Y and columns of W decimated in parallel (zero-phase Chebyshev)
+
+Needs positions measured at the rate of the torque.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from fmu_didim.errors import InputError
+from fmu_didim.estimators.base import Estimator, Progress, no_progress
+from fmu_didim.identification.estimate import Estimate, Iteration, Stage, Status
+from fmu_didim.identification.problem import Problem
+from fmu_didim.identification.weighting import weighted_solution, whitened
+from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_paper, relative_error_percent
+
+
+@dataclass(frozen=True)
+class IdimLs(Estimator):
+    """The estimator ``idim_ls``.
+
+    Attributes:
+        cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward.
+        order: its order.
+        decimation: every which sample of the filtered rows is kept; 1 keeps all and filters nothing.
+        skip: samples dropped at both ends, where filter and differences see the border.
+    """
+
+    name = "idim_ls"
+    needs_positions = True
+
+    cutoff_hz: float = 100.0
+    order: int = 4
+    decimation: int = 10
+    skip: int = 50
+
+    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
+        q, rate = self._positions(problem)
+        q, dq, ddq = self._differentiate(q, rate)
+        columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq))
+        kept = slice(self.skip, q.shape[0] - self.skip or None)
+        target = self._decimate((problem.experiment.torque - known)[kept])
+        columns = self._decimate(columns[kept])
+        solution, deviation = weighted_solution(problem, columns, target)
+        value = solution.solution
+        simulated = columns @ value
+        scaled = whitened(columns, deviation)
+        freedom = float(target.size - value.size)
+        spread = float(np.sum(whitened(target - simulated, deviation) ** 2)) / freedom
+        covariance = spread * covariance_paper(scaled)
+        measured = target + self._decimate(known[kept])
+        error = relative_error_percent(measured, measured - (target - simulated))[0]
+        progress(Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number))
+        return Estimate(
+            estimator=self.name,
+            names=problem.base.names,
+            units=problem.base.units,
+            value=value,
+            standard_deviation=np.sqrt(np.diag(covariance)),
+            covariance=covariance,
+            freedom=freedom,
+            time=problem.experiment.time[kept][:: self.decimation],
+            measured=measured,
+            simulated=measured - (target - simulated),
+            noise=np.sqrt(((target - simulated) ** 2).mean(axis=0)),
+            condition_number=solution.condition_number,
+            status=Status.CONVERGED,
+            iterations=(Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number),),
+            stages={"idim_ls": Stage(value, np.sqrt(np.diag(covariance)))},
+            base_count=value.size,
+            remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
+        )
+
+    def _positions(self, problem: Problem) -> tuple[Array, float]:
+        positions = problem.experiment.positions
+        if positions is None:
+            raise InputError(
+                "idim_ls needs measured positions.", where="train",
+                next_step="Add positions: {file: ...}, or use didim, which needs none.",
+            )  # fmt: skip
+        time = problem.experiment.time
+        if positions.time.shape != time.shape or np.abs(positions.time - time).max() > 1e-6:
+            raise InputError(
+                "idim_ls needs torque and positions at the same instants.", where="train",
+                got=f"{time.size} torque samples, {positions.time.size} positions",
+                next_step="Give both at the full rate of the positions.",
+            )  # fmt: skip
+        rate = (time.size - 1) / (time[-1] - time[0])
+        if not 0 < self.cutoff_hz < rate / 2:
+            raise InputError(
+                "The cut-off frequency must lie below half the rate of the positions.",
+                got=f"{self.cutoff_hz:g} Hz at {rate:g} Hz",
+            )
+        return positions.select([f"q{j}" for j in range(1, problem.joint_count + 1)]), float(rate)
+
+    def _differentiate(self, q: Array, rate: float) -> tuple[Array, Array, Array]:
+        sections = signal.butter(self.order, self.cutoff_hz, fs=rate, output="sos")
+        q = np.asarray(signal.sosfiltfilt(sections, q, axis=0))
+        dq = np.gradient(q, 1 / rate, axis=0)
+        return q, dq, np.gradient(dq, 1 / rate, axis=0)
+
+    def _decimate(self, values: Array) -> Array:
+        if self.decimation == 1:
+            return values
+        return np.asarray(signal.decimate(values, self.decimation, n=8, ftype="iir", axis=0, zero_phase=True))

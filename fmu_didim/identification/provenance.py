@@ -1,0 +1,47 @@
+"""From what a result came: versions, hashes of the inputs, options, the loop."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from fmu_didim.identification.problem import Experiment, Problem
+
+PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
+
+
+def provenance(
+    problem: Problem, estimator: Mapping[str, Any], *, validation: Experiment | None, files: Mapping[str, str]
+) -> dict[str, Any]:
+    """The record that goes with an estimate.
+
+    Args:
+        estimator: its name and options.
+        files: name -> SHA-256 of the files read.
+    """
+    experiments = {"train": problem.experiment, **({"validation": validation} if validation else {})}
+    return {
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "estimator": dict(estimator),
+        "joint_weights": problem.joint_weights,
+        "low_pass_hz": problem.low_pass.cutoff_hz if problem.low_pass else None,
+        "substep_factor": problem.substep_factor,
+        "files": dict(files),
+        "experiments": {name: _experiment(e) for name, e in experiments.items()},
+        "shape_parameters": {v.name: v.start for v in problem.model.shapes},
+    }
+
+
+def _experiment(experiment: Experiment) -> dict[str, Any]:
+    return {
+        "reference_sha256": experiment.reference.digest(),
+        "torque_samples": int(experiment.time.size),
+        "torque_rate_hz": round(experiment.rate_hz, 6),
+        "first_s": float(experiment.time[0]),
+        "last_s": float(experiment.time[-1]),
+    }

@@ -1,0 +1,147 @@
+"""Trajectories: what is read, written and refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.signals import Trajectory, Variable, read_trajectory, trajectory, write_csv
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def two_columns() -> Trajectory:
+    time = 0.1 + np.arange(50) * 0.005
+    return trajectory(time, {"q1": np.sin(time), "tau1": 1e5 * np.cos(time)}, {"q1": "rad"})
+
+
+def test_csv_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "q1, t ,tau1\n1.5,0,-2\n\n2.5,0.1,1e-3\n")
+    got = read_trajectory(path)
+    assert got.names == ("q1", "tau1")
+    assert got.time.tolist() == [0.0, 0.1]
+    assert got.values.tolist() == [[1.5, -2.0], [2.5, 1e-3]]
+    assert got.source == str(path)
+
+
+def test_csv_with_byte_order_mark_and_named_time(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("stamp,q\n0,1\n2,3\n", encoding="utf-8-sig")
+    assert read_trajectory(path, time="stamp").time.tolist() == [0.0, 2.0]
+    with pytest.raises(InputError, match=r"no time column[\s\S]*stamp, q[\s\S]*valid: t, time"):
+        read_trajectory(path)
+
+
+def test_mat_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    t = np.arange(5) * 0.25
+    savemat(path, {"time": t[:, None], "q": t[None, :] ** 2, "rate": 4.0, "note": "text", "other": np.arange(3.0)})
+    got = read_trajectory(path)
+    assert got.names == ("q",)
+    np.testing.assert_array_equal(got.time, t)
+    np.testing.assert_array_equal(got.values[:, 0], t**2)
+
+
+def test_written_csv_is_read_back(tmp_path: Path) -> None:
+    before = two_columns()
+    write_csv(before, tmp_path / "a.csv")
+    after = read_trajectory(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().splitlines()[0] == "t,q1,tau1"
+    assert after.names == before.names
+    np.testing.assert_allclose(after.time, before.time, rtol=1e-8)
+    np.testing.assert_allclose(after.values, before.values, rtol=1e-8)
+    # Nothing more is lost the second time.
+    write_csv(after, tmp_path / "b.csv")
+    assert read_trajectory(tmp_path / "b.csv").digest() == after.digest()
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("t,q\n0,1\n1,2,3\n", r"not a row of numbers[\s\S]*bad\.csv, line 3[\s\S]*1,2,3[\s\S]*2 comma-separated"),
+        ("t,q\n0,1\n\n1\n", r"line 4"),
+        ("t,q\n0,1\n1,x\n", r"line 3[\s\S]*1,x"),
+        ("a,q\n0,1\n", r"no time column"),
+        ("t,q\n", r"no rows"),
+        ("", r"no rows"),
+        ("t\n0\n1\n", r"no signal"),
+        ("t,q\n0,1\n1,nan\n2,3\n3,inf\n", r"not finite numbers[\s\S]*2 rows, the first one is row 1"),
+        ("t,q\n0,1\nnan,1\n", r"not finite"),
+        ("t,q\n0,1\n1,2\n1,3\n", r"Time does not increase[\s\S]*row 2: t = 1 s after 1 s"),
+        ("t,q\n0,1\n2,2\n1,3\n", r"row 2: t = 1 s after 2 s"),
+    ],
+)
+def test_bad_csv_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    path = write(tmp_path / "bad.csv", text)
+    with pytest.raises(InputError, match=problem) as caught:
+        read_trajectory(path)
+    assert "bad.csv" in str(caught.value)
+
+
+def test_missing_file_and_unknown_format(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"does not exist[\s\S]*nowhere\.csv"):
+        read_trajectory(tmp_path / "nowhere.csv")
+    with pytest.raises(InputError, match=r"not read[\s\S]*\.xls[\s\S]*\.csv, \.mat, \.parquet"):
+        read_trajectory(write(tmp_path / "a.xls", "t,q\n0,1\n"))
+
+
+@pytest.mark.xfail(strict=True, reason="scipy's ValueError for a broken .mat file is not turned into an InputError")
+def test_broken_mat_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_trajectory(write(tmp_path / "a.mat", "no matrix " * 50))
+
+
+@pytest.mark.xfail(strict=True, reason="two columns of one name: the last one silently replaces the others")
+def test_doubled_columns_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_trajectory(write(tmp_path / "a.csv", "t,q,q\n0,1,2\n1,3,4\n"))
+
+
+@pytest.mark.xfail(strict=True, reason="a CSV that is not UTF-8 raises UnicodeDecodeError")
+def test_other_encodings_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes("t,temp\xe9rature\n0,1\n1,2\n".encode("latin-1"))
+    with pytest.raises(InputError):
+        read_trajectory(tmp_path / "a.csv")
+
+
+def test_tables_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InputError, match=r"time \(3,\), values \(3, 2\), 1 names"):
+        Trajectory(np.arange(3.0), np.zeros((3, 2)), (Variable("q"),))
+    with pytest.raises(InputError, match="does not fit"):
+        Trajectory(np.arange(4.0), np.zeros((3, 1)), (Variable("q"),))
+
+
+def test_columns_by_name() -> None:
+    signals = two_columns()
+    assert [v.unit for v in signals.variables] == ["rad", ""]
+    got = signals.select(["tau1", "q1"])
+    np.testing.assert_array_equal(got[:, 0], 1e5 * np.cos(signals.time))
+    np.testing.assert_array_equal(got[:, 1], np.sin(signals.time))
+    with pytest.raises(UnknownNameError, match=r"no column named 'tau_1'[\s\S]*Did you mean 'tau1'\?"):
+        signals.select(["q1", "tau_1"])
+
+
+def test_digest_follows_the_content() -> None:
+    base = two_columns()
+    assert base.digest() == two_columns().digest()
+    changed = base.values.copy()
+    changed[7, 1] = np.nextafter(changed[7, 1], np.inf)
+    others = [
+        Trajectory(base.time, changed, base.variables),
+        Trajectory(base.time + 1e-9, base.values, base.variables),
+        Trajectory(base.time, base.values, (Variable("q1"), Variable("tau2"))),
+    ]
+    assert len({base.digest(), *(o.digest() for o in others)}) == 4
+
+
+def test_integers_become_floats() -> None:
+    got = trajectory(np.array([0, 1, 2]), {"q": np.array([1, 2, 3])})
+    assert got.values.dtype == float
+    assert got.time.dtype == float
