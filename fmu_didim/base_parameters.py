@@ -105,8 +105,8 @@ def base_parameters(model: RobotModel) -> BaseParameters:
     values = model.parameter_values
     fixed = values.copy()
     fixed[[*kept, *dependent]] = 0.0
-    regrouped = (np.abs(regrouping) > 0).any(axis=1) if dependent else np.zeros(len(kept), dtype=bool)
-    labels = list(shown) if shown is not None else [names[i] + "R" * bool(r) for i, r in zip(kept, regrouped, strict=True)]
+    regrouped = [bool(row.any()) for row in regrouping]
+    labels = list(shown) if shown is not None else [names[i] + "R" * r for i, r in zip(kept, regrouped, strict=True)]
     return BaseParameters(
         names=tuple(labels),
         standard=tuple(names[i] for i in kept),

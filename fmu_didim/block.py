@@ -85,7 +85,9 @@ class Block:
         for name in values:
             if name not in names:
                 raise UnknownNameError("parameter", name, names, where=f"block '{self.name}'")
-        return replace(self, parameters=tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters))
+        return replace(
+            self, parameters=tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
+        )
 
     def digest(self) -> str:
         """SHA-256 of the equations and the variables (start values included)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,7 +93,9 @@ def _export(options: argparse.Namespace) -> int:
     from fmu_didim.robot import RobotModel, read_robot
 
     is_controller = "law" in load_yaml(options.description)
-    block = read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
+    block = (
+        read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
+    )
     options.out.mkdir(parents=True, exist_ok=True)
     print(build_fmu(block, directory=options.out))
     return 0
@@ -127,7 +130,7 @@ def _silent(text: str) -> None:
 class _Progress:
     """One line an iteration."""
 
-    def __init__(self, started: float, say: object) -> None:
+    def __init__(self, started: float, say: Callable[[str], None]) -> None:
         self._started, self._say = started, say
 
     def __call__(self, iteration: Iteration) -> None:
@@ -137,9 +140,8 @@ class _Progress:
         text = f"torque error {error:7.3f} %" if isfinite(error) else "no simulation       "
         change = f", change {iteration.change:.2e}" if isfinite(iteration.change) else ""
         note = f"  [{iteration.note}]" if iteration.note else ""
-        self._say(  # type: ignore[operator]
-            f"{time.perf_counter() - self._started:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}"
-        )
+        elapsed = time.perf_counter() - self._started
+        self._say(f"{elapsed:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,9 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-_ANGLE = re.compile(r"^\s*(?P<sign>[+-]?)\s*(?:(?P<factor>\d+(?:\.\d+)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d+)?))?\s*$")
+_ANGLE = re.compile(
+    r"^\s*(?P<sign>[+-]?)\s*(?:(?P<factor>\d+(?:\.\d+)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d+)?))?\s*$"
+)
 
 
 def _angle(value: object) -> object:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fmu_didim.base_parameters import base_parameters
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import resolve
@@ -15,11 +16,11 @@ from fmu_didim.case.document import ExperimentSource, SignalFile
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, RefusedError
-from fmu_didim.identification.problem import Experiment, Problem
+from fmu_didim.identification.problem import Experiment, Problem, drive_torque, joint_signals
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import ResultDocument, refused_document, result_document, save_result
 from fmu_didim.identification.validation import Validation, validate
-from fmu_didim.master import SampleOperator, simulate
+from fmu_didim.master import SampleOperator, sample_operator, simulate
 from fmu_didim.signals import Trajectory, Variable
 
 
@@ -38,9 +39,7 @@ class Outcome:
     validations: tuple[Validation, ...]
 
 
-def identify(
-    case: Case | Path | str, *, out: Path | str | None = None, progress: Progress = no_progress
-) -> Outcome:
+def identify(case: Case | Path | str, *, out: Path | str | None = None, progress: Progress = no_progress) -> Outcome:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
     Args:
@@ -52,7 +51,7 @@ def identify(
         InputError: something in the case is wrong; found before any long work.
         RefusedError: no physical answer was found; with ``out``, a result that says so is saved first.
     """
-    case = case if hasattr(case, "problem") else load_case(case)
+    case = case if isinstance(case, Case) else load_case(case)
     problem = case.problem
     assert problem is not None
     record = provenance(problem, case.estimator.describe(), validation=case.validation, files=_files(case))
@@ -91,10 +90,7 @@ def simulate_case(
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the loop diverged.
     """
-    case = case if hasattr(case, "problem") else load_case(case, require_torque=False)
-    from fmu_didim.base_parameters import base_parameters
-    from fmu_didim.identification.problem import drive_torque, joint_signals
-
+    case = case if isinstance(case, Case) else load_case(case, require_torque=False)
     reference = case.reference(which)
     base = base_parameters(case.model)
     theta = base.reduce(case.model.parameter_values)
@@ -116,8 +112,6 @@ def simulate_case(
 
 
 def _every_tick(reference: Trajectory) -> SampleOperator:
-    from fmu_didim.master import sample_operator
-
     step = float(reference.time[1] - reference.time[0])
     return sample_operator(reference.time, start=float(reference.time[0]), step=step, tick_count=reference.time.size)
 

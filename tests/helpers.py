@@ -46,13 +46,13 @@ def random_robot(count: int, seed: int) -> RobotDescription:
     for _ in range(count):
         special = rng.random() < 0.7
         joints.append(
-            dict(
-                type="revolute" if rng.random() < 0.75 else "prismatic",
-                alpha=float(rng.choice([0.0, np.pi / 2, -np.pi / 2])) if special else rng.uniform(-3, 3),
-                a=float(rng.choice([0.0, 0.4])) if special else rng.normal(),
-                theta=rng.uniform(-3, 3),
-                d=float(rng.choice([0.0, -0.3])) if special else rng.normal(),
-            )
+            {
+                "type": "revolute" if rng.random() < 0.75 else "prismatic",
+                "alpha": float(rng.choice([0.0, np.pi / 2, -np.pi / 2])) if special else rng.uniform(-3, 3),
+                "a": float(rng.choice([0.0, 0.4])) if special else rng.normal(),
+                "theta": rng.uniform(-3, 3),
+                "d": float(rng.choice([0.0, -0.3])) if special else rng.normal(),
+            }
         )
     gravity = (0.0, 0.0, -9.81) if seed % 2 else tuple(rng.normal(scale=5, size=3))
     return RobotDescription.model_validate({"name": "random", "gravity": gravity, "joints": joints})
@@ -87,7 +87,7 @@ def scara_cascade() -> Block:
     """Cascade control of the SCARA with saturation and backward difference: nonlinear, with states."""
     return law_block(
         law="cascade_ppi", joints=["revolute"] * 2, Kv=[16, 15], Kp=[200, 4], Ki=[300, 5],
-        velocity="backward_difference", saturation=[40, 0.8],
+        velocity="backward_difference", saturation=[10, 0.8],
     )  # fmt: skip
 
 
@@ -156,6 +156,9 @@ class Mock(Component):
 
     def with_parameters(self, values: Mapping[str, float]) -> Component:
         return replace(self)
+
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> Component:
+        return replace(self, inputs=inputs, outputs=outputs)
 
     def instantiate(self) -> Instance:
         return MockInstance(self)

@@ -116,14 +116,14 @@ def test_noise_deviation_is_unbiased() -> None:
     rows = rng.normal(size=(count, 2, 5))
     rows[:, 1, :3] = 0.0
     flat = rows.reshape(-1, 5)
-    variances = []
-    for _ in range(2000):
+    shape, variances = (count, 2), []
+    for _ in range(800):
         fit = least_squares(flat, flat @ np.arange(5.0) + rng.normal(scale=sigma, size=2 * count))
-        shape = (count, 2)
-        variances.append(noise_deviation(fit.residual.reshape(shape), fit.leverage.reshape(shape), floor=np.zeros(2)) ** 2)
+        sigmas = noise_deviation(fit.residual.reshape(shape), fit.leverage.reshape(shape), floor=np.zeros(2))
+        variances.append(sigmas**2)
     mean = np.mean(variances, axis=0) / sigma**2
     error = np.std(variances, axis=0) / sigma**2 / np.sqrt(len(variances))
-    assert (error < 0.02).all()
+    assert (error < 0.03).all()
     assert (np.abs(mean - 1) < 4 * error).all(), mean
 
 
@@ -145,14 +145,14 @@ def test_confidence_interval_is_students() -> None:
 def test_interval_covers_as_often_as_it_says() -> None:
     rng = np.random.default_rng(9)
     a, truth = regressor(rows=8, columns=2), np.array([1.0, 2.0])
-    hits = np.zeros(2)
-    for _ in range(DRAWS // 2):
+    hits, draws = np.zeros(2), 600
+    for _ in range(draws):
         fit = least_squares(a, a @ truth + rng.normal(scale=0.7, size=8))
         sigma = noise_deviation(fit.residual[:, None], fit.leverage[:, None], floor=np.zeros(1))
         deviation = np.sqrt(np.diag(covariance_paper(a / sigma)))
         low, high = confidence_interval(fit.solution, deviation, 6.0, 0.9).T
         hits += (low < truth) & (truth < high)
-    np.testing.assert_allclose(hits / (DRAWS // 2), 0.9, rtol=0, atol=0.025)
+    np.testing.assert_allclose(hits / draws, 0.9, rtol=0, atol=0.04)
 
 
 def test_relative_deviation() -> None:

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 HERE = Path(__file__).parent
 RATE_HZ, L1, V0, NOISE = 200, 0.5, 0.02, 0.05
 SEEDS = {"train": 1, "validation": 2}
-TRUTH = dict(ZZ1R=3.43, Fv1=0.03, Fc1=0.82, ZZ2=0.063, MX2=0.241, MY2=0.014, Fv2=0.013, Fc2=0.137)
+TRUTH = {"ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137}
 KP, KD = np.array([3700.0, 62.0]), np.array([230.0, 4.0])
 
 
@@ -70,7 +70,9 @@ def main() -> None:
         measured = torque + deviation * np.random.default_rng(seed).normal(size=torque.shape)
         for rate in (200, 10):
             rows = np.column_stack([time, measured])[:: RATE_HZ // rate]
-            np.savetxt(HERE / f"{name}_{rate}hz.csv", rows, fmt="%.6g", delimiter=",", header="t,tau1,tau2", comments="")
+            np.savetxt(
+                HERE / f"{name}_{rate}hz.csv", rows, fmt="%.6g", delimiter=",", header="t,tau1,tau2", comments=""
+            )
 
 
 if __name__ == "__main__":

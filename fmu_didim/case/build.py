@@ -56,7 +56,10 @@ class Case:
         if source is None:
             raise InputError("The case has no such experiment.", where=self.name, got=which)
         return read_reference(
-            source.reference, self.folder, step=_step(self.document, self.controller), joint_count=self.model.joint_count
+            source.reference,
+            self.folder,
+            step=_step(self.document, self.controller),
+            joint_count=self.model.joint_count,
         )
 
     def system(self, reference: Trajectory) -> System:
@@ -97,7 +100,9 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
             experiment=train,
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
-            low_pass=None if document.low_pass is None else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
+            low_pass=None
+            if document.low_pass is None
+            else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
         )
         _check(document, problem, estimator)
     validation = document.validation
@@ -110,7 +115,9 @@ def _step(document: CaseDocument, controller: Component) -> float:
         return 1.0 / document.loop.rate_hz
     if controller.sample_time is None:
         raise InputError(
-            "The control rate is unknown.", where="loop", next_step="Give loop: {rate_hz: ...}; this controller states none."
+            "The control rate is unknown.",
+            where="loop",
+            next_step="Give loop: {rate_hz: ...}; this controller states none.",
         )
     return controller.sample_time
 

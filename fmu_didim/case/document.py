@@ -169,7 +169,7 @@ class CaseDocument(Strict):
 
 def make_estimator(options: Mapping[str, Any]) -> Estimator:
     """The estimator of ``{kind: ..., <options>}``; raises ValueError with all problems."""
-    kind = options.get("kind")
+    kind = str(options.get("kind", ""))
     if kind not in ESTIMATORS:
         raise ValueError(f"there is no estimator '{kind}'; valid: {', '.join(ESTIMATORS)}")
     form = ESTIMATORS[kind]

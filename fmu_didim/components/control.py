@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
 from fmu_didim.components.base import Component, Instance, SampleClock, buffers, check_names
+from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.signals import Array, Variable
 
@@ -217,7 +218,7 @@ def wrap_control(
         inputs=tuple(Variable(name, "", "input") for name in system.input_labels),
         outputs=tuple(Variable(name) for name in system.output_labels),
         parameters=tuple(
-            Variable(name, "", "parameter", float(value))
+            Variable(name, "", "parameter", float(cast(float, value)))
             for name, value in getattr(system, "params", {}).items()
             if np.isscalar(value)
         ),
@@ -236,13 +237,13 @@ def to_control(block: Block) -> Any:
     """
     import control
 
-    names = dict(
-        inputs=[v.name for v in block.inputs],
-        outputs=[v.name for v in block.outputs],
-        states=[v.name for v in block.states],
-        name=block.name,
-        dt=block.sample_time if block.sample_time is not None else 0,
-    )
+    names = {
+        "inputs": [v.name for v in block.inputs],
+        "outputs": [v.name for v in block.outputs],
+        "states": [v.name for v in block.states],
+        "name": block.name,
+        "dt": block.sample_time if block.sample_time is not None else 0,
+    }
     matrices = _linear_matrices(block)
     if matrices is not None:
         return control.ss(*matrices, **names)
@@ -263,10 +264,7 @@ class _NumpyFunction:
         function = self._function
         self._x, self._u, self._p = (np.zeros(function.numel_in(i)) for i in range(3))
         self._result = np.zeros(function.numel_out(0))
-        self._buffer, self._run = function.buffer()
-        for i, argument in enumerate((self._x, self._u, self._p)):
-            self._buffer.set_arg(i, memoryview(argument))
-        self._buffer.set_res(0, memoryview(self._result))
+        self._run = Evaluator(function, [self._x, self._u, self._p], self._result)
         self._values = itemgetter(*self._names) if len(self._names) > 1 else None
 
     def __call__(self, t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:

@@ -221,7 +221,9 @@ class _FmuInstance(Instance):
             references = _references([component.references[v.name] for v in changed])
             self._check(
                 "fmi2SetReal",
-                self._set_real(self._c, references, len(changed), values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))),
+                self._set_real(
+                    self._c, references, len(changed), values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+                ),
             )
         for name, value in component.options.items():
             number = (ctypes.c_int * 1)(value)

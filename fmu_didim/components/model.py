@@ -11,6 +11,7 @@ import numpy as np
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
 from fmu_didim.components.base import Component, Instance, SampleClock, buffers
+from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array, Variable
 
@@ -59,20 +60,6 @@ class ModelComponent(Component):
         return {"kind": "model", "name": self.block.name, "substeps": self.substeps or "automatic"}
 
 
-class _Evaluator:
-    """Calls a CasADi function on fixed numpy buffers, without allocation."""
-
-    def __init__(self, function: ca.Function, arguments: list[Array], result: Array) -> None:
-        self._buffer, self._run = function.buffer()
-        self._keep = (*arguments, result)
-        for i, argument in enumerate(arguments):
-            self._buffer.set_arg(i, memoryview(argument))
-        self._buffer.set_res(0, memoryview(result))
-
-    def __call__(self) -> None:
-        self._run()
-
-
 class _ModelInstance(Instance):
     def __init__(self, component: ModelComponent) -> None:
         block = component.block
@@ -90,13 +77,11 @@ class _ModelInstance(Instance):
     def bind(self, inputs: Array, outputs: Array) -> None:
         super().bind(inputs, outputs)
         self._held = np.zeros(inputs.size)
-        self._output = _Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
+        self._output = Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
         if self._block.sample_time is None:
-            self._update = _Evaluator(
-                _runge_kutta(self._block), [self._x, self._held, self._p, self._size], self._next
-            )
+            self._update = Evaluator(_runge_kutta(self._block), [self._x, self._held, self._p, self._size], self._next)
         else:
-            self._update = _Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
+            self._update = Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
 
     def begin_initialisation(self, time: float) -> None:
         self._initialising = True

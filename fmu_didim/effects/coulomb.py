@@ -27,7 +27,9 @@ class Coulomb(TorqueEffect):
 
     def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
         value = 0.01 if joint_type == "revolute" else 0.001
-        return (Variable("v0", UNITS[joint_type].velocity, "parameter", value, "smoothing velocity of Coulomb friction"),)
+        return (
+            Variable("v0", UNITS[joint_type].velocity, "parameter", value, "smoothing velocity of Coulomb friction"),
+        )
 
     def columns(self, motion: JointMotion, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         return (ca.tanh(motion.dq / shapes["v0"]),)

@@ -210,7 +210,7 @@ class Didim(Estimator):
             value=point.theta,
             standard_deviation=deviation,
             covariance=covariance,
-            freedom=float(measured.size - point.theta.size),
+            freedom=_freedom(problem, measured.size - point.theta.size),
             time=problem.experiment.time,
             measured=measured,
             simulated=point.prediction.torque,
@@ -266,6 +266,14 @@ def _try(problem: Problem, theta: Array) -> tuple[Prediction | None, str]:
         return predict(problem, theta), ""
     except SimulationError as error:
         return None, error.what
+
+
+def _freedom(problem: Problem, total: int) -> float:
+    """Degrees of freedom of the intervals: those of one joint where each joint's noise is estimated by itself,
+    the safe end of what Welch and Satterthwaite's rule can give."""
+    if problem.torque_deviation is not None or problem.joint_weights == "equal":
+        return float(total)
+    return total / problem.joint_count
 
 
 def _integration_error(problem: Problem, point: Point) -> tuple[float, float]:

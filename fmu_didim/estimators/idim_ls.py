@@ -30,6 +30,8 @@ class IdimLs(Estimator):
         cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward.
         order: its order.
         decimation: every which sample of the filtered rows is kept; 1 keeps all and filters nothing.
+        sharp_coulomb: take sign(dq) for the smoothed step tanh(dq/v0); smoothing serves the integration of
+            the direct model, which is not needed here.
         skip: samples dropped at both ends, where filter and differences see the border.
     """
 
@@ -40,11 +42,12 @@ class IdimLs(Estimator):
     order: int = 4
     decimation: int = 10
     skip: int = 50
+    sharp_coulomb: bool = True
 
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
         q, rate = self._positions(problem)
         q, dq, ddq = self._differentiate(q, rate)
-        columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq))
+        columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq, self._shapes(problem)))
         kept = slice(self.skip, q.shape[0] - self.skip or None)
         target = self._decimate((problem.experiment.torque - known)[kept])
         columns = self._decimate(columns[kept])
@@ -77,6 +80,11 @@ class IdimLs(Estimator):
             base_count=value.size,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )
+
+    def _shapes(self, problem: Problem) -> Array:
+        """Shape parameters, the smoothing velocities made negligible if asked for."""
+        sharp = [self.sharp_coulomb and v.name.startswith("v0_") for v in problem.model.shapes]
+        return np.where(sharp, 1e-9, 1.0) * problem.model.shape_values
 
     def _positions(self, problem: Problem) -> tuple[Array, float]:
         positions = problem.experiment.positions

@@ -62,7 +62,7 @@ class OutputError(Estimator):
             simulated = _positions(problem, z * scale, positions.time)
             if simulated is None:
                 return np.full(measured.size, PENALTY)
-            return ((measured - simulated) / spread).ravel()
+            return np.asarray((measured - simulated) / spread).ravel()
 
         def told(z: Array, value: Array) -> None:
             error = 100 * np.linalg.norm(value) / np.linalg.norm(measured / spread)

@@ -43,7 +43,9 @@ class ParameterResult(_Document):
     rel_std_percent: Number = Field(description="100 std / |value|; null if the value is zero")
     interval: tuple[float, float] = Field(description="95 % confidence interval")
     unit: str = Field(description="FMI unit string")
-    standard: str = Field(description="standard parameter of the plant that carries it; empty for parameters of the loop")
+    standard: str = Field(
+        description="standard parameter of the plant that carries it; empty for parameters of the loop"
+    )
 
 
 class StageResult(_Document):

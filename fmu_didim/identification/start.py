@@ -45,7 +45,9 @@ def from_reference(problem: Problem) -> Array:
     Needs no initial values at all: a controller that tracks well makes q = q_ref nearly true.
     """
     ticks = problem.experiment.operator.ticks
-    columns, known = sampled_regressor(problem, *reference_motion(problem.experiment.reference, problem.joint_count, ticks))
+    columns, known = sampled_regressor(
+        problem, *reference_motion(problem.experiment.reference, problem.joint_count, ticks)
+    )
     count = problem.base.count
     target = (problem.measured - known).reshape(-1)
     return least_squares(columns.reshape(-1, count), target, names=problem.base.names).solution
@@ -57,7 +59,11 @@ def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.
     q = reference.select([f"q{j}" for j in joints])
     given = set(reference.names)
     has_velocity = all(f"dq{j}" in given for j in joints)
-    dq = reference.select([f"dq{j}" for j in joints]) if has_velocity else CubicSpline(reference.time, q)(reference.time, 1)
+    dq = (
+        reference.select([f"dq{j}" for j in joints])
+        if has_velocity
+        else CubicSpline(reference.time, q)(reference.time, 1)
+    )
     if all(f"ddq{j}" in given for j in joints):
         ddq = reference.select([f"ddq{j}" for j in joints])
     else:

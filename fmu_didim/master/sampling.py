@@ -8,7 +8,7 @@ of the rows of the regressor belongs to it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from scipy import sparse
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Array
 
+Indices = NDArray[np.signedinteger[Any]]
 Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
@@ -82,6 +83,8 @@ def sample_operator(
             valid=f"t from {start:g} s to {start + last * step:g} s",
             next_step="Check that both share one clock; cut the log or give the whole reference.",
         )
+    rows: Indices
+    columns: Indices
     if kind == "point":
         ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
         rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
@@ -100,10 +103,10 @@ def _length(times: Array, window_s: float | None) -> float:
     return float((times[-1] - times[0]) / (times.size - 1))
 
 
-def _average(position: Array, last: int, window: Window, length: float) -> tuple[Array, Array, Array]:
+def _average(position: Array, last: int, window: Window, length: float) -> tuple[Indices, Indices, Array]:
     """Overlap of each window with each control period; windows are cut where the data begin or end."""
-    rows: list[Array] = []
-    columns: list[Array] = []
+    rows: list[Indices] = []
+    columns: list[Indices] = []
     weights: list[Array] = []
     for i, here in enumerate(position):
         low = max(here + _SHIFT[window] * length, 0.0)

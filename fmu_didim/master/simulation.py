@@ -224,7 +224,7 @@ def _run(
         raise DivergedError("The closed loop gave values that are not finite.", time=t0 + float(ticks[bad]) * h)
     return Recording(
         ticks=ticks,
-        time=t0 + ticks * h,
+        time=np.asarray(t0 + ticks * h, dtype=float),
         applied={name: applied[:, i] for i, name in enumerate(names)},
         sampled={name: sampled[:, i] for i, name in enumerate(names)},
     )
@@ -268,7 +268,9 @@ def _check_bounds(signals: Array, names: list[str], lowest: Array, highest: Arra
         if math.isfinite(value):
             what += f", outside {lowest[i]:.3g} to {highest[i]:.3g}"
         raise DivergedError(
-            what + ".", time=time, next_step="Start from the reference trajectory (start: reference), or lower the gains."
+            what + ".",
+            time=time,
+            next_step="Start from the reference trajectory (start: reference), or lower the gains.",
         )
 
 

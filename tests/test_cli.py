@@ -1,0 +1,110 @@
+"""The command line as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from fmu_didim.cli import main
+from fmu_didim.identification.result import result_schema
+from fmu_didim.signals import read_trajectory
+
+
+def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "didim 1:" in printed  # progress
+    assert "restarted from the reference trajectory" in printed
+    assert "ZZ1R" in printed
+    assert "kg.m2" in printed or "kg·m²" in printed
+    document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    jsonschema.validate(document, result_schema())
+    assert document["schema_version"] == 1
+    assert document["status"] == "converged"
+    assert document["iterations"] <= 5
+    zz1 = document["parameters"]["ZZ1R"]
+    assert set(zz1) >= {"value", "std", "rel_std_percent", "interval", "unit"}
+    assert zz1["interval"][0] < 3.43 < zz1["interval"][1]
+    assert zz1["unit"] == "kg.m2"
+    errors = document["relative_error_percent"]
+    assert len(errors["train"]["per_joint"]) == 2
+    assert 4 < errors["validation"]["total"] < 6
+    assert document["loop"]["order"] == ["controller", "plant"]
+    provenance = document["provenance"]
+    assert len(provenance["files"]["train_10hz.csv"]) == 64
+    assert provenance["versions"]["casadi"]
+    assert (tmp_path / "report.html").stat().st_size > 1e5
+    torque = read_trajectory(tmp_path / document["signals"]["validation"])
+    assert torque.names == ("tau_measured1", "tau_measured2", "tau_simulated1", "tau_simulated2")
+
+
+def test_quiet_prints_the_table_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path), "--quiet"]) == 0
+    assert "didim 1:" not in capsys.readouterr().out
+
+
+def test_simulate_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "loop.csv"
+    assert main(["simulate", "examples/scara/identify.yaml", "--set", "Fc1=0.5", "--out", str(out)]) == 0
+    table = read_trajectory(out)
+    assert table.names == ("tau1", "tau2", "q1", "q2", "dq1", "dq2", "ddq1", "ddq2")
+    assert table.time.size == 2001
+    assert "2001 rows" in capsys.readouterr().out
+
+
+def test_export_builds_an_fmu(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for description in ("fmus/emps/robot.yaml", "controllers/emps.yaml"):
+        assert main(["export", description, "--out", str(tmp_path)]) == 0
+        assert Path(capsys.readouterr().out.strip()).is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["identify", "nowhere.yaml"], "The file does not exist"),
+        (["simulate", "examples/scara/identify.yaml", "--set", "Fc1"], "This is not an assignment"),
+        (["simulate", "examples/scara/identify.yaml", "--set", "Fc=1"], "Did you mean 'Fc1'"),
+        (["simulate", "examples/scara/identify.yaml", "--set", "ZZ1R=1e-3"], "diverged"),
+    ],
+)
+def test_errors_are_messages_not_tracebacks(
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 1
+    assert expected in capsys.readouterr().err
+
+
+def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = Path("examples/scara/identify.yaml").read_text(encoding="utf-8")
+    for name in ("../../fmus", "../../controllers"):
+        text = text.replace(name, str(Path(name.removeprefix("../../")).resolve()))
+    for name in ("train", "validation"):
+        source = read_trajectory(Path("examples/scara") / f"{name}_10hz.csv")
+        lines = ["t,tau1,tau2", *(f"{t},{-a},{-b}" for t, (a, b) in zip(source.time, source.values, strict=True))]
+        (tmp_path / f"{name}_10hz.csv").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
+    assert main(["identify", str(tmp_path / "case.yaml"), "--out", str(tmp_path / "out")]) == 1
+    assert "check the sign" in capsys.readouterr().err
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    assert document["status"] == "refused"
+    assert document["parameters"] == {}
+    assert document["history"]
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_help_needs_no_heavy_import() -> None:
+    code = (
+        "import sys; from fmu_didim.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'casadi', 'control', 'numpy', 'scipy', 'fmpy', 'plotly', 'pydantic'} & set(sys.modules)\n"
+        "sys.exit(f'imported: {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "identify" in done.stdout

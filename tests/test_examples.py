@@ -1,0 +1,78 @@
+"""Every example runs, and shows what it says."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.workflow import identify
+from tests.conftest import needs_emps
+
+SCARA = Path("examples/scara")
+
+
+def load(path: str) -> dict[str, object]:
+    """The names that a script defines."""
+    return runpy.run_path(path)
+
+
+def test_shipped_data_are_what_the_script_makes(tmp_path: Path) -> None:
+    """The torque tables come from the generator, whose equations and integrator are not the package's."""
+    import yaml
+
+    script = load("examples/scara/make_data.py")
+    content = yaml.safe_load((SCARA / "identify.yaml").read_text(encoding="utf-8"))
+    for name, seed in script["SEEDS"].items():  # type: ignore[attr-defined]
+        _, torque = script["closed_loop"](content[name]["reference"])  # type: ignore[operator]
+        deviation = 0.05 * np.sqrt((torque**2).mean(axis=0))
+        measured = torque + deviation * np.random.default_rng(seed).normal(size=torque.shape)
+        for rate in (200, 10):
+            shipped = np.loadtxt(SCARA / f"{name}_{rate}hz.csv", delimiter=",", skiprows=1)[:, 1:]
+            np.testing.assert_allclose(shipped, measured[:: 200 // rate], rtol=2e-5, atol=1e-6)
+
+
+def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
+    script = load("examples/scara/paper_tables.py")
+    estimates = script["reproduce"]()  # type: ignore[operator]
+    truth = np.array(list(script["TRUTH"].values()))  # type: ignore[attr-defined]
+    for (title, estimate), most in zip(estimates.items(), (2, 5, 5, 6), strict=True):
+        assert estimate.iteration_count <= most, title
+        assert (np.abs(estimate.value - truth) <= 3 * estimate.standard_deviation).all(), title
+        assert title in script["table"](title, estimate)  # type: ignore[operator]
+
+
+def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "sweep.html"
+    monkeypatch.setattr(sys, "argv", ["rate_sweep.py", "--out", str(out)])
+    runpy.run_path("examples/scara/rate_sweep.py", run_name="__main__")
+    printed = capsys.readouterr().out
+    # The paper reaches 4 Hz; without model errors it must hold at least to there.
+    breaks = float(printed.split("Breaks at ")[1].split()[0])
+    assert breaks < 4
+    assert "torque rate, Hz" in out.read_text(encoding="utf-8")
+
+
+@needs_emps
+def test_emps_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = identify("examples/emps/identify.yaml")
+    assert outcome.document.status == "converged"
+    script = load("examples/emps/loop_delay.py")
+    script["main"]()  # type: ignore[operator]
+    rows = capsys.readouterr().out.splitlines()[-4:]
+    errors = [float(row.split()[-2]) for row in rows]
+    assert errors[0] < errors[1] < errors[2]
+    assert errors[3] <= errors[0] + 0.01
+
+
+def test_every_case_file_is_named_here() -> None:
+    found = {str(path) for path in Path("examples").glob("*/*.yaml")}
+    assert found == {
+        "examples/scara/identify.yaml",
+        "examples/scara/identify_200hz.yaml",
+        "examples/emps/identify.yaml",
+        "examples/emps/identify_idim_ls.yaml",
+    }
