@@ -93,7 +93,7 @@ def base_parameters(model: RobotModel) -> BaseParameters:
     shown: Mapping[str, str] | None = None
     if isinstance(description.identified, str):
         candidates = [i for i in active if i not in known]
-        kept, dependent = _independent(rows, candidates)
+        kept, dependent = _independent(rows, candidates) if candidates else ([], [])
     else:
         shown = description.identified
         kept = [model.parameter_index(standard) for standard in shown.values()]
@@ -168,7 +168,7 @@ def _depends(rows: Array, kept: list[int], i: int) -> bool:
 def _check_independent(rows: Array, kept: list[int], shown: list[str]) -> None:
     norms = np.linalg.norm(rows[:, kept], axis=0)
     for i, norm in enumerate(norms):
-        if norm == 0:
+        if norm <= RANK_TOLERANCE * np.linalg.norm(rows, axis=0).max():
             raise InputError(
                 f"The parameter '{shown[i]}' has no effect on any torque.",
                 where="robot description, identified",

@@ -112,7 +112,8 @@ refused instead of taking for ever."""
 def choose_substeps(rate: float, step: float, *, minimum: int = 4) -> int:
     """Substeps of RK4 in a communication step: the power of two >= step * rate / SUBSTEP_RATE.
 
-    Powers of two, so that a small change of a parameter seldom changes the discretisation.
+    Powers of two, so that a small change of a parameter seldom changes the discretisation; a result above
+    MAXIMUM_SUBSTEPS means too many.
 
     Args:
         rate: bound of the fastest rate, 1/s.
@@ -121,6 +122,6 @@ def choose_substeps(rate: float, step: float, *, minimum: int = 4) -> int:
     """
     wanted = step * rate / SUBSTEP_RATE
     count = minimum
-    while count < wanted and count < MAXIMUM_SUBSTEPS:
+    while count < wanted and count <= MAXIMUM_SUBSTEPS:
         count *= 2
     return count

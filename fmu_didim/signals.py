@@ -134,7 +134,15 @@ def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=readers)
-    columns = reader(path)
+    try:
+        columns = reader(path)
+    except (ValueError, NotImplementedError, OSError) as error:
+        raise InputError(
+            "The data file cannot be read.",
+            where=str(path),
+            got=str(error)[:200],
+            next_step="Convert it to CSV, UTF-8.",
+        ) from error
     candidates = (time,) if time else TIME_NAMES
     key = next((name for name in candidates if name in columns), None)
     if key is None:
@@ -162,6 +170,9 @@ def _read_csv(path: Path) -> dict[str, Array]:
     with path.open(newline="", encoding="utf-8-sig") as stream:
         rows = csv.reader(stream)
         header = [name.strip() for name in next(rows, [])]
+        doubled = sorted({name for name in header if header.count(name) > 1})
+        if doubled:
+            raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled))
         data: list[list[float]] = []
         for row in rows:
             if not row:

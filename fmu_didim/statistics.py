@@ -44,7 +44,7 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
     """Solve min |target - matrix x| by QR of the column-scaled matrix.
 
     Args:
-        matrix: (r, p), r >= p; target: (r,).
+        matrix: (r, p), r > p; target: (r,).
         names: of the columns, for the error message.
 
     Raises:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+
+# Two test processes share two cores: threads of the linear algebra only get into each other's way.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from pathlib import Path
 
 import pytest

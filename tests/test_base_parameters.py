@@ -175,7 +175,6 @@ def test_parameters_without_effect_are_refused() -> None:
         base_parameters(from_file("scara", identified={"ZZ1R": "ZZ1", "moment": "MX1"}))
 
 
-@pytest.mark.xfail(strict=True, reason="with named parameters only a norm of exactly 0 is no effect")
 def test_parameters_with_an_effect_of_rounding_size_are_refused() -> None:
     """Axis 1 is parallel to gravity, but only to rounding: MX1 has no effect."""
     gravity = (0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1))
@@ -185,7 +184,6 @@ def test_parameters_with_an_effect_of_rounding_size_are_refused() -> None:
         base_parameters(described([joint], gravity=gravity, identified={"ZZ1": "ZZ1", "MX1": "MX1"}))
 
 
-@pytest.mark.xfail(strict=True, raises=IndexError, reason="_independent takes diagonal[0] of no candidates")
 def test_nothing_left_to_identify() -> None:
     joint = {"type": "revolute", "effects": []}
     with pytest.raises(InputError, match=r"No parameter is left[\s\S]*'robot'"):

@@ -175,3 +175,36 @@ def test_simulation_takes_other_parameters() -> None:
     assert np.linalg.norm(heavy.select(["tau1"])) > 1.5 * np.linalg.norm(normal.select(["tau1"]))
     with pytest.raises(UnknownNameError, match="ZZ1R"):
         simulate_case(SCARA, parameters={"ZZ1": 1.0})
+
+
+@pytest.mark.parametrize("name", ["scara_pid", "scara_cascade", "scara_computed_torque"])
+def test_every_controller_of_the_scara_identifies_it(tmp_path: Path, name: str) -> None:
+    """One line exchanges the control law; the torque is then that law's own, so data are made with it."""
+    path = scara(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["controller"] = {"kind": "fmu", "source": str(Path(f"controllers/{name}.yaml").resolve())}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    table = simulate_case(path)
+    rows = slice(0, 2000, 20)
+    torque = table.select(["tau1", "tau2"])[rows]
+    noise = 0.05 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(3).normal(size=torque.shape)
+    data = np.column_stack([table.time[rows], torque + noise])
+    np.savetxt(tmp_path / "torque.csv", data, delimiter=",", header="t,tau1,tau2", comments="")
+    content["train"]["torque"]["file"] = "torque.csv"
+    del content["validation"]
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    outcome = identify(path)
+    truth = [3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137]
+    assert outcome.document.status == "converged"
+    assert (np.abs(outcome.estimate.value - truth) <= 3.5 * outcome.estimate.standard_deviation).all()
+
+
+def test_python_control_definition_of_the_pd(tmp_path: Path) -> None:
+    source = str(Path("controllers/scara_pd_control.py").resolve()) + ":controller"
+    table = simulate_case(scara(tmp_path, controller={"kind": "control", "source": source}))
+    np.testing.assert_allclose(table.values, simulate_case(SCARA).values, rtol=0, atol=1e-8)
+
+
+def test_misspelt_injection_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="no reference has it"):
+        load_case(scara(tmp_path, loop={"injections": {"command1": "pulses"}}))

@@ -105,10 +105,7 @@ def test_unknown_parameters_are_refused(kind: str, name: str) -> None:
 
 
 @each_part
-def test_components_are_picklable(kind: str, name: str, request: pytest.FixtureRequest) -> None:
-    if kind == "control" and name in ("pd", "sledge"):
-        reason = "control.StateSpace holds a lambda: a ControlComponent with one cannot be pickled"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
+def test_components_are_picklable(kind: str, name: str) -> None:
     copy = pickle.loads(pickle.dumps(part(kind, name)))
     np.testing.assert_array_equal(drive(copy, rows(name), PERIOD), drive(part(kind, name), rows(name), PERIOD))
     assert copy.parameter_values() == part(kind, name).parameter_values()
@@ -116,15 +113,10 @@ def test_components_are_picklable(kind: str, name: str, request: pytest.FixtureR
 
 PARAMETER = {"scara": {"ZZ1": 5.0, "Fv2": 0.3}, "cascade": {"Kp1": 5.0, "Kv2": 3.0}, "pd": {"Kp1": 5.0}}
 PARAMETER["sledge"] = {"M1": 3.0, "q_start1": 0.3}
-LINEAR = "block_as_control of a linear block keeps the matrices of the old parameters"
 
 
 @each_part
-def test_other_parameters_act_and_leave_the_component_alone(
-    kind: str, name: str, request: pytest.FixtureRequest
-) -> None:
-    if kind == "control" and name in ("pd", "sledge"):
-        request.applymarker(pytest.mark.xfail(strict=True, reason=LINEAR))
+def test_other_parameters_act_and_leave_the_component_alone(kind: str, name: str) -> None:
     before = drive(part(kind, name), rows(name), PERIOD)
     changed = part(kind, name).with_parameters(PARAMETER[name])
     for key, value in PARAMETER[name].items():
@@ -246,7 +238,6 @@ def test_equations_too_stiff_are_refused(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["model", "control"])
-@pytest.mark.xfail(strict=True, reason="'count >= MAXIMUM_SUBSTEPS' refuses 1024 itself, which the FMU takes")
 def test_the_largest_number_of_substeps_is_allowed(kind: str) -> None:
     chosen = part(kind, "sledge").with_substeps(1024)
     assert chosen is not None
@@ -288,7 +279,6 @@ def test_files_that_are_no_fmu_are_refused(tmp_path: Path) -> None:
     ["<broken", '<fmiModelDescription fmiVersion="1.0" modelName="m" guid="g" modelIdentifier="m"/>'],
     ids=["broken XML", "FMI 1.0"],
 )
-@pytest.mark.xfail(strict=True, reason="_open lets other exceptions of fmpy.read_model_description through")
 def test_descriptions_that_cannot_be_read_are_refused(tmp_path: Path, text: str) -> None:
     path = archive(tmp_path / "bad.fmu", modelDescription_xml=text)
     try:
@@ -459,7 +449,6 @@ def test_other_objects_are_refused(system: Any, options: dict[str, Any], problem
     [lambda: control.tf([1, 0], [1]), lambda: control.nlsys(lambda t, x, u, p: -x, None)],
     ids=["improper", "sizes unknown"],
 )
-@pytest.mark.xfail(strict=True, reason="wrap_control lets ValueError and TypeError of python-control through")
 def test_systems_that_cannot_be_simulated_are_refused(make: Any) -> None:
     with pytest.raises(InputError):
         wrap_control(make(), origin="mine")

@@ -282,7 +282,6 @@ def test_unknown_laws_are_refused(tmp_path: Path, law: str, hint: str) -> None:
     assert hint in str(caught.value)
 
 
-@pytest.mark.xfail(strict=True, reason="the robot of a computed torque law may have another number of joints")
 def test_a_robot_of_other_size_is_refused() -> None:
     with pytest.raises(InputError):
         law_block(**{**CT_OPTIONS, "joints": ["revolute"], "Kp": [1.0], "Kd": [1.0]})

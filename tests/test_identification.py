@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,8 +78,8 @@ def test_noise_free_data_of_another_simulator(cases: dict[int, Case], rate: int)
     import yaml
 
     maker = runpy.run_path("examples/scara/make_data.py")
-    with open("examples/scara/identify.yaml", encoding="utf-8") as stream:
-        series = yaml.safe_load(stream)["train"]["reference"]
+    content = Path("examples/scara/identify.yaml").read_text(encoding="utf-8")
+    series = yaml.safe_load(content)["train"]["reference"]
     torque = maker["closed_loop"](series)[1][:: 200 // rate]
     problem = problem_of(cases, rate)
     estimate = Didim(start="reference").estimate(problem.on(replace(problem.experiment, torque=torque)))

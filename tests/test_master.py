@@ -31,7 +31,6 @@ from tests.helpers import (
 )
 
 DELAYS = (0, 0.5, 1, 1.3, 2)
-DENSE = "inputs are a dense matrix times all signals: 0 * inf = nan reaches every input"
 GAINS = (1.5, -0.8)
 """Drive gains, with a sign, because a drive may be mounted the other way round."""
 
@@ -391,7 +390,6 @@ def test_values_that_are_no_numbers_stop_the_run() -> None:
     assert len(plant.calls("step")) < 110
 
 
-@pytest.mark.xfail(strict=True, reason=DENSE)
 def test_a_passing_infinity_while_initialising_is_forgotten() -> None:
     """u = 1 / y, evaluated before the plant has given its first y: infinite, but in one pass only."""
     system, law, _ = mocked(respond=lambda k, u: 4.0)
@@ -400,7 +398,6 @@ def test_a_passing_infinity_while_initialising_is_forgotten() -> None:
     assert recording.applied["controller.u"].tolist() == [0.25] * 5
 
 
-@pytest.mark.xfail(strict=True, reason=DENSE)
 def test_a_bad_signal_reaches_connected_inputs_only() -> None:
     """The plant's y does not go anywhere; its NaN is named, not those that follow from it."""
     system, _, _ = mocked(respond=lambda k, u: np.nan)
@@ -425,7 +422,6 @@ def test_the_last_tick_is_looked_at() -> None:
         simulate(system, ramp(10), bounds={"plant.y": (0.0, 2.0)})
 
 
-@pytest.mark.xfail(strict=True, reason="a bound of a signal that does not exist is ignored without a word")
 def test_bounds_of_unknown_signals_are_refused() -> None:
     with pytest.raises(UnknownNameError):
         simulate(mocked()[0], ramp(10), bounds={"plant.z": (0.0, 2.0)})
@@ -524,7 +520,6 @@ def test_missing_sources_and_steps_are_refused() -> None:
         closed_loop(ModelComponent(scara().block()), fmu, joint_count=2, reference_names=reference().names)
 
 
-@pytest.mark.xfail(strict=True, reason="an injection into a command that does not exist is ignored without a word")
 def test_unknown_injections_are_refused() -> None:
     with pytest.raises(InputError):
         wired(injections={"comand1": "test"})

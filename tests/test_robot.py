@@ -22,16 +22,31 @@ def random_robot(count: int, seed: int) -> RobotDescription:
         inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
         first = masses @ points
         values = dict(
-            XX=inertia[0, 0], XY=inertia[0, 1], XZ=inertia[0, 2], YY=inertia[1, 1], YZ=inertia[1, 2], ZZ=inertia[2, 2],
-            MX=first[0], MY=first[1], MZ=first[2], M=masses.sum(),
-            Ia=rng.uniform(0.1, 1), Fv=rng.uniform(0, 2), Fc=rng.uniform(0, 2), offset=rng.normal(), v0=0.1,
-        )  # fmt: skip
+            XX=inertia[0, 0],
+            XY=inertia[0, 1],
+            XZ=inertia[0, 2],
+            YY=inertia[1, 1],
+            YZ=inertia[1, 2],
+            ZZ=inertia[2, 2],
+            MX=first[0],
+            MY=first[1],
+            MZ=first[2],
+            M=masses.sum(),
+            Ia=rng.uniform(0.1, 1),
+            Fv=rng.uniform(0, 2),
+            Fc=rng.uniform(0, 2),
+            offset=rng.normal(),
+            v0=0.1,
+        )
         joints.append(
             dict(
                 type="revolute" if rng.random() < 0.7 else "prismatic",
-                alpha=rng.uniform(-np.pi, np.pi), a=rng.normal(), theta=rng.uniform(-np.pi, np.pi), d=rng.normal(),
+                alpha=rng.uniform(-np.pi, np.pi),
+                a=rng.normal(),
+                theta=rng.uniform(-np.pi, np.pi),
+                d=rng.normal(),
                 parameters={k: float(v) for k, v in values.items()},
-            )  # fmt: skip
+            )
         )
     return RobotDescription.model_validate(
         dict(name="random", gravity=tuple(rng.normal(scale=9.81, size=3)), joints=joints)
@@ -118,11 +133,19 @@ def test_arm_follows_its_closed_form() -> None:
         g1 = 9.81 * (values["MX1"] * np.cos(q1) - values["MY1"] * np.sin(q1)) + g2
         zz1, zz2, ia2 = values["ZZ1"], values["ZZ2"], values["Ia2"]
         expected = [
-            (zz1 + zz2 + 2 * coupling) * a1 + (zz2 + coupling) * a2 - centrifugal * (2 * v1 * v2 + v2**2) + g1
-            + values["Fv1"] * v1 + values["Fc1"] * np.tanh(v1 / values["v0_1"]),
-            (zz2 + coupling) * a1 + (zz2 + ia2) * a2 + centrifugal * v1**2 + g2
-            + values["Fv2"] * v2 + values["Fc2"] * np.tanh(v2 / values["v0_2"]),
-        ]  # fmt: skip
+            (zz1 + zz2 + 2 * coupling) * a1
+            + (zz2 + coupling) * a2
+            - centrifugal * (2 * v1 * v2 + v2**2)
+            + g1
+            + values["Fv1"] * v1
+            + values["Fc1"] * np.tanh(v1 / values["v0_1"]),
+            (zz2 + coupling) * a1
+            + (zz2 + ia2) * a2
+            + centrifugal * v1**2
+            + g2
+            + values["Fv2"] * v2
+            + values["Fc2"] * np.tanh(v2 / values["v0_2"]),
+        ]
         got = model.inverse([q1, q2], [v1, v2], [a1, a2], model.parameter_values, model.shape_values).full().ravel()
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 

@@ -1,6 +1,6 @@
 """What a delay in the loop does to the EMPS parameters, and the delay that the data ask for.
 
-    python examples/emps/loop_delay.py
+python examples/emps/loop_delay.py
 """
 
 from __future__ import annotations
@@ -32,14 +32,18 @@ def rows() -> list[tuple[str, Estimate, float, float]]:
         system = case.system(case.validation.reference).with_delay("plant", there.delay)
         cross = validate(replace(there, system=system), estimate.base_value, case.validation, label="validation")
         direct = validate(there, estimate.base_value, problem.experiment, label="train")
-        result.append(("estimated" if delay is None else f"{delay:g}", estimate, direct.total_percent, cross.total_percent))
+        result.append(
+            ("estimated" if delay is None else f"{delay:g}", estimate, direct.total_percent, cross.total_percent)
+        )
     return result
 
 
 def main() -> None:
     """Print the table."""
     print("EMPS, force at 100 Hz: parameters ± standard deviation and force error by the delay of the loop\n")
-    print(f"{'delay, samples':>15}{'M, kg':>18}{'Fv, N.s/m':>18}{'Fc, N':>18}{'offset, N':>18}{'est. %':>8}{'val. %':>8}")
+    print(
+        f"{'delay, samples':>15}{'M, kg':>18}{'Fv, N.s/m':>18}{'Fc, N':>18}{'offset, N':>18}{'est. %':>8}{'val. %':>8}"
+    )
     for label, estimate, direct, cross in rows():
         cells = [f"{v:.4g} ± {s:.2g}" for v, s in zip(estimate.value, estimate.standard_deviation, strict=True)]
         shown = f"{cells[4]}" if label == "estimated" else label

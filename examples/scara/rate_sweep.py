@@ -92,7 +92,9 @@ def _figure(points: list[Point], names: list[str], out: Path) -> None:
     figure = go.Figure()
     good = [p for p in points if p.percent]
     for name in names:
-        figure.add_scatter(x=[p.rate_hz for p in good], y=[p.percent[name] for p in good], name=name, mode="lines+markers")
+        figure.add_scatter(
+            x=[p.rate_hz for p in good], y=[p.percent[name] for p in good], name=name, mode="lines+markers"
+        )
     figure.add_vline(x=4, line_dash="dash", annotation_text="limit in the paper, 4 Hz")
     figure.update_xaxes(type="log", title="torque rate, Hz")
     figure.update_yaxes(type="log", title="standard deviation, % of the truth")

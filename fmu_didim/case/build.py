@@ -14,7 +14,7 @@ from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, rename, wrap_control
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import InputError
+from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.problem import Experiment, LowPass, Problem
@@ -107,6 +107,10 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
         _check(document, problem, estimator)
     validation = document.validation
     cross = experiment(validation, "validation") if validation is not None and validation.torque is not None else None
+    runs = [e.reference for e in (problem.experiment if problem else None, cross) if e is not None]
+    for name in document.loop.injections.values():
+        if runs and not any(name in run.names for run in runs):
+            raise UnknownNameError("column", name, runs[0].names, where="loop.injections: no reference has it")
     return Case(document, folder, model, plant, controller, problem, cross, estimator)
 
 
@@ -132,6 +136,7 @@ def _system(
         step_size=_step(document, controller),
         drive_gains=document.loop.drive_gains,
         delay_samples=document.loop.delay_samples,
+        # Not every experiment has the test signal; that one of them does is checked when the case is loaded.
         injections={c: name for c, name in document.loop.injections.items() if name in reference.names},
         reference_names=reference.names,
     )
@@ -146,7 +151,15 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
             f"The estimator {estimator.name} needs measured positions.", where="train",
             next_step="Add positions: {file: ...}, or use didim, which needs none.",
         )  # fmt: skip
-    offered = {v.name for v in problem.system.components[problem.plant].parameters}
+    plant = problem.system.components[problem.plant]
+    given = {v.name for v in plant.outputs}
+    missing = [f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in range(1, n + 1) if f"{signal}{j}" not in given]
+    if missing:
+        raise InputError(
+            "The plant lacks outputs that the regressor needs.", where="plant", got=", ".join(missing),
+            valid=sorted(given), next_step="Map them: plant: {outputs: {q1: name in the plant, ...}}.",
+        )  # fmt: skip
+    offered = {v.name for v in plant.parameters}
     absent = [name for name in problem.base.standard if name not in offered]
     if absent:
         raise InputError(

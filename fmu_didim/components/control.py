@@ -35,6 +35,7 @@ class ControlComponent(Component):
         rate: p -> fastest rate in 1/s, from which the substeps follow when ``substeps`` is None.
         substeps: RK4 substeps in a communication step.
         origin: where the system comes from, for the provenance.
+        block: the equations, if the system was made from a block; its matrices follow the parameters.
     """
 
     system: Any
@@ -47,11 +48,29 @@ class ControlComponent(Component):
     substeps: int | None = None
     origin: str = ""
     sample_time: float | None = field(default=None)
+    block: Block | None = None
 
     def with_parameters(self, values: Mapping[str, float]) -> ControlComponent:
         check_names("parameter", values, self.parameters, where=f"python-control system {self.origin}")
+        if self.block is not None:  # the matrices of a linear block depend on its parameters
+            block = self.block.with_parameters(dict(values))
+            return replace(self, block=block, system=to_control(block), parameters=block.parameters)
         changed = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
         return replace(self, parameters=changed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        if isinstance(self.system, _state_space()):  # python-control's own holds a function that cannot be pickled
+            s = self.system
+            names = {"inputs": s.input_labels, "outputs": s.output_labels, "states": s.state_labels, "name": s.name}
+            state["system"] = _Matrices((s.A, s.B, s.C, s.D, s.dt), names)
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if isinstance(state["system"], _Matrices):
+            matrices = state["system"]
+            state = {**state, "system": _state_space()(*matrices.arguments, **matrices.names)}
+        self.__dict__.update(state)
 
     def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ControlComponent:
         return replace(self, inputs=inputs, outputs=outputs)
@@ -72,6 +91,20 @@ class ControlComponent(Component):
         }
 
 
+@dataclass(frozen=True)
+class _Matrices:
+    """A ``StateSpace`` as it is pickled."""
+
+    arguments: tuple[Any, ...]
+    names: dict[str, Any]
+
+
+def _state_space() -> Any:
+    import control
+
+    return control.StateSpace
+
+
 class _ControlInstance(Instance):
     def __init__(self, component: ControlComponent) -> None:
         self._component = component
@@ -80,6 +113,7 @@ class _ControlInstance(Instance):
         self._clock: SampleClock | None = None
         self._live, self._initialising, self._time = True, False, 0.0
         self._count = component.substeps or 0
+        self._chosen: dict[float, int] = {}
         self._update, self._output = _functions(component.system, self._parameters)
         self._x = np.array(component.initial_state, dtype=float)
         self.bind(*buffers(component.inputs, component.outputs))
@@ -119,7 +153,7 @@ class _ControlInstance(Instance):
 
     def _integrate(self, time: float, size: float) -> None:
         count = self._count or self._choose(size)
-        if count >= MAXIMUM_SUBSTEPS:
+        if count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
                 "The equations of the python-control system are too stiff to integrate.",
                 where=self._component.origin,
@@ -137,7 +171,9 @@ class _ControlInstance(Instance):
 
     def _choose(self, size: float) -> int:
         rate = self._component.rate
-        return choose_substeps(rate(self._p), size) if rate is not None else DEFAULT_SUBSTEPS
+        if size not in self._chosen:  # the rate belongs to the parameters, which do not change in a run
+            self._chosen[size] = choose_substeps(rate(self._p), size) if rate is not None else DEFAULT_SUBSTEPS
+        return self._chosen[size]
 
     def _sample(self, time: float, size: float) -> None:
         clock = self._clock
@@ -192,6 +228,13 @@ def wrap_control(
     if isinstance(system, control.TransferFunction):
         try:
             system = control.ss(system)
+        except ValueError as error:
+            raise InputError(
+                "This transfer function cannot be simulated.",
+                where=origin,
+                got=str(error),
+                next_step="Its numerator must not have a higher degree than its denominator.",
+            ) from error
         except control.ControlMIMONotImplemented as error:
             raise InputError(
                 "A transfer function with several inputs or outputs needs the package slycot.",
@@ -204,6 +247,12 @@ def wrap_control(
             where=origin,
             got=type(system).__name__,
             valid="StateSpace, TransferFunction, NonlinearIOSystem",
+        )
+    if None in (system.nstates, system.ninputs, system.noutputs):
+        raise InputError(
+            "The python-control system does not say its sizes.",
+            where=origin,
+            next_step="Give inputs, outputs and states to control.nlsys.",
         )
     discrete = bool(system.isdtime(strict=True))
     if discrete and (system.dt is True or not system.dt > 0):
@@ -315,6 +364,7 @@ def block_as_control(block: Block, *, substeps: int | None = None) -> ControlCom
         rate=_BlockRate(block) if block.rate_bound is not None else None,
         substeps=substeps,
         origin=f"block '{block.name}'",
+        block=block,
         sample_time=block.sample_time,
     )
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -128,9 +127,10 @@ def _open(path: Path, digest: str) -> tuple[Any, Path]:
     import fmpy
 
     try:
-        description = fmpy.read_model_description(str(path), validate=False)
         folder = cached_folder("extracted", digest, lambda target: _extract(path, target))
-    except (BadZipFile, KeyError, OSError, ValueError) as error:
+        # From the folder: FMPy leaves the .fmu file open when the description cannot be read.
+        description = fmpy.read_model_description(str(folder), validate=False)
+    except Exception as error:  # FMPy raises plain Exception, TypeError and lxml's SyntaxError
         raise FmuError("The file is not a readable FMU.", where=str(path), got=str(error)) from error
     return description, folder
 
@@ -201,6 +201,7 @@ class _FmuInstance(Instance):
         if not self._pointer:
             raise FmuError("The FMU cannot be instantiated.", where=str(component.path), got=self._said())
         self._c = ctypes.c_void_p(self._pointer)
+        self._states: list[ctypes.c_void_p] = []
         dll = self._slave.dll
         self._set_real, self._get_real, self._do_step = dll.fmi2SetReal, dll.fmi2GetReal, dll.fmi2DoStep
         self._input_references = _references(component.input_references)
@@ -253,6 +254,7 @@ class _FmuInstance(Instance):
     def save_state(self) -> Any:
         state = ctypes.c_void_p()
         self._check("fmi2GetFMUstate", self._slave.dll.fmi2GetFMUstate(self._c, ctypes.byref(state)))
+        self._states.append(state)
         return state
 
     def restore_state(self, state: Any) -> None:
@@ -260,6 +262,9 @@ class _FmuInstance(Instance):
 
     def close(self) -> None:
         if self._pointer:
+            for state in self._states:
+                self._slave.dll.fmi2FreeFMUstate(self._c, ctypes.byref(state))
+            self._states.clear()
             self._slave.dll.fmi2FreeInstance(self._c)
             self._pointer = None
 

@@ -115,7 +115,7 @@ class _ModelInstance(Instance):
 
     def _integrate(self, time: float, size: float) -> None:
         count = self._substeps or choose_substeps(self._rate, size)
-        if count >= MAXIMUM_SUBSTEPS:
+        if count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
                 f"The equations of '{self._block.name}' are too stiff to integrate.",
                 got=f"fastest rate {self._rate:.3g} 1/s at t = {time:.6g} s",

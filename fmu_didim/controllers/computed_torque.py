@@ -8,6 +8,7 @@ import casadi as ca
 
 from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
 from fmu_didim.effects import UNITS
+from fmu_didim.errors import InputError
 from fmu_didim.robot import RobotModel, read_robot
 
 
@@ -29,6 +30,14 @@ class ComputedTorque(ControlLaw):
 
     def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
         model = RobotModel(read_robot(folder / self.robot))
+        types = tuple(joint.type for joint in model.description.joints)
+        if types != self.joints:
+            raise InputError(
+                "The robot of the controller has other joints than the controller.",
+                where=f"controller '{self.name}', robot {self.robot}",
+                got=", ".join(types),
+                valid=", ".join(self.joints),
+            )
         q, dq, wanted = [], [], []
         for j in range(1, len(self.joints) + 1):
             signals = self.error_signals(equations, j)

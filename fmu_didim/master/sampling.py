@@ -73,7 +73,9 @@ def sample_operator(
     """
     position = (times - start) / step
     last = tick_count
-    first_bad = np.flatnonzero((position < -JITTER) | (position >= last - JITTER + (kind == "average")))
+    # A point needs a period that begins there; a window may end where the last period does.
+    end = last - JITTER if kind == "point" else last + JITTER
+    first_bad = np.flatnonzero((position < -JITTER) | (position >= end))
     if first_bad.size:
         t = times[first_bad[0]]
         raise InputError(
@@ -125,6 +127,8 @@ def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
     """Instants phase + i / rate inside a log, whether or not the rate divides that of the log."""
     if not rate_hz > 0:
         raise InputError("The sample rate must be positive.", got=rate_hz, valid="Hz > 0")
+    if phase_s < 0:
+        raise InputError("The phase of the samples must not be negative.", got=f"{phase_s} s", valid="phase_s >= 0")
     period = 1.0 / rate_hz
     first = time[0] + phase_s
     count = int(np.floor((time[-1] - first) / period + 1e-6)) + 1

@@ -26,7 +26,7 @@ class Recording:
         ticks: (K,) tick numbers; time: (K,) their instants in s.
         applied: name -> (K,) values; those of a component whose inputs are delayed are taken when the
             input computed at the tick acts, so that torque and motion of a row belong together.
-        sampled: the same at the instant of the tick itself.
+        sampled: the same at the instant of the tick itself, just before anything that is due then acts.
     """
 
     ticks: NDArray[np.int64]
@@ -43,11 +43,29 @@ class Recording:
         return np.column_stack([source[name] for name in names])
 
 
+class _Wiring:
+    """Inputs of one component from the signals: only those that are connected, so that 0 * inf spoils no other."""
+
+    def __init__(self, entries: list[tuple[int, int, float]]) -> None:
+        self.targets = np.array([e[0] for e in entries], dtype=np.intp)
+        self.sources = np.array([e[1] for e in entries], dtype=np.intp)
+        self.gains = np.array([e[2] for e in entries], dtype=float)
+        self.single = np.unique(self.targets).size == self.targets.size
+
+    def gather(self, signals: Array, inputs: Array) -> None:
+        values = self.gains * signals[self.sources]
+        if self.single:
+            inputs[self.targets] = values
+        else:
+            inputs[self.targets] = 0.0
+            np.add.at(inputs, self.targets, values)
+
+
 class _Running:
     """One component inside the loop: its instance, its rows of the wiring, its delay line."""
 
-    def __init__(self, instance: Instance, gather: Array, inputs: Array, place: slice, delay: float) -> None:
-        self.instance, self.gather, self.inputs, self.place = instance, gather, inputs, place
+    def __init__(self, instance: Instance, wiring: _Wiring, inputs: Array, place: slice, delay: float) -> None:
+        self.instance, self.wiring, self.inputs, self.place = instance, wiring, inputs, place
         self.whole, self.part = int(delay), delay - int(delay)
         # A fraction within rounding of a whole sample would be a step of no length.
         if self.part > 1 - 1e-9:
@@ -62,7 +80,7 @@ class _Running:
 
     def evaluate(self, signals: Array, time: float, step: float) -> None:
         """Inputs from the signals, outputs into the signals; a fraction of delay is stepped through."""
-        np.dot(self.gather, signals, out=self.inputs)
+        self.wiring.gather(signals, self.inputs)
         if self.delayed:
             self._through_the_line(time, step)
         self.instance.set()
@@ -98,7 +116,8 @@ def simulate(
         system: the loop.
         reference: columns that the connections name, one row a tick: its time must be t0 + k h.
         ticks: increasing tick numbers to record; all by default. The run ends with the last one.
-        bounds: signal -> (lowest, highest) sensible value; leaving it stops the run.
+        bounds: signal -> (lowest, highest) sensible value, looked at every 32 ticks and at the end; a signal
+            found outside stops the run.
 
     Raises:
         InputError: the reference does not fit the step or lacks a column.
@@ -153,15 +172,18 @@ def _assemble(system: System, reference: Trajectory) -> tuple[list[str], dict[st
     running: dict[str, _Running] = {}
     for name in system.order:
         component = system.components[name]
-        gather = np.zeros((len(component.inputs), len(names)))
         rows = {f"{name}.{v.name}": i for i, v in enumerate(component.inputs)}
-        for connection in system.connections:
-            if connection.target in rows:
-                gather[rows[connection.target], index[connection.source]] += connection.gain
-        inputs = np.zeros(len(component.inputs))
-        instance = component.instantiate()
+        wiring = _Wiring([(rows[c.target], index[c.source], c.gain) for c in system.connections if c.target in rows])
+        # An input that nothing is connected to keeps its start value.
+        inputs = np.array([v.start for v in component.inputs], dtype=float)
+        try:
+            instance = component.instantiate()
+        except BaseException:
+            for part in running.values():
+                part.instance.close()
+            raise
         instance.bind(inputs, signals[places[name]])
-        running[name] = _Running(instance, gather, inputs, places[name], system.delays.get(name, 0.0))
+        running[name] = _Running(instance, wiring, inputs, places[name], system.delays.get(name, 0.0))
     return names, running, signals
 
 
@@ -171,7 +193,7 @@ def _initialise(running: dict[str, _Running], signals: Array, time: float) -> No
         part.instance.begin_initialisation(time)
     for _ in range(len(running) + 1):
         for part in running.values():
-            np.dot(part.gather, signals, out=part.inputs)
+            part.wiring.gather(signals, part.inputs)
             part.instance.set()
             part.instance.get()
     for part in running.values():
@@ -253,8 +275,9 @@ def _record_delayed(
 def _bounds(names: list[str], bounds: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
     lowest, highest = np.full(len(names), -1e100), np.full(len(names), 1e100)
     for name, (low, high) in bounds.items():
-        if name in names:
-            lowest[names.index(name)], highest[names.index(name)] = low, high
+        if name not in names:
+            raise UnknownNameError("signal", name, names, where="bounds")
+        lowest[names.index(name)], highest[names.index(name)] = low, high
     return lowest, highest
 
 

@@ -150,6 +150,10 @@ def closed_loop(
     if len(gains) != joint_count:
         raise InputError("One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers")
     plant_outputs = {v.name for v in plant.outputs}
+    commands = [f"command{j}" for j in range(1, joint_count + 1)]
+    for name in injections or {}:
+        if name not in commands:
+            raise UnknownNameError("command", name, commands, where="injections")
     connections = []
     for variable in controller.inputs:
         for gain, name in _terms(variable.name):
