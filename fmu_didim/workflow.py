@@ -13,9 +13,10 @@ from fmu_didim.cache import file_digest
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import resolve
 from fmu_didim.case.document import ExperimentSource, SignalFile
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, RefusedError
+from fmu_didim.identification.guard import mass_matrix_problem
 from fmu_didim.identification.problem import Experiment, Problem, drive_torque, joint_signals
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import ResultDocument, refused_document, result_document, save_result
@@ -101,6 +102,11 @@ def simulate_case(
     nothing = np.zeros((1, case.model.joint_count))
     experiment = Experiment(reference, reference.time[:1], nothing, _every_tick(reference))
     problem = Problem(case.system(reference), case.model, base, experiment)
+    reason = mass_matrix_problem(problem, theta)
+    if reason:
+        raise InputError(
+            f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {})
+        )
     recording = simulate(problem.system_with(theta), reference, bounds=problem.position_bounds())
     joints = range(1, problem.joint_count + 1)
     columns = [drive_torque(problem, recording)]

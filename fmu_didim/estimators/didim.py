@@ -20,7 +20,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
 from fmu_didim.identification.finish import Point, efficient_finish, evaluate
-from fmu_didim.identification.guard import friction_problem, mass_matrix_problem, tracking_problem
+from fmu_didim.identification.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.identification.problem import Prediction, Problem, predict, predict_torque
 from fmu_didim.identification.start import Start, from_reference, start_values
 from fmu_didim.identification.weighting import weighted_solution, whitened
@@ -240,10 +240,8 @@ class Didim(Estimator):
     def _check_physical(self, problem: Problem, point: Point, deviation: Array) -> None:
         count = problem.base.count
         theta = point.theta[:count]
-        reason = (
-            mass_matrix_problem(problem, theta)
-            or friction_problem(problem, theta, deviation[:count])
-            or tracking_problem(problem, point.prediction.torque)
+        reason = physical_problem(problem, theta, deviation[:count]) or tracking_problem(
+            problem, point.prediction.torque
         )
         if reason:
             raise _NonPhysicalError(theta, reason)

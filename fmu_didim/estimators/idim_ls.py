@@ -15,7 +15,8 @@ from scipy import signal
 
 from fmu_didim.errors import InputError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, Iteration, Stage, Status
+from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
+from fmu_didim.identification.guard import physical_problem
 from fmu_didim.identification.problem import Problem
 from fmu_didim.identification.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
@@ -60,13 +61,21 @@ class IdimLs(Estimator):
         covariance = spread * covariance_paper(scaled)
         measured = target + self._decimate(known[kept])
         error = relative_error_percent(measured, measured - (target - simulated))[0]
-        progress(Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number))
+        iteration = Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number)
+        progress(iteration)
+        sigma = np.sqrt(np.diag(covariance))
+        reason = physical_problem(problem, value, sigma)
+        if reason:
+            raise RefusedError(
+                "The identified model is not physical.", iterations=[iteration], got=reason,
+                next_step="Check sign, unit and clock of torque and positions, and the cut-off frequency.",
+            )  # fmt: skip
         return Estimate(
             estimator=self.name,
             names=problem.base.names,
             units=problem.base.units,
             value=value,
-            standard_deviation=np.sqrt(np.diag(covariance)),
+            standard_deviation=sigma,
             covariance=covariance,
             freedom=freedom,
             time=problem.experiment.time[kept][:: self.decimation],
@@ -75,8 +84,8 @@ class IdimLs(Estimator):
             noise=np.sqrt(((target - simulated) ** 2).mean(axis=0)),
             condition_number=solution.condition_number,
             status=Status.CONVERGED,
-            iterations=(Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number),),
-            stages={"idim_ls": Stage(value, np.sqrt(np.diag(covariance)))},
+            iterations=(iteration,),
+            stages={"idim_ls": Stage(value, sigma)},
             base_count=value.size,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )

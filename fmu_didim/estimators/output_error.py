@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
-from fmu_didim.identification.guard import friction_problem, mass_matrix_problem
+from fmu_didim.identification.guard import mass_matrix_problem, physical_problem
 from fmu_didim.identification.problem import Problem, joint_signals, predict
 from fmu_didim.identification.start import start_values
 from fmu_didim.master import sample_operator, simulate
@@ -97,7 +97,7 @@ class OutputError(Estimator):
         s = (found.jac.reshape(-1, n, value.size) / deviation[None, :, None]).reshape(-1, value.size)
         covariance = covariance_efficient(s) * np.outer(scale, scale)
         sigma = np.sqrt(np.diag(covariance))
-        reason = mass_matrix_problem(problem, value) or friction_problem(problem, value, sigma)
+        reason = physical_problem(problem, value, sigma)
         if reason or (np.abs(found.fun) >= PENALTY).all():
             raise RefusedError(
                 "The identified model is not physical.", iterations=history, got=reason or "no simulation succeeded",

@@ -34,6 +34,11 @@ def friction_problem(problem: Problem, theta: Array, deviation: Array) -> str:
     return f"friction is negative: {', '.join(found)}" if found else ""
 
 
+def physical_problem(problem: Problem, theta: Array, deviation: Array) -> str:
+    """Why no machine can have these base parameters, or an empty string."""
+    return mass_matrix_problem(problem, theta) or friction_problem(problem, theta, deviation)
+
+
 def tracking_problem(problem: Problem, simulated: Array) -> str:
     """Whether the simulated torque explains less than nothing of the measured one, or an empty string."""
     measured = problem.measured

@@ -95,7 +95,7 @@ class System:
         return {
             "order": list(self.order),
             "step_size_s": self.step_size,
-            "delay_samples": dict(self.delays),
+            "delay_samples": {name: self.delays.get(name, 0.0) for name in self.order},
             "hold": "zero-order hold; acceleration taken after the new torque is applied",
             "components": {name: c.describe() for name, c in self.components.items()},
             "connections": [f"{c.target} <- {c.gain:g} * {c.source}" for c in self.connections],

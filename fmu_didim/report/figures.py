@@ -1,0 +1,170 @@
+"""The figures of the page, as Plotly JSON: torque against time, and the iterations."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from fmu_didim.identification.result import ErrorResult, IterationResult
+from fmu_didim.report.numbers import percentage, pretty_unit
+from fmu_didim.signals import Array, Trajectory
+
+MEASURED, SIMULATED, RESIDUAL, FAILED = "#374151", "#0072b2", "#d55e00", "#b42318"
+MARKERS_UP_TO = 1500
+"""With more points, measured torque is drawn as a line."""
+POINTS_PER_TRACE = 20_000
+POINTS_PER_PAGE = 150_000
+"""16 bytes of text a point: 2.4 MB beside the 4.8 MB of plotly.js."""
+FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif", "size": 13, "color": "#1f2937"}
+TORQUE_HEIGHT, RESIDUAL_HEIGHT = 200, 85
+GAP_BELOW_TORQUE, GAP_BELOW_JOINT = 10, 62
+MARGIN = {"l": 76, "r": 16, "t": 66, "b": 48}
+
+
+def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:
+    """At most about ``limit`` points: the smallest and the largest value of each stretch, in their order.
+
+    Time and values are (N,); first and last point are kept.
+    """
+    count = time.size
+    if count <= limit:
+        return time, values
+    edges = np.unique(np.linspace(0, count, max((limit - 2) // 2, 1) + 1).astype(np.int64))
+    kept = {0, count - 1}
+    for start, stop in pairwise(edges):
+        piece = values[start:stop]
+        kept |= {int(start + piece.argmin()), int(start + piece.argmax())}
+    index = np.array(sorted(kept))
+    return time[index], values[index]
+
+
+def points_per_trace(traces: int) -> int:
+    """How many points a trace may have when a page holds that many traces."""
+    return max(min(POINTS_PER_TRACE, POINTS_PER_PAGE // max(traces, 1)), 200)
+
+
+def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult | None, *, limit: int) -> str:
+    """Measured and simulated torque with the residual below, joint by joint over one time axis.
+
+    Args:
+        signals: columns ``tau_measured<j>`` and ``tau_simulated<j>``.
+        units: (n,) FMI units of the joints; limit: points a trace.
+    """
+    count = len(units)
+    names = [(f"tau_measured{j}", f"tau_simulated{j}") for j in range(1, count + 1)]
+    figure = go.Figure()
+    domains, height = _domains(count)
+    mode = "markers" if signals.time.size <= MARKERS_UP_TO else "lines"
+    for j, (pair, unit) in enumerate(zip(names, units, strict=True)):
+        measured, simulated = signals.select(pair).T
+        shown = pretty_unit(unit)
+        upper, lower = _axis(2 * j), _axis(2 * j + 1)
+        point = {"color": MEASURED, "size": 5}
+        traces = (
+            ("measured", measured, upper, {"mode": mode, "marker": point, "line": {"color": MEASURED, "width": 1}}),
+            ("simulated", simulated, upper, {"mode": "lines", "line": {"color": SIMULATED, "width": 1.6}}),
+            ("residual", measured - simulated, lower, {"mode": "lines", "line": {"color": RESIDUAL, "width": 1}}),
+        )
+        for name, values, axis, style in traces:
+            x, y = decimated(signals.time, values, limit)
+            figure.add_scatter(
+                x=x, y=y.astype(np.float32), name=name if name != "residual" else "residual = measured − simulated",
+                legendgroup=name, showlegend=j == 0, xaxis="x", yaxis=f"y{axis}", **style,
+                hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
+            )  # fmt: skip
+        quantity = "force" if unit == "N" else "torque"
+        common = {"anchor": "x", "gridcolor": "#e5e7eb", "zerolinecolor": "#9ca3af", "automargin": False,
+                  "title": {"standoff": 8}}  # fmt: skip
+        figure.update_layout(
+            {
+                f"yaxis{upper}": common | {"domain": domains[2 * j], "title_text": f"{quantity} ({shown})"},
+                f"yaxis{lower}": common | {"domain": domains[2 * j + 1], "title_text": f"res. ({shown})", "nticks": 4},
+            }
+        )
+        percent = error.per_joint[j] if error is not None and j < len(error.per_joint) else None
+        text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(percent)}" if percent is not None else "")
+        figure.add_annotation(
+            text=text, x=0, y=domains[2 * j][1], xref="paper", yref="paper", xanchor="left", yanchor="bottom",
+            showarrow=False,
+        )  # fmt: skip
+    figure.update_layout(
+        xaxis={"anchor": f"y{_axis(2 * count - 1)}", "title": {"text": "time (s)"}, "gridcolor": "#e5e7eb"},
+        height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", hovermode="x unified",
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
+                "itemsizing": "constant"},
+    )  # fmt: skip
+    figure.update_layout(legend={"y": 1 - 8 / height, "yanchor": "top"})
+    return _json(figure)
+
+
+def _axis(row: int) -> str:
+    return "" if row == 0 else str(row + 1)
+
+
+def _domains(count: int) -> tuple[list[tuple[float, float]], int]:
+    """The stretch of each axis from the top down, as shares of the plot, and the height of the figure in px."""
+    per_joint = TORQUE_HEIGHT + GAP_BELOW_TORQUE + RESIDUAL_HEIGHT
+    inner = count * per_joint + (count - 1) * GAP_BELOW_JOINT
+    domains, top = [], float(inner)
+    for _ in range(count):
+        middle = top - TORQUE_HEIGHT
+        bottom = middle - GAP_BELOW_TORQUE - RESIDUAL_HEIGHT
+        domains += [(middle / inner, top / inner), (bottom / inner, (bottom + RESIDUAL_HEIGHT) / inner)]
+        top = bottom - GAP_BELOW_JOINT
+    return [(max(low, 0.0), min(high, 1.0)) for low, high in domains], inner + MARGIN["t"] + MARGIN["b"]
+
+
+def history_figure(history: Sequence[IterationResult]) -> str:
+    """Relative torque error and change of the parameters by iteration, logarithmic; failures are crosses."""
+    ticks = [html.escape(f"{it.stage} {it.number}") for it in history]
+    positions = list(range(1, len(history) + 1))
+    figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.12)
+    columns = (
+        ("relative torque error (%)", [it.relative_error_percent for it in history]),
+        ("relative change of the step", [it.change for it in history]),
+    )
+    for column, (title, values) in enumerate(columns, start=1):
+        y = [v if v is not None and v > 0 else None for v in values]
+        figure.add_scatter(
+            x=positions, y=y, mode="lines+markers", row=1, col=column, showlegend=False, connectgaps=False,
+            line={"color": SIMULATED}, marker={"size": 8}, text=ticks, hovertemplate="%{text}: %{y:.4g}<extra></extra>",
+        )  # fmt: skip
+        figure.update_yaxes(title_text=title, row=1, col=column, **_scale(y))
+        figure.update_xaxes(
+            tickvals=positions, ticktext=ticks, row=1, col=column, range=[0.5, len(history) + 0.5], tickangle=-45
+        )
+    failed = [(k, it) for k, it in zip(positions, history, strict=True) if it.note]
+    if failed:
+        known = [v for v in columns[0][1] if v]
+        figure.add_scatter(
+            x=[k for k, _ in failed], y=[it.relative_error_percent or max(known, default=100.0) for _, it in failed],
+            mode="markers", marker={"symbol": "x", "size": 11, "color": FAILED}, row=1, col=1, showlegend=False,
+            text=[html.escape(it.note) for _, it in failed], hovertemplate="%{text}<extra></extra>",
+        )  # fmt: skip
+    figure.update_xaxes(gridcolor="#f3f4f6")
+    figure.update_yaxes(gridcolor="#e5e7eb")
+    figure.update_layout(
+        height=330, margin={"l": 70, "r": 16, "t": 16, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
+    )
+    return _json(figure)
+
+
+def _scale(values: Sequence[float | None]) -> dict[str, object]:
+    """A logarithmic axis with a tick a decade, or a linear one where there is less than a decade."""
+    known = [v for v in values if v]
+    decades = float(np.log10(max(known) / min(known))) if known else 0.0
+    if decades < 1:
+        return {"type": "linear"}
+    return {"type": "log", "exponentformat": "power", "dtick": int(max(1, decades // 5))}
+
+
+def _json(figure: go.Figure) -> str:
+    """JSON that is safe inside a script element."""
+    figure.update_layout(template="none")
+    text = str(figure.to_json())
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

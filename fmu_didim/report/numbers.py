@@ -1,0 +1,196 @@
+"""Numbers and words as both reports show them.
+
+A standard deviation is rounded to two significant digits and its value to the same decimal place
+(JCGM 100:2008, 7.2.6).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fmu_didim.identification.result import ParameterResult, ResultDocument
+
+MISSING = "–"
+SIGNIFICANT_DIGITS = 10
+"""A value is never shown with more, however small its standard deviation (data without noise)."""
+SMALL, LARGE = 1e-4, 1e7
+"""Outside of this range a power of ten is set apart."""
+LABELS = {"train": "estimation"}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Where the digits of a value, its standard deviation and its interval end.
+
+    Attributes:
+        place: the last digit counts 10**place; None shows six significant digits.
+        exponent: power of ten that is set apart.
+    """
+
+    place: int | None
+    exponent: int = 0
+
+    def text(self, number: float) -> str:
+        """The number with its digits."""
+        if self.place is None or not math.isfinite(number):
+            return f"{number:.6g}"
+        decimals = max(self.exponent - self.place, 0)
+        unit = 10.0 ** max(self.place - self.exponent, 0)
+        mantissa = f"{round(number / 10.0**self.exponent / unit, decimals) * unit:.{decimals}f}"
+        if mantissa.startswith("-") and not mantissa.strip("-0."):
+            mantissa = mantissa[1:]
+        return f"{mantissa}e{self.exponent:+03d}" if self.exponent else mantissa
+
+    def deviation(self, std: float) -> str:
+        """The standard deviation; as a power of ten if it is far below the last digit."""
+        cut = self.place is not None and 0 < std < 10.0**self.place
+        return f"{std:.1e}" if cut else self.text(std)
+
+
+def _exponent(number: float, digits: int) -> int:
+    """Power of ten of the first digit, after rounding (0.0996 has 0.10, not 0.100)."""
+    return int(f"{abs(number):.{digits - 1}e}".partition("e")[2])
+
+
+def rounding(value: float, std: float) -> Rounding:
+    """Two significant digits of the standard deviation decide; six of the value if there is none."""
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0):
+        return Rounding(None)
+    place = _exponent(std, 2) - 1
+    if value:
+        place = max(place, _exponent(value, SIGNIFICANT_DIGITS) - SIGNIFICANT_DIGITS + 1)
+    size = max(abs(value), std)
+    return Rounding(place, 0 if SMALL <= size < LARGE else _exponent(size, 2))
+
+
+@dataclass(frozen=True)
+class ParameterText:
+    """One parameter, ready to be shown; ``insignificant``: its interval holds zero."""
+
+    name: str
+    value: str
+    std: str
+    percent: str
+    unit: str
+    interval: tuple[str, str]
+    insignificant: bool
+
+
+def parameter_text(name: str, parameter: ParameterResult) -> ParameterText:
+    """The texts of a parameter."""
+    digits = rounding(parameter.value, parameter.std)
+    low, high = parameter.interval
+    return ParameterText(
+        name=name,
+        value=digits.text(parameter.value),
+        std=digits.deviation(parameter.std),
+        percent=percent_std(parameter.rel_std_percent),
+        unit=pretty_unit(parameter.unit),
+        interval=(digits.text(low), digits.text(high)),
+        insignificant=low <= 0.0 <= high,
+    )
+
+
+def percent_std(percent: float | None) -> str:
+    """A relative standard deviation in percent; beyond 999 its digits say nothing."""
+    return ">999" if percent is not None and percent > 999 else significant(percent, 2)
+
+
+def significant(number: float | None, digits: int = 3) -> str:
+    """A number with that many significant digits, trailing zeros kept."""
+    if number is None or not math.isfinite(number):
+        return MISSING
+    if number == 0:
+        return "0"
+    exponent = _exponent(number, digits)
+    if not -4 <= exponent < 7:
+        return f"{number:.{digits - 1}e}"
+    decimals = digits - 1 - exponent
+    return f"{number:.{decimals}f}" if decimals >= 0 else f"{round(number, decimals):.0f}"
+
+
+def percentage(number: float | None) -> str:
+    """A percentage with three significant digits."""
+    return MISSING if number is None else f"{significant(number)} %"
+
+
+def pretty_unit(unit: str) -> str:
+    """An FMI unit for reading: ``kg.m2`` becomes kg·m²; the unit one is left out."""
+    if unit in ("", "1"):
+        return ""
+    return re.sub(r"(?<=[A-Za-z])-?\d+", lambda m: m.group().translate(_SUPERSCRIPT), unit).replace(".", "·")
+
+
+def decimal_aligned(texts: Sequence[str]) -> list[str]:
+    """The texts padded with spaces to one width, decimal points below each other."""
+    heads = [text.partition(".")[0] if _is_number(text) else text for text in texts]
+    left = max((len(head) for head in heads), default=0)
+    moved = [" " * (left - len(head)) + text for head, text in zip(heads, texts, strict=True)]
+    width = max((len(text) for text in moved), default=0)
+    return [text.ljust(width) for text in moved]
+
+
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r"[-+.\de]+", text) is not None
+
+
+def label_title(label: str) -> str:
+    """What an experiment is called in a report."""
+    return LABELS.get(label, label)
+
+
+def loop_parameters(document: ResultDocument) -> dict[str, ParameterResult]:
+    """The parameters of the loop: those no standard parameter of the plant carries."""
+    return {name: p for name, p in document.parameters.items() if not p.standard}
+
+
+def loop_line(document: ResultDocument, name: str) -> str:
+    """A parameter of the loop in words; a delay also in milliseconds."""
+    parameter = document.parameters[name]
+    shown = parameter_text(name, parameter)
+    unit = "samples" if name == "delay" else shown.unit
+    line = f"{name} = ({shown.value} ± {shown.std}) {unit}".rstrip()
+    step = document.loop.get("step_size_s")
+    if name == "delay" and isinstance(step, int | float):
+        value, std = 1e3 * step * parameter.value, 1e3 * step * parameter.std
+        digits = rounding(value, std)
+        line += f" = ({digits.text(value)} ± {digits.deviation(std)}) ms at a step of {1e3 * step:.6g} ms"
+    return line
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the values may be used: grade ``good``, ``doubtful`` or ``refused``, a head and its text."""
+
+    grade: str
+    head: str
+    text: str
+
+
+def verdict(document: ResultDocument) -> Verdict:
+    """The validity of a result, in words."""
+    if document.status == "refused":
+        return Verdict("refused", "REFUSED", document.advice)
+    if document.status == "maximum_iterations":
+        return Verdict("doubtful", "NOT SETTLED", document.advice)
+    errors = {label_title(k): e.total for k, e in document.relative_error_percent.items()}
+    parts = [f"converged in {iteration_count(document)} iterations", "M(q) positive definite"]
+    known = [f"{percentage(total)} {'off ' if i == 0 else ''}on {label}"
+             for i, (label, total) in enumerate((k, v) for k, v in errors.items() if v is not None)]  # fmt: skip
+    if known:
+        parts.append("simulated torque " + ", ".join(known))
+    failed = [label for label, total in errors.items() if total is None]
+    if failed:
+        parts.append(f"the simulation failed on {', '.join(failed)}")
+        return Verdict("doubtful", "NOT VALIDATED", "; ".join(parts))
+    return Verdict("good", "Valid", "; ".join(parts))
+
+
+def iteration_count(document: ResultDocument) -> str:
+    """Iterations of the main stage, and of the efficient finish if there was one."""
+    finish = document.finish_iterations
+    return f"{document.iterations} + {finish}" if finish else str(document.iterations)

@@ -1,0 +1,155 @@
+"""A result as plain text for the terminal: at most 100 columns, no colours, validity last."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from fmu_didim.identification.result import ResultDocument
+from fmu_didim.report.numbers import (
+    MISSING,
+    ParameterText,
+    decimal_aligned,
+    iteration_count,
+    label_title,
+    loop_line,
+    loop_parameters,
+    parameter_text,
+    percentage,
+    pretty_unit,
+    significant,
+    verdict,
+)
+
+WIDTH = 100
+SHOWN_CORRELATIONS = 5
+GAP = "  "
+
+
+def result_table(document: ResultDocument) -> str:
+    """The text shown after an identification; ends with the line that says whether it is valid."""
+    count = len(document.parameters)
+    title = document.name + (f" ({document.estimator}, {count} parameters)" if count else f" ({document.estimator})")
+    sections = [
+        [*_wrapped(title), *_wrapped(document.description)],
+        _parameters(document),
+        _torque(document),
+        _figures(document),
+        _listing("Regrouping", document.regrouping),
+        _listing("Notes of the iterations", _notes(document)),
+        _listing("Remarks", document.remarks),
+        _validity(document),
+    ]
+    return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
+
+
+def _wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str]:
+    further = indent if hanging is None else hanging
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=further, break_on_hyphens=False)
+
+
+def _listing(head: str, items: Iterable[str]) -> list[str]:
+    lines = [line for item in items for line in _wrapped(item, "  ", "    ")]
+    return [head, *lines] if lines else []
+
+
+def _parameters(document: ResultDocument) -> list[str]:
+    """The table; the parameters of the loop follow those of the plant below a second rule."""
+    if not document.parameters:
+        return []
+    loop = loop_parameters(document)
+    rows = [parameter_text(name, p) for name, p in document.parameters.items()]
+    columns = _columns(rows)
+    head, *body = [line.rstrip() for line in _joined(columns)]
+    rule = "-" * max(len(head), *(len(line) for line in body))
+    plant = [line for line, row in zip(body, rows, strict=True) if row.name not in loop]
+    lines = [head, rule, *plant]
+    if loop:
+        lines += [rule, *(line for line, row in zip(body, rows, strict=True) if row.name in loop)]
+    if any(row.insignificant for row in rows):
+        lines.append("* not significantly different from zero")
+    for name in loop:
+        lines += _wrapped(loop_line(document, name))
+    return lines
+
+
+def _columns(rows: Sequence[ParameterText]) -> list[list[str]]:
+    lows = decimal_aligned([row.interval[0] for row in rows])
+    highs = decimal_aligned([row.interval[1] for row in rows])
+    columns = [
+        _column("value", decimal_aligned([row.value for row in rows])),
+        _column("σ", decimal_aligned([row.std for row in rows])),
+        _column("%σ", decimal_aligned([row.percent for row in rows])),
+        _column("unit", [row.unit or MISSING for row in rows], left=True),
+        _column("95 % interval", [f"{low}  {high}" for low, high in zip(lows, highs, strict=True)]),
+    ]
+    room = WIDTH - sum(len(GAP) + len(column[0]) for column in columns)
+    names = [_clipped(row.name, room - 2) + (" *" if row.insignificant else "") for row in rows]
+    return [_column("parameter", names, left=True), *columns]
+
+
+def _column(head: str, texts: Sequence[str], *, left: bool = False) -> list[str]:
+    width = max(len(head), *(len(text) for text in texts))
+    return [text.ljust(width) if left else text.rjust(width) for text in (head, *texts)]
+
+
+def _joined(columns: Sequence[Sequence[str]]) -> list[str]:
+    return [GAP.join(cells) for cells in zip(*columns, strict=True)]
+
+
+def _clipped(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: max(width - 1, 1)] + "…"
+
+
+def _torque(document: ResultDocument) -> list[str]:
+    """Relative error of each experiment and noise, a line a joint."""
+    errors = document.relative_error_percent
+    if not errors and not document.noise_std:
+        return []
+    joints = range(len(document.torque_unit))
+    columns = [_column("Torque", ["total", *(f"joint {j + 1}" for j in joints)], left=True)]
+    for label, error in errors.items():
+        per_joint = [_at(error.per_joint, j) for j in joints]
+        texts = [significant(v) for v in (error.total, *per_joint)]
+        columns.append(_column(f"{label_title(label)} %", decimal_aligned(texts)))
+    if document.noise_std:
+        texts = decimal_aligned(["", *(significant(_at(document.noise_std, j), 2) for j in joints)])
+        units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
+        columns.append(_column("noise σ", [f"{t} {u}" for t, u in zip(texts, _column("", units, left=True)[1:],
+                                                                       strict=True)]))  # fmt: skip
+    return [line.rstrip() for line in _joined(columns)]
+
+
+def _at(values: Sequence[float | None], index: int) -> float | None:
+    return values[index] if index < len(values) else None
+
+
+def _figures(document: ResultDocument) -> list[str]:
+    if document.status == "refused":
+        return []
+    strong = document.correlations[:SHOWN_CORRELATIONS]
+    pairs = ", ".join(f"{a}-{b} {value:+.3f}" for a, b, value in strong)
+    hidden = len(document.correlations) - len(strong)
+    lines = [
+        ("Condition number", significant(document.condition_number)),
+        ("Iterations", iteration_count(document) + (" (main + finish)" if document.finish_iterations else "")),
+        ("Correlations > 0.9", (pairs or "none") + (f", {hidden} more in the report" if hidden else "")),
+    ]
+    if document.integration_error is not None:
+        lines.append(("Integration error", percentage(100 * document.integration_error) + " of the torque"))
+    width = max(len(head) for head, _ in lines)
+    return [line for head, text in lines for line in _wrapped(text, head.ljust(width) + GAP, " " * (width + 2))]
+
+
+def _notes(document: ResultDocument) -> list[str]:
+    """What was caught on the way; of interest when the way did not end well."""
+    if document.status == "converged":
+        return []
+    return [f"{it.stage} {it.number}: {it.note}" for it in document.history if it.note]
+
+
+def _validity(document: ResultDocument) -> list[str]:
+    end = verdict(document)
+    first, *others = end.text.splitlines() or [""]
+    lines = _wrapped(f"{end.head}: {first}", "", "  ")
+    return lines + [line for other in others for line in _wrapped(other.strip(), "  ", "    ")]

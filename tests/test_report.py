@@ -1,0 +1,205 @@
+"""The printed table (golden text) and the page."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.errors import InputError
+from fmu_didim.identification.result import (
+    ErrorResult,
+    IterationResult,
+    ParameterResult,
+    ResultDocument,
+    StageResult,
+    save_result,
+)
+from fmu_didim.identification.validation import Validation
+from fmu_didim.report import result_table, write_report
+from fmu_didim.report.figures import decimated
+from fmu_didim.report.numbers import pretty_unit, rounding, significant
+
+
+def document(**changes: object) -> ResultDocument:
+    """A small result made by hand."""
+    parameters = {
+        "ZZ1R": ParameterResult(
+            value=3.4058, std=0.01784, rel_std_percent=0.5238, interval=(3.3704, 3.4412), unit="kg.m2", standard="ZZ1"
+        ),
+        "Fv1": ParameterResult(
+            value=0.0457,
+            std=0.0523,
+            rel_std_percent=114.4,
+            interval=(-0.0581, 0.1495),
+            unit="N.m.s/rad",
+            standard="Fv1",
+        ),
+        "delay": ParameterResult(
+            value=0.404, std=0.0213, rel_std_percent=5.27, interval=(0.3618, 0.4462), unit="1", standard=""
+        ),
+    }
+    history = [
+        IterationResult(
+            stage="didim", number=1, relative_error_percent=None, change=None, condition_number=None,
+            parameters={"ZZ1R": 0.034, "Fv1": 0.0}, note="The closed loop diverged; restarted",
+        ),
+        IterationResult(
+            stage="didim", number=2, relative_error_percent=4.83, change=0.01, condition_number=3.4,
+            parameters={"ZZ1R": 3.4, "Fv1": 0.04}, note="",
+        ),
+    ]  # fmt: skip
+    content = dict(
+        name="Two joints", description="A test", status="converged", advice="Converged.", estimator="didim",
+        iterations=2, finish_iterations=3, parameters=parameters,
+        stages={"didim": StageResult(value={"ZZ1R": 3.41}, std={"ZZ1R": 0.018}, formulas={"paper": {"ZZ1R": 0.017}})},
+        regrouping=["ZZ1R = ZZ1 + Ia1"], correlations=[("ZZ1R", "Fv1", -0.953)], condition_number=3.392,
+        noise_std=[0.1712], torque_unit=["N.m"],
+        relative_error_percent={
+            "train": ErrorResult(total=4.831, per_joint=[4.831]), "validation": ErrorResult(total=5.1, per_joint=[5.1]),
+        },
+        integration_error=2.9e-10, history=history, loop={"step_size_s": 0.005, "order": ["controller", "plant"]},
+        signals={"train": "torque_train.csv"}, remarks=["Something to know."], provenance={"versions": {"python": "3"}},
+    )  # fmt: skip
+    return ResultDocument.model_validate(content | changes)
+
+
+def refused() -> ResultDocument:
+    return document(
+        status="refused", advice="The identified model is not physical.\n  next:  check the sign", parameters={},
+        stages={}, correlations=[], condition_number=None, noise_std=[], relative_error_percent={},
+        integration_error=None, signals={},
+    )  # fmt: skip
+
+
+GOLDEN = """\
+Two joints (didim, 3 parameters)
+A test
+
+parameter  value      σ      %σ  unit       95 % interval
+---------------------------------------------------------
+ZZ1R       3.406  0.018    0.52  kg·m²       3.370  3.441
+Fv1 *      0.046  0.052  110     N·m·s/rad  -0.058  0.149
+---------------------------------------------------------
+delay      0.404  0.021    5.3   –           0.362  0.446
+* not significantly different from zero
+delay = (0.404 ± 0.021) samples = (2.02 ± 0.11) ms at a step of 5 ms
+
+Torque   estimation %  validation %   noise σ
+total            4.83          5.10
+joint 1          4.83          5.10  0.17 N·m
+
+Condition number    3.39
+Iterations          2 + 3 (main + finish)
+Correlations > 0.9  ZZ1R-Fv1 -0.953
+Integration error   2.90e-08 % of the torque
+
+Regrouping
+  ZZ1R = ZZ1 + Ia1
+
+Remarks
+  Something to know.
+
+Valid: converged in 2 + 3 iterations; M(q) positive definite; simulated torque 4.83 % off on
+  estimation, 5.10 % on validation
+"""
+
+
+def test_table_is_this_text() -> None:
+    assert result_table(document()) == GOLDEN
+
+
+def test_table_of_a_refusal_gives_reasons_and_no_values() -> None:
+    text = result_table(refused())
+    assert "REFUSED: The identified model is not physical." in text
+    assert "check the sign" in text
+    assert "The closed loop diverged; restarted" in text
+    assert "3.41" not in text
+
+
+def test_table_of_an_unsettled_result_says_so_last() -> None:
+    text = result_table(document(status="maximum_iterations", advice="Increase maximum_iterations."))
+    assert text.rstrip().splitlines()[-1] == "NOT SETTLED: Increase maximum_iterations."
+
+
+def test_table_stays_within_100_columns() -> None:
+    names = {f"a_very_long_parameter_name_{i}" * 3: document().parameters["Fv1"] for i in range(3)}
+    text = result_table(document(parameters=names, remarks=["word " * 60]))
+    assert max(len(line) for line in text.splitlines()) <= 100
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "texts"),
+    [
+        (3.4058, 0.01784, ("3.406", "0.018")),
+        (0.0996, 0.0996, ("0.10", "0.10")),
+        (95174.0, 98.8, ("95174", "99")),
+        (123456.0, 2345.0, ("123500", "2300")),
+        (-0.001, 0.02, ("-0.001", "0.020")),
+        (1.5e-7, 2.5e-9, ("1.500e-07", "0.025e-07")),
+    ],
+)
+def test_rounding_follows_the_standard_deviation(value: float, std: float, texts: tuple[str, str]) -> None:
+    digits = rounding(value, std)
+    assert (digits.text(value), digits.deviation(std)) == texts
+
+
+def test_units_and_significant_digits() -> None:
+    assert pretty_unit("kg.m2") == "kg·m²"
+    assert pretty_unit("1") == ""
+    assert significant(4.831) == "4.83"
+    assert significant(None) == "–"
+
+
+def saved(folder: Path, result: ResultDocument, *, count: int = 200) -> Path:
+    time = np.linspace(0, 1, count)
+    torque = np.sin(7 * time)[:, None]
+    validation = Validation("train", time, torque, torque + 0.01, 1.0, np.array([1.0]))
+    save_result(result, [validation], folder)
+    return folder
+
+
+@pytest.mark.parametrize("result", [document(), refused(), document(status="maximum_iterations")])
+def test_page_is_self_contained(tmp_path: Path, result: ResultDocument) -> None:
+    text = write_report(saved(tmp_path, result)).read_text(encoding="utf-8")
+    page = text[: text.index("<script>")]
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)=", text[: text.index("<script>")])
+    assert "@import" not in page
+    assert all(name in page for name in result.parameters)
+    assert "The closed loop diverged; restarted" in page
+    assert {"good": "Valid", "refused": "REFUSED", "doubtful": "NOT SETTLED"}[
+        re.search(r'class="banner (\w+)"', page)[1]  # type: ignore[index]
+    ] in page
+
+
+def test_page_escapes_what_it_shows(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    history = [document().history[0].model_copy(update={"note": evil})]
+    result = document(name=evil, remarks=[evil], history=history, provenance={evil: evil})
+    text = write_report(saved(tmp_path, result)).read_text(encoding="utf-8")
+    assert "alert(1)" in text
+    assert evil not in text
+
+
+def test_long_signals_do_not_swell_the_page(tmp_path: Path) -> None:
+    path = write_report(saved(tmp_path, document(), count=200_000))
+    assert path.stat().st_size < 8e6
+
+
+def test_decimation_keeps_extremes_and_ends() -> None:
+    time = np.arange(100_000) / 1e3
+    values = np.sin(time)
+    values[54_321] = 9.0
+    values[12_345] = -7.0
+    t, v = decimated(time, values, 1000)
+    assert v.size <= 1002
+    assert v.max() == 9.0
+    assert v.min() == -7.0
+    assert (t[0], t[-1]) == (time[0], time[-1])
+
+
+def test_folder_without_a_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no result"):
+        write_report(tmp_path)
