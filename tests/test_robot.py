@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import casadi as ca
 import numpy as np
 import pinocchio
 import pytest
 
 from fmu_didim.errors import InputError
+from fmu_didim.export import compile_shared_library
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 
 RIGID = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -175,3 +179,26 @@ def test_a_wrong_description_lists_all_its_problems() -> None:
     assert "name:" in text
     assert "joints.0.type:" in text
     assert "joints.1: Value error, unknown parameters ZZZ; valid: XX, XY" in text
+
+
+def test_c_code_computes_the_same(tmp_path: Path) -> None:
+    """The C source of the models, compiled, against CasADi's own evaluation."""
+    model = RobotModel(read_robot("fmus/arm2r/robot.yaml"))
+    visible = '#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n'
+    (tmp_path / "arm.c").write_text(visible + model.c_code(), encoding="utf-8")
+    library = tmp_path / "arm.so"
+    compile_shared_library(tmp_path, library, main="arm.c")
+    q, dq, ddq = motion(2, 0, 1)
+    chi, shapes = model.parameter_values, model.shape_values
+    arguments = {
+        "inverse": [q, dq, ddq, chi, shapes],
+        "regressor": [q, dq, ddq, shapes],
+        "mass_matrix": [q, chi],
+        "bias": [q, dq, chi, shapes],
+        "direct": [q, dq, ddq, chi, shapes],
+    }
+    for name, values in arguments.items():
+        columns = [np.asarray(v).ravel() for v in values]
+        compiled = ca.external(name, str(library))
+        expected = getattr(model, name)(*columns).full()
+        np.testing.assert_allclose(compiled(*columns).full(), expected, rtol=1e-13, atol=1e-15)

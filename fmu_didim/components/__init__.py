@@ -1,7 +1,8 @@
 """What runs in the loop: FMUs, python-control systems and CasADi models behind one interface."""
 
 from fmu_didim.components.base import Component, Instance, rename
-from fmu_didim.components.control import ControlComponent, block_as_control, to_control, wrap_control
+from fmu_didim.components.block_control import to_control
+from fmu_didim.components.control import ControlComponent, block_as_control, wrap_control
 from fmu_didim.components.fmu import FmuComponent, load_fmu
 from fmu_didim.components.model import ModelComponent
 

@@ -115,6 +115,13 @@ class RobotModel:
     def _function(self, name: str, arguments: list[ca.SX], result: ca.SX) -> ca.Function:
         return ca.Function(name, arguments, [ca.densify(result)])
 
+    def c_code(self) -> str:
+        """C source, without main, of inverse, regressor, mass_matrix, bias and direct, for use elsewhere."""
+        generator = ca.CodeGenerator(f"{self.description.name}.c", {"with_header": False})
+        for function in (self.inverse, self.regressor, self.mass_matrix, self.bias, self.direct):
+            generator.add(function)
+        return str(generator.dump())
+
     def regressor_rows(self, q: Array, dq: Array, ddq: Array, shapes: Array | None = None) -> Array:
         """W over N samples: (N, n, ns) from (N, n) positions, velocities and accelerations."""
         count, n = q.shape
