@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fmu_didim import __version__
 from fmu_didim.errors import FmuDidimError, InputError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="fmu-didim",
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     one = commands.add_parser("identify", help="identify the parameters of a case", description=_identify.__doc__)
     one.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")

@@ -541,7 +541,7 @@ def test_replacing_a_component_leaves_the_rest_alone() -> None:
 def test_description_tells_order_delay_and_hold() -> None:
     text = wired(delay_samples=1.5).describe()
     assert text["order"] == ["controller", "plant"]
-    assert text["delay_samples"] == {"plant": 1.5}
+    assert text["delay_samples"] == {"controller": 0.0, "plant": 1.5}
     assert text["step_size_s"] == PERIOD
     assert "plant.tau1 <- 1 * controller.command1" in text["connections"]
     assert text["components"]["plant"]["kind"] == "model"
