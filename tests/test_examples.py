@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.case import load_case
+from fmu_didim.estimators import Didim
 from fmu_didim.workflow import identify
 from tests.conftest import needs_emps
 
@@ -66,6 +68,19 @@ def test_emps_examples(capsys: pytest.CaptureFixture[str]) -> None:
     errors = [float(row.split()[-2]) for row in rows]
     assert errors[0] < errors[1] < errors[2]
     assert errors[3] <= errors[0] + 0.01
+
+
+@needs_emps
+def test_emps_torque_rates() -> None:
+    """The script's own functions at one rate; all rates and starts are in test_emps.py."""
+    script = load("examples/emps/torque_rates.py")
+    case = load_case("examples/emps/identify.yaml")
+    full = script["full_rate"](case)  # type: ignore[operator]
+    assert full.experiment.time.size == 24841
+    estimate = Didim().estimate(script["thinned"](full, 10.0, 0.05))  # type: ignore[operator]
+    direct, cross = script["errors"](case, full, estimate)  # type: ignore[operator]
+    assert direct <= 4.6
+    assert cross <= 5.4
 
 
 def test_every_case_file_is_named_here() -> None:
