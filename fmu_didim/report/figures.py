@@ -23,6 +23,9 @@ POINTS_PER_PAGE = 150_000
 FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif", "size": 13, "color": "#1f2937"}
 TORQUE_HEIGHT, RESIDUAL_HEIGHT = 200, 85
 GAP_BELOW_TORQUE, GAP_BELOW_JOINT = 10, 62
+FRAME = {"gridcolor": "#e5e7eb", "zeroline": True, "zerolinecolor": "#9ca3af", "zerolinewidth": 1, "showline": True,
+         "linecolor": "#9ca3af", "mirror": True, "ticks": "outside", "tickcolor": "#9ca3af"}  # fmt: skip
+"""What all axes of a figure have in common."""
 MARGIN = {"l": 76, "r": 16, "t": 66, "b": 48}
 
 
@@ -78,14 +81,11 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
                 hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
             )  # fmt: skip
         quantity = "force" if unit == "N" else "torque"
-        common = {"anchor": "x", "gridcolor": "#e5e7eb", "zerolinecolor": "#9ca3af", "automargin": False,
-                  "title": {"standoff": 8}}  # fmt: skip
-        figure.update_layout(
-            {
-                f"yaxis{upper}": common | {"domain": domains[2 * j], "title_text": f"{quantity} ({shown})"},
-                f"yaxis{lower}": common | {"domain": domains[2 * j + 1], "title_text": f"res. ({shown})", "nticks": 4},
-            }
-        )
+        for axis, row, title, ticks in ((upper, 2 * j, quantity, 7), (lower, 2 * j + 1, "residual", 5)):
+            figure.update_layout(
+                {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": ticks,
+                                          "title": {"text": f"{title}<br>({shown})", "font": {"size": 12}}}}
+            )  # fmt: skip
         percent = error.per_joint[j] if error is not None and j < len(error.per_joint) else None
         text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(percent)}" if percent is not None else "")
         figure.add_annotation(
@@ -93,7 +93,7 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
             showarrow=False,
         )  # fmt: skip
     figure.update_layout(
-        xaxis={"anchor": f"y{_axis(2 * count - 1)}", "title": {"text": "time (s)"}, "gridcolor": "#e5e7eb"},
+        xaxis=FRAME | {"anchor": f"y{_axis(2 * count - 1)}", "title": {"text": "time (s)"}},
         height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", hovermode="x unified",
         legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
                 "itemsizing": "constant"},
@@ -146,8 +146,8 @@ def history_figure(history: Sequence[IterationResult]) -> str:
             mode="markers", marker={"symbol": "x", "size": 11, "color": FAILED}, row=1, col=1, showlegend=False,
             text=[html.escape(it.note) for _, it in failed], hovertemplate="%{text}<extra></extra>",
         )  # fmt: skip
-    figure.update_xaxes(gridcolor="#f3f4f6")
-    figure.update_yaxes(gridcolor="#e5e7eb")
+    figure.update_xaxes(FRAME | {"zeroline": False, "gridcolor": "#f3f4f6"})
+    figure.update_yaxes(FRAME | {"zeroline": False})
     figure.update_layout(
         height=330, margin={"l": 70, "r": 16, "t": 16, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
     )

@@ -1,17 +1,24 @@
-"""A saved result as one self-contained HTML page; nothing is recomputed, nothing is loaded from a network."""
+"""A saved result as one HTML file that needs no network: tables, figures and provenance."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
 
 from fmu_didim.identification.result import ResultDocument, load_result
 from fmu_didim.report.figures import history_figure, points_per_trace, torque_figure
 from fmu_didim.report.numbers import (
+    MISSING,
     ParameterText,
+    Rounding,
+    decimal_aligned,
     iteration_count,
     label_title,
     loop_line,
@@ -26,143 +33,220 @@ from fmu_didim.report.numbers import (
 from fmu_didim.signals import read_trajectory
 
 REPORT_FILE = "report.html"
-STAGE_TITLES = {"paper": "DIDIM, the paper's eq. (8)", "cramer_rao": "Cramér-Rao bound"}
-"""What the formulas of a stage are called; others keep their names."""
+TEMPLATE = "page.html.j2"
+TRACES_PER_JOINT = 3
+BAR_RANGE = (0.1, 100.0)
+"""Percent that the bars of the relative standard deviation cover, logarithmically."""
+GRADES = ((10.0, "good"), (30.0, "doubtful"))
+"""Up to these relative standard deviations in percent; beyond, the parameter is poorly known."""
+FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
+MAIN_SIGMA = {"didim": "σ, corrected formula"}
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A figure of the page: the id of its element, its title and its Plotly JSON."""
+class Bar:
+    """A horizontal bar: its length in percent of the cell and its grade."""
 
-    key: str
+    length: float
+    grade: str
+
+
+@dataclass(frozen=True)
+class TorquePlot:
+    """One experiment: its title, the figure as JSON, and what to say about its points."""
+
     title: str
-    json: str
+    figure: Markup
+    note: str
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table: its head and its rows of texts."""
+    """Heads and rows of texts; the first column is a name, ``text_columns`` hold words, the others numbers."""
 
-    head: tuple[str, ...]
+    heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    text_columns: tuple[int, ...] = (0,)
 
 
 def write_report(directory: Path) -> Path:
-    """Write ``report.html`` beside ``result.json`` and return its path.
+    """Write ``report.html`` beside the ``result.json`` of a directory and return its path.
 
     Raises:
-        InputError: the folder holds no result, or a torque table it names is missing.
+        InputError: there is no result, or a table of torques that it names is missing.
     """
-    from jinja2 import Environment, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
     document = load_result(directory)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string((files("fmu_didim.report") / "page.html.j2").read_text(encoding="utf-8"))
-    text = template.render(
+    environment = Environment(
+        loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    plots = _torque_plots(document, directory)
+    history = Markup(history_figure(document.history)) if document.history else None
+    loop = loop_parameters(document)
+    text = environment.get_template(TEMPLATE).render(
         document=document,
         verdict=verdict(document),
-        parameters=_parameters(document),
-        loop_lines=[loop_line(document, name) for name in loop_parameters(document)],
-        figures=_figures(document, directory),
-        errors=_errors(document),
-        stages=_stages(document),
-        history=_history(document),
-        correlations=[(a, b, f"{value:+.3f}") for a, b, value in document.correlations],
-        facts=_facts(document),
-        loop=nested(document.loop),
-        provenance=nested(document.provenance),
-        plotly=get_plotlyjs(),
+        cards=_cards(document),
+        parameters=_parameter_rows(document),
+        has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
+        loop_lines=[loop_line(document, name) for name in loop],
+        errors=_error_table(document),
+        plots=plots,
+        stages=_stage_table(document),
+        history=_history_table(document),
+        history_values=_history_values(document),
+        history_figure=history,
+        correlations=_correlation_table(document),
+        components=_mapping(document.loop.get("components")),
+        delays=_mapping(document.loop.get("delay_samples")),
+        other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
+        plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
     path = directory / REPORT_FILE
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def nested(value: Any) -> Any:
-    """A value for the page: mappings and lists keep their form, numbers become short texts."""
-    if isinstance(value, Mapping) and value:
-        return {str(k): nested(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        if all(isinstance(v, int | float | str) for v in value):
-            return ", ".join(nested(v) for v in value) or "none"
-        return [nested(v) for v in value]
-    if isinstance(value, float):
-        return f"{value:.10g}"
-    return str(value) if value or value == 0 else "none"
+_SHOWN_OF_LOOP = ("order", "step_size_s", "delay_samples", "hold", "components", "connections")
 
 
-def _parameters(document: ResultDocument) -> list[tuple[ParameterText, str]]:
-    return [(parameter_text(name, p), p.standard) for name, p in document.parameters.items()]
+def _mapping(value: Any) -> dict[str, Any]:
+    return dict(value) if isinstance(value, Mapping) else {}
 
 
-def _figures(document: ResultDocument, directory: Path) -> list[Figure]:
-    found: list[Figure] = []
-    limit = points_per_trace(3 * len(document.torque_unit) * len(document.signals))
-    for label, name in document.signals.items():
-        signals = read_trajectory(directory / name)
-        error = document.relative_error_percent.get(label)
-        json = torque_figure(signals, document.torque_unit, error, limit=limit)
-        found.append(Figure(f"torque-{len(found)}", f"Torque on the {label_title(label)} data", json))
-    if document.history:
-        found.append(Figure("history", "Iterations", history_figure(document.history)))
-    return found
-
-
-def _errors(document: ResultDocument) -> Table:
-    joints = [f"joint {j}" for j in range(1, len(document.torque_unit) + 1)]
-    rows = [
-        (label_title(label), percentage(error.total), *(percentage(v) for v in error.per_joint))
+def _cards(document: ResultDocument) -> list[tuple[str, str]]:
+    """The figures at the top: a head and a value each."""
+    cards = [
+        (f"torque error, {label_title(label)}", percentage(error.total))
         for label, error in document.relative_error_percent.items()
     ]
-    if document.noise_std:
-        noise = [
-            f"{significant(v, 2)} {pretty_unit(u)}"
-            for v, u in zip(document.noise_std, document.torque_unit, strict=True)
-        ]
-        rows.append(("standard deviation of the residual (estimation)", "", *noise))
-    return Table(("", "total", *joints), tuple(rows))
+    if document.parameters:
+        cards.append(("parameters", str(len(document.parameters))))
+        cards.append(("condition number", significant(document.condition_number)))
+    cards.append(("iterations" + (", main + finish" if document.finish_iterations else ""), iteration_count(document)))
+    return cards
 
 
-def _stages(document: ResultDocument) -> Table:
-    """Value and standard deviations of every stage and formula, a row a parameter."""
-    head = ["parameter"]
-    columns: list[Mapping[str, str]] = []
-    for name, stage in document.stages.items():
-        texts = {k: rounding(v, stage.std[k]) for k, v in stage.value.items()}
-        title = name.upper() if name == "didim" else name
-        head += [f"{title}: value", f"{title}: σ"]
-        columns.append({k: texts[k].text(v) for k, v in stage.value.items()})
-        columns.append({k: significant(v) for k, v in stage.std.items()})
-        for formula, values in stage.formulas.items():
-            head.append(f"σ, {STAGE_TITLES.get(formula, formula)}")
-            columns.append({k: significant(v) for k, v in values.items()})
-    names: Sequence[str] = list(document.parameters)
-    return Table(tuple(head), tuple((name, *(column.get(name, "") for column in columns)) for name in names))
+def _parameter_rows(document: ResultDocument) -> list[tuple[ParameterText, Bar | None, str]]:
+    """Each parameter with its numbers aligned, its bar and the standard parameter behind it."""
+    rows = [parameter_text(name, p) for name, p in document.parameters.items()]
+    columns = [
+        decimal_aligned(texts)
+        for texts in (
+            [row.value for row in rows],
+            [row.std for row in rows],
+            [row.percent for row in rows],
+            [row.interval[0] for row in rows],
+            [row.interval[1] for row in rows],
+        )
+    ]
+    result = []
+    for row, parameter, cells in zip(rows, document.parameters.values(), zip(*columns, strict=True), strict=True):
+        value, std, percent, low, high = cells
+        unit = "samples" if row.name == "delay" and not parameter.standard else row.unit
+        shown = ParameterText(row.name, value, std, percent, unit or MISSING, (low, high), row.insignificant)
+        result.append((shown, _bar(parameter.rel_std_percent), parameter.standard))
+    return result
 
 
-def _history(document: ResultDocument) -> Table:
-    names = list(document.parameters) or sorted({k for it in document.history for k in it.parameters})
-    rows = [
+def _bar(percent: float | None) -> Bar | None:
+    if percent is None:
+        return None
+    low, high = BAR_RANGE
+    length = 100.0 * math.log(min(max(percent, low), high) / low) / math.log(high / low)
+    grade = next((grade for limit, grade in GRADES if percent <= limit), "refused")
+    return Bar(round(max(length, 2.0), 1), grade)
+
+
+def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]:
+    units = document.torque_unit
+    limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(document.signals))
+    plots = []
+    for label, file in document.signals.items():
+        signals = read_trajectory(directory / file)
+        figure = torque_figure(signals, units, document.relative_error_percent.get(label), limit=limit)
+        count = signals.time.size
+        note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
+        if count > limit:
+            note += f"; drawn by the extremes of {(limit - 2) // 2} stretches"
+        plots.append(TorquePlot(label_title(label), Markup(figure), note))
+    return plots
+
+
+def _error_table(document: ResultDocument) -> Table | None:
+    """Relative error of each experiment and noise, a row a joint."""
+    errors, units = document.relative_error_percent, document.torque_unit
+    if not errors:
+        return None
+    heads = ("", *(f"{label_title(label)} (%)" for label in errors), "noise σ", "unit")
+    rows = [("total", *(significant(e.total) for e in errors.values()), "", "")]
+    for j, unit in enumerate(units):
+        shares = (significant(e.per_joint[j] if j < len(e.per_joint) else None) for e in errors.values())
+        noise = significant(document.noise_std[j] if j < len(document.noise_std) else None, 2)
+        rows.append((f"joint {j + 1}", *shares, noise, pretty_unit(unit)))
+    return _aligned(Table(heads, tuple(rows), (0, len(heads) - 1)))
+
+
+def _stage_table(document: ResultDocument) -> Table | None:
+    """Value and standard deviations at the end of each stage."""
+    if not document.stages:
+        return None
+    heads = ["parameter"]
+    columns: list[list[str]] = []
+    for stage, content in document.stages.items():
+        digits = {name: rounding(v, content.std.get(name, 0.0)) for name, v in content.value.items()}
+        heads += [f"{stage}: value", f"{stage}: {MAIN_SIGMA.get(stage, 'σ')}"]
+        columns.append([digits[n].text(content.value[n]) if n in digits else MISSING for n in document.parameters])
+        for head, deviations in (("", content.std), *content.formulas.items()):
+            if head:
+                heads.append(f"{stage}: {FORMULAS.get(head, head)}")
+            columns.append([_deviation(digits.get(n), deviations.get(n)) for n in document.parameters])
+    heads.append("unit")
+    columns.append([pretty_unit(p.unit) or MISSING for p in document.parameters.values()])
+    rows = tuple(zip(document.parameters, *columns, strict=True))
+    return _aligned(Table(tuple(heads), rows, (0, len(heads) - 1)))
+
+
+def _deviation(digits: Rounding | None, std: float | None) -> str:
+    return MISSING if digits is None or std is None else digits.deviation(std)
+
+
+def _history_table(document: ResultDocument) -> Table:
+    rows = tuple(
         (
             f"{it.stage} {it.number}",
-            percentage(it.relative_error_percent),
+            significant(it.relative_error_percent, 5),
             significant(it.change, 2),
-            *(significant(it.parameters.get(name), 5) for name in names),
+            significant(it.condition_number),
             it.note,
         )
         for it in document.history
+    )
+    heads = ("iteration", "torque error (%)", "relative change", "condition number", "note")
+    return _aligned(Table(heads, rows, (0, 4)))
+
+
+def _history_values(document: ResultDocument) -> Table:
+    """The parameters simulated in each iteration, one column an iteration."""
+    names = list(dict.fromkeys(name for it in document.history for name in it.parameters))
+    heads = ("parameter", *(f"{it.stage} {it.number}" for it in document.history))
+    rows = tuple((name, *(_six(it.parameters.get(name)) for it in document.history)) for name in names)
+    return Table(heads, rows)
+
+
+def _six(value: float | None) -> str:
+    return MISSING if value is None else f"{value:.6g}"
+
+
+def _correlation_table(document: ResultDocument) -> Table | None:
+    rows = tuple((f"{a} – {b}", f"{value:+.3f}") for a, b, value in document.correlations)
+    return Table(("pair", "correlation"), rows) if rows else None
+
+
+def _aligned(table: Table) -> Table:
+    """Decimal points below each other in the columns of numbers."""
+    columns = [
+        column if k in table.text_columns else decimal_aligned(column)
+        for k, column in enumerate(zip(*table.rows, strict=True))
     ]
-    return Table(("iteration", "torque error", "change", *names, "note"), tuple(rows))
-
-
-def _facts(document: ResultDocument) -> list[tuple[str, str]]:
-    facts = [("Estimator", document.estimator)]
-    if document.status != "refused":
-        error = document.integration_error
-        facts += [
-            ("Iterations", iteration_count(document) + (" (main + finish)" if document.finish_iterations else "")),
-            ("Condition number", significant(document.condition_number)),
-            ("Integration error of the torque", percentage(None if error is None else 100 * error)),
-        ]
-    return facts
+    return Table(table.heads, tuple(zip(*columns, strict=True)), table.text_columns)
