@@ -92,9 +92,8 @@ def main() -> None:
     options = parser.parse_args()
     case = load_case(HERE / "identify.yaml")
     problem = full_rate(case)
-    print(
-        f"{'Hz':>5}{'it.':>4}{'M, kg':>10}{'Fv':>9}{'Fc':>9}{'offset':>9}{'est. %':>8}{'val. %':>8}   off the published, %"
-    )
+    head = f"{'Hz':>5}{'it.':>4}{'M, kg':>10}{'Fv':>9}{'Fc':>9}{'offset':>9}{'est. %':>8}{'val. %':>8}"
+    print(f"{head}   off the published, %")
     for row in rows(case, problem):
         values = row.estimate.value
         off = "  ".join(f"{100 * (v / p - 1):+.2f}" for v, p in zip(values, PUBLISHED, strict=True))

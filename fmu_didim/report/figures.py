@@ -18,8 +18,8 @@ MEASURED, SIMULATED, RESIDUAL, FAILED = "#374151", "#0072b2", "#d55e00", "#b4231
 MARKERS_UP_TO = 1500
 """With more points, measured torque is drawn as a line."""
 POINTS_PER_TRACE = 20_000
-POINTS_PER_PAGE = 150_000
-"""16 bytes of text a point: 2.4 MB beside the 4.8 MB of plotly.js."""
+POINTS_PER_PAGE = 120_000
+"""18 bytes of text a point: 2.2 MB beside the 4.8 MB of plotly.js."""
 FONT = {"family": "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif", "size": 13, "color": "#1f2937"}
 TORQUE_HEIGHT, RESIDUAL_HEIGHT = 200, 85
 GAP_BELOW_TORQUE, GAP_BELOW_JOINT = 10, 62
