@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_didim.base_parameters import base_parameters
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import resolve
@@ -93,15 +92,15 @@ def simulate_case(
     """
     case = case if isinstance(case, Case) else load_case(case, require_torque=False)
     reference = case.reference(which)
-    base = base_parameters(case.model)
-    theta = base.reduce(case.model.parameter_values)
+    names = case.parameters.names
+    theta = case.parameters.nominal()
     for name, value in (parameters or {}).items():
-        if name not in base.names:
-            raise UnknownNameError("base parameter", name, base.names, where="parameters")
-        theta[base.names.index(name)] = value
-    nothing = np.zeros((1, case.model.joint_count))
+        if name not in names:
+            raise UnknownNameError("base parameter", name, names, where="parameters")
+        theta[names.index(name)] = value
+    nothing = np.zeros((1, case.parameters.joint_count))
     experiment = Experiment(reference, reference.time[:1], nothing, _every_tick(reference))
-    problem = Problem(case.system(reference), case.model, base, experiment)
+    problem = Problem(case.system(reference), case.parameters, experiment)
     reason = mass_matrix_problem(problem, theta)
     if reason:
         raise InputError(
@@ -112,8 +111,9 @@ def simulate_case(
     columns = [drive_torque(problem, recording)]
     variables = [Variable(f"tau{j}") for j in joints]
     for name in ("q", "dq", "ddq"):
-        columns.append(recording.table(joint_signals(problem, name)))
-        variables += [Variable(f"{name}{j}") for j in joints]
+        if set(joint_signals(problem, name)) <= set(recording.applied):
+            columns.append(recording.table(joint_signals(problem, name)))
+            variables += [Variable(f"{name}{j}") for j in joints]
     return Trajectory(recording.time, np.column_stack(columns), tuple(variables))
 
 
@@ -138,8 +138,8 @@ def _save(document: ResultDocument, validations: tuple[Validation, ...] | list[V
 def _files(case: Case) -> dict[str, str]:
     """SHA-256 of the files that the case reads, under the names it gives them."""
     document = case.document
-    named: dict[str, Path] = {document.robot: case.folder / document.robot}
-    for source in (document.plant.source, document.controller.source):
+    named: dict[str, Path] = {}
+    for source in (document.robot, document.plant.source, document.controller.source):
         if source is not None and ":" not in source:
             named[source] = case.folder / source
     for experiment in (document.train, document.validation):

@@ -47,7 +47,7 @@ def setting(rate_hz: int) -> Setting:
     """The SCARA example with torque at ``rate_hz``."""
     problem = load_case(EXAMPLES / "scara" / CASES[rate_hz]).problem
     assert problem is not None
-    truth = problem.base.reduce(problem.model.parameter_values)
+    truth = problem.parameters.nominal()
     torque = predict_torque(problem, truth)[0]
     noise = NOISE * np.sqrt((torque**2).mean(axis=0))
     clean = problem.on(replace(problem.experiment, torque=torque))
@@ -110,7 +110,7 @@ def summarise(rate_hz: int, runs: list[dict[str, list[float]]]) -> Summary:
         return 100 * (np.abs(table[value] - here.truth) <= half * table[std]).mean(axis=0)
 
     return Summary(
-        names=here.problem.base.names,
+        names=here.problem.parameters.names,
         coverage=coverage("value", "std"),
         coverage_didim=coverage("didim_value", "didim_std"),
         coverage_paper=coverage("didim_value", "paper_std"),

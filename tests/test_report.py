@@ -61,7 +61,7 @@ def document(**changes: object) -> ResultDocument:
             "train": ErrorResult(total=4.831, per_joint=[4.831]), "validation": ErrorResult(total=5.1, per_joint=[5.1]),
         },
         integration_error=2.9e-10, history=history, loop={"step_size_s": 0.005, "order": ["controller", "plant"]},
-        signals={"train": "torque_train.csv"}, remarks=["Something to know."], provenance={"versions": {"python": "3"}},
+        signals={"train": "torque_train.csv"}, checks=["M(q) positive definite"], remarks=["Something to know."], provenance={"versions": {"python": "3"}},
     )  # fmt: skip
     return ResultDocument.model_validate(content | changes)
 
@@ -198,6 +198,26 @@ def test_decimation_keeps_extremes_and_ends() -> None:
     assert v.max() == 9.0
     assert v.min() == -7.0
     assert (t[0], t[-1]) == (time[0], time[-1])
+
+
+def test_result_of_another_version_is_refused(tmp_path: Path) -> None:
+    folder = saved(tmp_path, document())
+    path = folder / "result.json"
+    path.write_text(
+        path.read_text(encoding="utf-8").replace('"schema_version": 1', '"schema_version": 2'), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="does not follow the schema"):
+        write_report(folder)
+
+
+def test_parameters_that_are_not_finite_are_saved_and_read(tmp_path: Path) -> None:
+    history = [document().history[0].model_copy(update={"parameters": {"ZZ1R": float("nan")}})]
+    write_report(saved(tmp_path, document(history=[h.model_dump() for h in history])))
+
+
+def test_converged_without_validation_is_not_called_valid() -> None:
+    errors = {"train": {"total": 4.8, "per_joint": [4.8]}, "validation": {"total": None, "per_joint": [None]}}
+    assert "NOT VALIDATED" in result_table(document(relative_error_percent=errors))
 
 
 def test_folder_without_a_result_is_refused(tmp_path: Path) -> None:

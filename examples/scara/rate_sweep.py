@@ -56,7 +56,7 @@ def sweep() -> list[Point]:
     """Identify at each rate."""
     problem = load_case(HERE / "identify_200hz.yaml").problem
     assert problem is not None
-    truth = problem.base.reduce(problem.model.parameter_values)
+    truth = problem.parameters.nominal()
     points = []
     for rate in RATES_HZ:
         try:

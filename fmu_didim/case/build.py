@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.export import build_fmu
+from fmu_didim.identification.parameters import NamedParameters, Parameters, RobotParameters
 from fmu_didim.identification.problem import Experiment, LowPass, Problem
 from fmu_didim.imports import import_object
 from fmu_didim.master import System, closed_loop
@@ -30,7 +32,7 @@ class Case:
 
     Attributes:
         document: what the file says; folder: where it lies.
-        model: the robot; plant, controller: the components.
+        parameters: what is identified; plant, controller: the components.
         problem: with the training experiment, None if the case has no torque log.
         validation: the other experiment, if there is one.
         estimator: with its options.
@@ -38,7 +40,7 @@ class Case:
 
     document: CaseDocument
     folder: Path
-    model: RobotModel
+    parameters: Parameters
     plant: Component
     controller: Component
     problem: Problem | None
@@ -59,12 +61,12 @@ class Case:
             source.reference,
             self.folder,
             step=_step(self.document, self.controller),
-            joint_count=self.model.joint_count,
+            joint_count=self.parameters.joint_count,
         )
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
-        return _system(self.document, self.model, self.plant, self.controller, reference)
+        return _system(self.document, self.parameters, self.plant, self.controller, reference)
 
 
 def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
@@ -78,25 +80,29 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
     """
     document, folder = read_case(path), Path(path).parent
-    model = RobotModel(read_robot(folder / document.robot))
-    base = base_parameters(model)
+    model = RobotModel(read_robot(folder / document.robot)) if document.robot is not None else None
     controller = _component(document.controller, folder, _controller_block)
-    plant = _component(document.plant, folder, lambda _: model.block())
+    plant = _component(document.plant, folder, lambda path: _plant_block(model, path))
+    parameters = _parameters(document, model, plant)
     step = _step(document, controller)
     estimator = make_estimator(document.estimator)
 
     def experiment(source: ExperimentSource, label: str) -> Experiment:
         return read_experiment(
-            source, folder, step=step, drive_gains=document.loop.drive_gains, joint_count=model.joint_count, label=label
+            source,
+            folder,
+            step=step,
+            drive_gains=document.loop.drive_gains,
+            joint_count=parameters.joint_count,
+            label=label,
         )
 
     problem = None
     if require_torque or document.train.torque is not None:
         train = experiment(document.train, "train")
         problem = Problem(
-            system=_system(document, model, plant, controller, train.reference),
-            model=model,
-            base=base,
+            system=_system(document, parameters, plant, controller, train.reference),
+            parameters=parameters,
             experiment=train,
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
@@ -111,7 +117,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
     for name in document.loop.injections.values():
         if runs and not any(name in run.names for run in runs):
             raise UnknownNameError("column", name, runs[0].names, where="loop.injections: no reference has it")
-    return Case(document, folder, model, plant, controller, problem, cross, estimator)
+    return Case(document, folder, parameters, plant, controller, problem, cross, estimator)
 
 
 def _step(document: CaseDocument, controller: Component) -> float:
@@ -127,12 +133,12 @@ def _step(document: CaseDocument, controller: Component) -> float:
 
 
 def _system(
-    document: CaseDocument, model: RobotModel, plant: Component, controller: Component, reference: Trajectory
+    document: CaseDocument, parameters: Parameters, plant: Component, controller: Component, reference: Trajectory
 ) -> System:
     return closed_loop(
         plant,
         controller,
-        joint_count=model.joint_count,
+        joint_count=parameters.joint_count,
         step_size=_step(document, controller),
         drive_gains=document.loop.drive_gains,
         delay_samples=document.loop.delay_samples,
@@ -152,6 +158,19 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
             next_step="Add positions: {file: ...}, or use didim, which needs none.",
         )  # fmt: skip
     plant = problem.system.components[problem.plant]
+    if problem.parameters.has_regressor:
+        _check_motion(plant, n)
+    offered = {v.name for v in plant.parameters}
+    absent = [name for name in problem.parameters.carriers if name not in offered]
+    if absent:
+        raise InputError(
+            "The plant lacks parameters that are to be identified.", where="plant",
+            got=", ".join(absent), valid=sorted(offered),
+            next_step="Name the parameters of the plant as the robot description does.",
+        )  # fmt: skip
+
+
+def _check_motion(plant: Component, n: int) -> None:
     given = {v.name for v in plant.outputs}
     missing = [f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in range(1, n + 1) if f"{signal}{j}" not in given]
     if missing:
@@ -159,14 +178,44 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
             "The plant lacks outputs that the regressor needs.", where="plant", got=", ".join(missing),
             valid=sorted(given), next_step="Map them: plant: {outputs: {q1: name in the plant, ...}}.",
         )  # fmt: skip
-    offered = {v.name for v in plant.parameters}
-    absent = [name for name in problem.base.standard if name not in offered]
-    if absent:
+
+
+def _parameters(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
+    """The base parameters of the robot, or the parameters of the plant that the case names."""
+    if not document.identify:
+        assert model is not None
+        return RobotParameters(model, base_parameters(model))
+    offered = {v.name: v for v in plant.parameters}
+    joints = [v for v in plant.inputs if re.fullmatch(r"tau\d+", v.name)]
+    if not joints:
         raise InputError(
-            "The plant lacks parameters that are to be identified.", where="plant",
-            got=", ".join(absent), valid=sorted(offered),
-            next_step="Name the parameters of the plant as the robot description does.",
+            "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
+            next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
         )  # fmt: skip
+    chosen, carriers = document.identify, []
+    for name, entry in chosen.items():
+        carriers.append(entry.parameter or name)
+        if carriers[-1] not in offered:
+            raise UnknownNameError("parameter of the plant", carriers[-1], offered, where=f"identify.{name}")
+    return NamedParameters(
+        names=tuple(chosen),
+        units=tuple(offered[name].unit for name in carriers),
+        carriers=tuple(carriers),
+        torque_units=tuple(v.unit or "N.m" for v in joints),
+        start=tuple(
+            entry.start if entry.start is not None else offered[name].start
+            for name, entry in zip(carriers, chosen.values(), strict=True)
+        ),
+        lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
+        highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),
+    )
+
+
+def _plant_block(model: RobotModel | None, path: Path | None) -> Block:
+    if path is not None:
+        return RobotModel(read_robot(path)).block()
+    assert model is not None  # the document says so
+    return model.block()
 
 
 def _controller_block(path: Path | None) -> Block:

@@ -67,7 +67,6 @@ def read_reference(source: Excitation | ReferenceFile, folder: Path, *, step: fl
             )  # fmt: skip
         return source.trajectory(1.0 / step)
     found = read_signals(source, folder)
-    found.select([f"q{j}" for j in range(1, joint_count + 1)])
     if source.warm_up_s > 0 and source.period_s is not None:
         return _with_warm_up(found, step, source.period_s, source.warm_up_s)
     return found

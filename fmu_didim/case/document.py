@@ -126,6 +126,21 @@ class ExperimentSource(Strict):
         return handler(value)
 
 
+class IdentifiedParameter(Strict):
+    """A parameter of a plant that has no robot description.
+
+    Attributes:
+        parameter: its name in the plant; by default that under which it is listed.
+        start: value to start from; that of the plant by default.
+        minimum, maximum: limits; a result at a limit is refused.
+    """
+
+    parameter: str | None = None
+    start: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+
+
 class LowPassSource(Strict):
     """Zero-phase Butterworth filter of torque and regressor."""
 
@@ -137,7 +152,9 @@ class CaseDocument(Strict):
     """A case file.
 
     Attributes:
-        robot: robot description (``.yaml``).
+        robot: robot description (``.yaml``); a plant without one needs ``identify``.
+        identify: name -> parameter of the plant that is identified, instead of the robot's base parameters; for
+            the estimator ``clie``.
         plant, controller: what runs in the loop.
         train, validation: the experiments; cross validation is optional.
         estimator: ``{kind: didim, ...}`` with the options of that estimator.
@@ -149,7 +166,8 @@ class CaseDocument(Strict):
     schema_version: Literal[1] = Field(default=1, alias="schema")
     name: str
     description: str = ""
-    robot: str
+    robot: str | None = None
+    identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource(kind="fmu")
     controller: ComponentSource
     loop: Loop = Loop()
@@ -159,6 +177,14 @@ class CaseDocument(Strict):
     torque_std: tuple[Positive, ...] | None = None
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
+
+    @model_validator(mode="after")
+    def _what_is_identified(self) -> CaseDocument:
+        if self.robot is None and not self.identify:
+            raise ValueError("give robot: (a description) or identify: (names of parameters of the plant)")
+        if self.robot is None and self.plant.source is None:
+            raise ValueError("a plant without robot description needs a source")
+        return self
 
     @field_validator("estimator")
     @classmethod

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
+from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
 from fmu_didim.estimators.idim_ls import IdimLs
 from fmu_didim.estimators.output_error import OutputError
 
-ESTIMATORS: Mapping[str, type[Estimator]] = {e.name: e for e in (Didim, IdimLs, OutputError)}
+ESTIMATORS: Mapping[str, type[Estimator]] = {e.name: e for e in (Didim, Clie, IdimLs, OutputError)}
 
-__all__ = ["ESTIMATORS", "Didim", "Estimator", "IdimLs", "OutputError", "Progress", "no_progress"]
+__all__ = ["ESTIMATORS", "Clie", "Didim", "Estimator", "IdimLs", "OutputError", "Progress", "no_progress"]

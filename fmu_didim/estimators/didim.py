@@ -11,17 +11,18 @@ finish (:mod:`fmu_didim.identification.finish`) then replaces it by the true sen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import SimulationError
+from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
-from fmu_didim.identification.finish import Point, efficient_finish, evaluate
+from fmu_didim.identification.conclude import integration_error, minimise, torque_estimate
+from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage
+from fmu_didim.identification.finish import Point, evaluate
 from fmu_didim.identification.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.identification.problem import Prediction, Problem, predict, predict_torque
+from fmu_didim.identification.problem import Prediction, Problem, predict
 from fmu_didim.identification.start import Start, from_reference, start_values
 from fmu_didim.identification.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
@@ -40,9 +41,6 @@ ERROR_FLOOR = 1e-3
 USELESS_ERROR = 50.0
 """A start whose torque error in percent exceeds this, and whose first step does not bring it below, is
 given up for the reference trajectory instead of being halved towards."""
-INTEGRATION_TOLERANCE = 1e-6
-INTEGRATION_SHARE = 0.01
-"""The integration error may reach this part of the relative torque error."""
 ADVICE = (
     "Start from the reference trajectory (start: reference), check the sign, unit and clock of the torque, "
     "the gains and the rate of the controller, and the delay of the loop."
@@ -74,6 +72,12 @@ class Didim(Estimator):
     estimate_delay: bool = False
 
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
+        if not problem.parameters.has_regressor:
+            raise InputError(
+                "didim needs the inverse model of a robot description.",
+                where="estimator",
+                next_step="Use the estimator clie, which needs none, or give robot: in the case.",
+            )
         history: list[Iteration] = []
         try:
             return self._from(problem, self.start, history, progress)
@@ -159,9 +163,9 @@ class Didim(Estimator):
 
     def _solve(self, problem: Problem, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
         """Next parameters, relative change of the torque they explain, condition number."""
-        target = problem.measured - prediction.known
-        solution, deviation = weighted_solution(problem, prediction.regressor, target)
-        scaled = whitened(prediction.regressor, deviation)
+        regressor, known = _inverse(prediction)
+        solution, deviation = weighted_solution(problem, regressor, problem.measured - known)
+        scaled = whitened(regressor, deviation)
         moved = np.linalg.norm(scaled @ (solution.solution - theta))
         size = np.linalg.norm(scaled @ solution.solution)
         return solution.solution, float(moved / size), solution.condition_number
@@ -175,58 +179,32 @@ class Didim(Estimator):
         history: list[Iteration],
         progress: Progress,
     ) -> Estimate:
-        """Statistics, the efficient finish, the check of the integration and of what is physical."""
+        """Statistics, the efficient finish, the check of what is physical."""
         extended = np.append(theta, problem.delay) if self.estimate_delay else theta
         point = evaluate(problem, extended, prediction)
-        stages = {"didim": self._stage(point, problem.base.count)}
-        remarks: list[str] = []
+        stages = {"didim": self._stage(point, problem.parameters.count)}
+        remarks: tuple[str, ...] = ()
         if self.finish or self.estimate_delay:
-            for _ in range(4):
-                finished = efficient_finish(problem, point, tolerance=self.finish_tolerance, progress=progress)
-                history.extend(finished.iterations)
-                point, settled = finished.point, settled and finished.settled
-                difference, allowed = _integration_error(problem, point)
-                if not difference > allowed:
-                    break
-                problem = replace(problem, substep_factor=2 * problem.substep_factor)
-                remarks.append(
-                    f"Substeps of the plant doubled: halving them changed the torque by {100 * difference:.2g} %."
-                )
-                point = evaluate(problem, point.theta)
-            stages["finish"] = Stage(point.theta, np.sqrt(np.diag(point.covariance)))
+            minimum = minimise(problem, point, tolerance=self.finish_tolerance, progress=progress)
+            history.extend(minimum.iterations)
+            point, settled = minimum.point, settled and minimum.settled
+            difference, remarks = minimum.integration_error, minimum.remarks
             covariance = point.covariance
+            stages["finish"] = Stage(point.theta, np.sqrt(np.diag(covariance)))
         else:
-            difference, _ = _integration_error(problem, point)
+            difference, _ = integration_error(problem, point)
             covariance = covariance_sandwich(
-                whitened(prediction.regressor, point.deviation), whitened(point.sensitivity, point.deviation)
+                whitened(_inverse(prediction)[0], point.deviation), whitened(point.sensitivity, point.deviation)
             )
-        deviation = np.sqrt(np.diag(covariance))
-        self._check_physical(problem, point, deviation)
-        measured = problem.measured
-        return Estimate(
-            estimator=self.name,
-            names=(*problem.base.names, *(("delay",) if self.estimate_delay else ())),
-            units=(*problem.base.units, *(("1",) if self.estimate_delay else ())),
-            value=point.theta,
-            standard_deviation=deviation,
-            covariance=covariance,
-            freedom=_freedom(problem, measured.size - point.theta.size),
-            time=problem.experiment.time,
-            measured=measured,
-            simulated=point.prediction.torque,
-            noise=point.deviation,
-            condition_number=point.condition_number,
-            status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
-            iterations=tuple(history),
-            stages=stages,
-            base_count=problem.base.count,
-            integration_error=difference,
-            remarks=tuple(remarks),
-        )
+        self._check_physical(problem, point, np.sqrt(np.diag(covariance)))
+        return torque_estimate(
+            problem, point, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
+            difference=difference, remarks=remarks,
+        )  # fmt: skip
 
     def _stage(self, point: Point, count: int) -> Stage:
         """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""
-        w = whitened(point.prediction.regressor, point.deviation)
+        w = whitened(_inverse(point.prediction)[0], point.deviation)
         s = whitened(point.sensitivity[:, :, :count], point.deviation)
         return Stage(
             point.theta[:count],
@@ -238,7 +216,7 @@ class Didim(Estimator):
         )
 
     def _check_physical(self, problem: Problem, point: Point, deviation: Array) -> None:
-        count = problem.base.count
+        count = problem.parameters.count
         theta = point.theta[:count]
         reason = physical_problem(problem, theta, deviation[:count]) or tracking_problem(
             problem, point.prediction.torque
@@ -266,23 +244,8 @@ def _try(problem: Problem, theta: Array) -> tuple[Prediction | None, str]:
         return None, error.what
 
 
-def _freedom(problem: Problem, total: int) -> float:
-    """Degrees of freedom of the intervals: those of one joint where each joint's noise is estimated by itself,
-    the safe end of what Welch and Satterthwaite's rule can give."""
-    if problem.torque_deviation is not None or problem.joint_weights == "equal":
-        return float(total)
-    return total / problem.joint_count
-
-
-def _integration_error(problem: Problem, point: Point) -> tuple[float, float]:
-    """Relative change of the torque when the plant's substeps are doubled, and what is allowed."""
-    count = problem.base.count
-    there = problem.with_delay(float(point.theta[count])) if point.theta.size > count else problem
-    if there.system.components[there.plant].with_substeps(2) is None:
-        return np.nan, np.inf
-    finer = replace(there, substep_factor=2 * there.substep_factor)
-    torque = predict_torque(finer, point.theta[:count])[0]
-    size = np.linalg.norm(torque)
-    error = float(np.linalg.norm(torque - point.prediction.torque) / size)
-    misfit = float(np.linalg.norm(problem.measured - torque) / size)
-    return error, max(INTEGRATION_TOLERANCE, INTEGRATION_SHARE * misfit)
+def _inverse(prediction: Prediction) -> tuple[Array, Array]:
+    """Regressor and known torque; that there is an inverse model was checked before the first iteration."""
+    assert prediction.regressor is not None
+    assert prediction.known is not None
+    return prediction.regressor, prediction.known

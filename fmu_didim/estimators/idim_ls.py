@@ -48,7 +48,7 @@ class IdimLs(Estimator):
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
         q, rate = self._positions(problem)
         q, dq, ddq = self._differentiate(q, rate)
-        columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq, self._shapes(problem)))
+        columns, known = problem.parameters.regressor(q, dq, ddq, sharp=self.sharp_coulomb)
         kept = slice(self.skip, q.shape[0] - self.skip or None)
         target = self._decimate((problem.experiment.torque - known)[kept])
         columns = self._decimate(columns[kept])
@@ -72,8 +72,8 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return Estimate(
             estimator=self.name,
-            names=problem.base.names,
-            units=problem.base.units,
+            names=problem.parameters.names,
+            units=problem.parameters.units,
             value=value,
             standard_deviation=sigma,
             covariance=covariance,
@@ -89,11 +89,6 @@ class IdimLs(Estimator):
             base_count=value.size,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )
-
-    def _shapes(self, problem: Problem) -> Array:
-        """Shape parameters, the smoothing velocities made negligible if asked for."""
-        sharp = [self.sharp_coulomb and v.name.startswith("v0_") for v in problem.model.shapes]
-        return np.where(sharp, 1e-9, 1.0) * problem.model.shape_values
 
     def _positions(self, problem: Problem) -> tuple[Array, float]:
         positions = problem.experiment.positions

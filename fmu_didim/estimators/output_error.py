@@ -19,6 +19,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
 from fmu_didim.identification.guard import mass_matrix_problem, physical_problem
 from fmu_didim.identification.problem import Problem, joint_signals, predict
+from fmu_didim.identification.sensitivity import parameter_scale
 from fmu_didim.identification.start import start_values
 from fmu_didim.master import sample_operator, simulate
 from fmu_didim.signals import Array
@@ -109,8 +110,8 @@ class OutputError(Estimator):
         error = relative_error_percent(measured, prediction.torque)[0]
         return Estimate(
             estimator=self.name,
-            names=problem.base.names,
-            units=problem.base.units,
+            names=problem.parameters.names,
+            units=problem.parameters.units,
             value=value,
             standard_deviation=sigma,
             covariance=covariance,
@@ -136,9 +137,8 @@ STEP = 1e-5
 
 
 def _scale(problem: Problem, theta: Array) -> Array:
-    """(b,) values at which each parameter alone would make up the whole torque."""
-    prediction = predict(problem, theta)
-    return np.asarray(np.linalg.norm(problem.measured) / np.linalg.norm(prediction.regressor, axis=(0, 1)))
+    """(p,) size of each parameter."""
+    return parameter_scale(problem, theta, predict(problem, theta))
 
 
 def _positions(problem: Problem, theta: Array, time: Array) -> Array | None:

@@ -50,7 +50,7 @@ class Point:
 
 
 def _split(problem: Problem, theta: Array) -> tuple[Problem, Array]:
-    count = problem.base.count
+    count = problem.parameters.count
     return (problem.with_delay(float(theta[count])), theta[:count]) if theta.size > count else (problem, theta)
 
 
@@ -58,7 +58,7 @@ def evaluate(problem: Problem, theta: Array, prediction: Prediction | None = Non
     """Simulate at theta and differentiate; ``prediction`` saves the first simulation where it is known."""
     there, base = _split(problem, theta)
     prediction = prediction or predict(there, base)
-    s = sensitivity(there, base, prediction.torque, prediction.regressor, with_delay=theta.size > base.size)
+    s = sensitivity(there, base, prediction, with_delay=theta.size > base.size)
     deviation = joint_deviation(problem, problem.measured - prediction.torque, s)
     condition = least_squares(whitened(s, deviation), np.zeros(s.shape[0] * s.shape[1])).condition_number
     return Point(theta, prediction, s, deviation, condition)
@@ -79,28 +79,32 @@ def efficient_finish(
     *,
     tolerance: float,
     maximum_iterations: int = 15,
+    stage: str = "finish",
     progress: Callable[[Iteration], None],
 ) -> Finished:
     """Minimise the weighted torque error from ``start``.
 
     Steps are halved while a simulation fails or the error grows. It has settled when no parameter moves
-    by more than ``tolerance`` times the larger of its size and its standard deviation.
+    by more than ``tolerance`` times the larger of its size and its standard deviation. ``stage`` names the
+    iterations in the history.
     """
-    point, deviation = start, start.deviation
+    point = start
     history: list[Iteration] = []
     renew = False
     for number in range(1, maximum_iterations + 1):
         if renew:
             point = evaluate(problem, point.theta, point.prediction)
         residual = problem.measured - point.prediction.torque
+        # Renewed at every step, so that the minimum does not depend on where the steps began.
+        deviation = joint_deviation(problem, residual, point.sensitivity)
         cost = float(np.sum(whitened(residual, deviation) ** 2))
         step = least_squares(whitened(point.sensitivity, deviation), whitened(residual, deviation)).solution
-        scale = np.sqrt(np.diag(point.covariance))
+        scale = np.sqrt(np.diag(covariance_efficient(whitened(point.sensitivity, deviation))))
         theta, prediction, note = _search(problem, point.theta, step, deviation, cost)
         moved = theta - point.theta
         history.append(
             Iteration(
-                "finish",
+                stage,
                 number,
                 theta,
                 relative_error_percent(problem.measured, prediction.torque)[0],
@@ -112,10 +116,7 @@ def efficient_finish(
         progress(history[-1])
         point = Point(theta, prediction, point.sensitivity, deviation, point.condition_number)
         if (np.abs(moved) <= tolerance * np.maximum(np.abs(theta), scale)).all():
-            final = joint_deviation(problem, problem.measured - prediction.torque, point.sensitivity)
-            return Finished(
-                Point(theta, prediction, point.sensitivity, final, point.condition_number), True, tuple(history)
-            )
+            return Finished(point, True, tuple(history))
         renew = bool((np.abs(moved) > RENEW_STEP * scale).any())
     return Finished(point, False, tuple(history))
 
@@ -127,7 +128,9 @@ def _search(
     note = ""
     for halving in range(MAXIMUM_HALVINGS):
         trial = theta + step / 2**halving
-        if theta.size > problem.base.count:
+        count = problem.parameters.count
+        trial[:count] = problem.parameters.limited(trial[:count])
+        if theta.size > count:
             trial[-1] = min(max(trial[-1], 0.0), MAXIMUM_DELAY)
         there, base = _split(problem, trial)
         if mass_matrix_problem(there, base):

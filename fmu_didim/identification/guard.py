@@ -5,38 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.identification.problem import Problem
-from fmu_didim.identification.start import reference_motion
 from fmu_didim.signals import Array
 
-FRICTION = ("Fv", "Fc")
-SIGNIFICANCE = 4.0
-"""A friction parameter this many standard deviations below zero is non-physical, not merely uncertain."""
+CHECKED_POSITIONS = 200
+"""Positions along the reference at which the inertia matrix is checked."""
 
 
 def mass_matrix_problem(problem: Problem, theta: Array) -> str:
-    """Why M(q) cannot be used along the reference, or an empty string."""
-    if not np.isfinite(theta).all():
-        return "a parameter is not a finite number"
-    ticks = np.unique(np.linspace(0, problem.experiment.reference.time.size - 1, 200).astype(np.int64))
-    q = reference_motion(problem.experiment.reference, problem.joint_count, ticks)[0]
-    smallest = problem.model.minimum_inertia(q, problem.base.expand(theta))
-    if smallest <= 1e-9:
-        return f"the inertia matrix is not positive definite (smallest scaled eigenvalue {smallest:.3g})"
-    return ""
-
-
-def friction_problem(problem: Problem, theta: Array, deviation: Array) -> str:
-    """Which friction parameters are negative beyond doubt, or an empty string."""
-    found = []
-    for i, standard in enumerate(problem.base.standard):
-        if standard.rstrip("0123456789") in FRICTION and theta[i] < -SIGNIFICANCE * deviation[i] - 1e-12:
-            found.append(f"{problem.base.names[i]} = {theta[i]:.4g} ± {deviation[i]:.2g}")
-    return f"friction is negative: {', '.join(found)}" if found else ""
+    """Why the plant cannot be simulated with theta along the reference, or an empty string."""
+    reference = problem.experiment.reference
+    names = [f"q{j}" for j in range(1, problem.joint_count + 1)]
+    if not set(names) <= set(reference.names):
+        return problem.parameters.inertia_problem(np.zeros((1, problem.joint_count)), theta)
+    ticks = np.unique(np.linspace(0, reference.time.size - 1, CHECKED_POSITIONS).astype(np.int64))
+    return problem.parameters.inertia_problem(reference.select(names)[ticks], theta)
 
 
 def physical_problem(problem: Problem, theta: Array, deviation: Array) -> str:
-    """Why no machine can have these base parameters, or an empty string."""
-    return mass_matrix_problem(problem, theta) or friction_problem(problem, theta, deviation)
+    """Why no machine can have these parameters, or an empty string."""
+    return mass_matrix_problem(problem, theta) or problem.parameters.physical_problem(theta, deviation)
 
 
 def tracking_problem(problem: Problem, simulated: Array) -> str:

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import signal
 
-from fmu_didim.base_parameters import BaseParameters
-from fmu_didim.block import choose_substeps
 from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
+from fmu_didim.identification.parameters import Parameters
 from fmu_didim.master import Recording, SampleOperator, System, simulate
-from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Trajectory
 
 
@@ -67,8 +65,7 @@ class Problem:
 
     Attributes:
         system: the closed loop; ``plant`` names its component that carries the parameters.
-        model: inverse model of the plant, whose regressor is the Jacobian of DIDIM.
-        base: the parameters to identify.
+        parameters: what is identified; for a robot it also gives the regressor, DIDIM's Jacobian.
         experiment: the data.
         torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
@@ -77,8 +74,7 @@ class Problem:
     """
 
     system: System
-    model: RobotModel
-    base: BaseParameters
+    parameters: Parameters
     experiment: Experiment
     plant: str = "plant"
     torque_deviation: Array | None = None
@@ -89,7 +85,7 @@ class Problem:
     @property
     def joint_count(self) -> int:
         """Number of joints n."""
-        return self.model.joint_count
+        return self.parameters.joint_count
 
     @property
     def measured(self) -> Array:
@@ -113,15 +109,10 @@ class Problem:
         """Delay of the command in samples."""
         return float(self.system.delays.get(self.plant, 0.0))
 
-    def plant_values(self, theta: Array) -> dict[str, float]:
-        """Parameters of the plant, by name, for base parameters (b,): regrouped ones are zero."""
-        chi = self.base.expand(theta)
-        return {self.base.standard_names[i]: float(chi[i]) for i in self.model.active}
-
     def system_with(self, theta: Array) -> System:
         """The loop with other plant parameters; controller, reference and sampling stay untouched."""
         plant = self.system.components[self.plant]
-        values = {**self.plant_values(theta), **self._start_values()}
+        values = {**self.parameters.values(theta), **self._start_values()}
         offered = {v.name for v in plant.parameters}
         plant = plant.with_parameters({name: value for name, value in values.items() if name in offered})
         return self.system.replace(self.plant, self._refined(plant, theta))
@@ -131,27 +122,30 @@ class Problem:
         first = dict(zip(reference.names, reference.values[0], strict=True))
         result = {}
         for j in range(1, self.joint_count + 1):
-            result[f"q_start{j}"] = first[f"q{j}"]
-            result[f"dq_start{j}"] = first.get(f"dq{j}", 0.0)
-        return {name: float(value) for name, value in result.items()}
+            if f"q{j}" in first:
+                result[f"q_start{j}"] = float(first[f"q{j}"])
+                result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
+        return result
 
     def _refined(self, plant: Component, theta: Array) -> Component:
         if self.substep_factor == 1:
             return plant
-        return plant.with_substeps(self.substep_factor * self.substeps(theta)) or plant
+        count = self.parameters.substeps(theta, self._start_values(), self.system.step_size)
+        return plant if count is None else plant.with_substeps(self.substep_factor * count) or plant
 
-    def substeps(self, theta: Array) -> int:
-        """Integration substeps of the plant's equations in a control period, from their fastest rate."""
-        block = self.model.block({**self.plant_values(theta), **self._start_values()})
-        p = block.parameter_values
-        x = block.start(np.zeros(len(block.inputs)), p)
-        assert block.rate_bound is not None
-        return choose_substeps(float(block.rate_bound(x, p)), self.system.step_size)
+    @property
+    def can_refine(self) -> bool:
+        """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
+        known = self.parameters.substeps(self.parameters.nominal(), self._start_values(), self.system.step_size)
+        return known is not None and self.system.components[self.plant].with_substeps(2) is not None
 
     def position_bounds(self) -> dict[str, tuple[float, float]]:
         """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
         result = {}
+        given = {v.name for v in self.system.components[self.plant].outputs} & set(self.experiment.reference.names)
         for j in range(1, self.joint_count + 1):
+            if f"q{j}" not in given:
+                continue
             column = self.experiment.reference.select([f"q{j}"])
             low, high = float(column.min()), float(column.max())
             room = 10 * max(high - low, 1e-6)
@@ -165,13 +159,13 @@ class Prediction:
 
     Attributes:
         torque: (N, n) simulated torque tau_s.
-        regressor: (N, n, b) W_s; known: (N, n) torque of the parameters that are not identified, so that
-            tau_s = W_s chi + known to rounding.
+        regressor: (N, n, p) W_s; known: (N, n) torque of the parameters that are not identified, so that
+            tau_s = W_s chi + known to rounding. Both are None for a plant without inverse model.
     """
 
     torque: Array
-    regressor: Array
-    known: Array
+    regressor: Array | None
+    known: Array | None
     recording: Recording = field(repr=False)
 
 
@@ -208,18 +202,20 @@ def predict_torque(problem: Problem, theta: Array) -> tuple[Array, Recording]:
 def predict(problem: Problem, theta: Array) -> Prediction:
     """Simulated torque and regressor at the samples of the log."""
     torque, recording = predict_torque(problem, theta)
+    if not problem.parameters.has_regressor:
+        return Prediction(torque, None, None, recording)
     motion = [recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq")]
     columns, known = sampled_regressor(problem, *motion)
     return Prediction(torque, columns, known, recording)
 
 
 def sampled_regressor(problem: Problem, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
-    """W (N, n, b) and the known torque (N, n) at the samples, from the motion at the operator's ticks (K, n)."""
-    columns, known = problem.base.columns(problem.model.regressor_rows(q, dq, ddq))
+    """W (N, n, p) and the known torque (N, n) at the samples, from the motion at the operator's ticks (K, n)."""
+    columns, known = problem.parameters.regressor(q, dq, ddq)
     operator = problem.experiment.operator
     return problem.filtered(operator.apply(columns)), problem.filtered(operator.apply(known))
 
 
 def named(problem: Problem, theta: Array) -> Mapping[str, float]:
-    """Base parameters by name."""
-    return dict(zip(problem.base.names, (float(v) for v in theta), strict=True))
+    """Parameters by name."""
+    return dict(zip(problem.parameters.names, (float(v) for v in theta), strict=True))

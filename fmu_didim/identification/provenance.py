@@ -33,7 +33,7 @@ def provenance(
         "substep_factor": problem.substep_factor,
         "files": dict(files),
         "experiments": {name: _experiment(e) for name, e in experiments.items()},
-        "shape_parameters": {v.name: v.start for v in problem.model.shapes},
+        "shape_parameters": problem.parameters.shape_values(),
     }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from fmu_didim.errors import InputError
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Status
@@ -43,9 +43,7 @@ class ParameterResult(_Document):
     rel_std_percent: Number = Field(description="100 std / |value|; null if the value is zero")
     interval: tuple[float, float] = Field(description="95 % confidence interval")
     unit: str = Field(description="FMI unit string")
-    standard: str = Field(
-        description="standard parameter of the plant that carries it; empty for parameters of the loop"
-    )
+    standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
 
 
 class StageResult(_Document):
@@ -71,7 +69,7 @@ class IterationResult(_Document):
     relative_error_percent: Number
     change: Number
     condition_number: Number
-    parameters: dict[str, float]
+    parameters: dict[str, Number]
     note: str
 
 
@@ -98,6 +96,7 @@ class ResultDocument(_Document):
     history: list[IterationResult]
     loop: dict[str, Any]
     signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
+    checks: list[str] = Field(default=[], description="what the values have been checked for")
     remarks: list[str]
     provenance: dict[str, Any]
 
@@ -126,10 +125,6 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
     ]
 
 
-def _torque_units(problem: Problem) -> list[str]:
-    return ["N.m" if joint.type == "revolute" else "N" for joint in problem.model.description.joints]
-
-
 def result_document(
     name: str,
     problem: Problem,
@@ -140,7 +135,7 @@ def result_document(
 ) -> ResultDocument:
     """The document of an estimate and its validations."""
     intervals = estimate.interval()
-    standard = (*problem.base.standard, *("" for _ in range(len(estimate.names) - problem.base.count)))
+    standard = (*problem.parameters.carriers, *("" for _ in estimate.names[problem.parameters.count :]))
     parameters = {
         parameter: ParameterResult(
             value=float(estimate.value[i]),
@@ -171,11 +166,11 @@ def result_document(
         finish_iterations=len(estimate.iterations) - estimate.iteration_count,
         parameters=parameters,
         stages=stages,
-        regrouping=problem.base.relations(),
+        regrouping=problem.parameters.relations(),
         correlations=estimate.correlations(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
-        torque_unit=_torque_units(problem),
+        torque_unit=list(problem.parameters.torque_units),
         relative_error_percent={
             v.label: ErrorResult(total=v.total_percent, per_joint=[float(e) for e in v.per_joint_percent])
             for v in validations
@@ -184,6 +179,7 @@ def result_document(
         history=_history(estimate.names, estimate.iterations),
         loop=problem.system.describe(),
         signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        checks=problem.parameters.checks(),
         remarks=[*estimate.remarks, *failures],
         provenance=dict(estimate.provenance),
     )
@@ -202,14 +198,14 @@ def refused_document(
         finish_iterations=0,
         parameters={},
         stages={},
-        regrouping=problem.base.relations(),
+        regrouping=problem.parameters.relations(),
         correlations=[],
         condition_number=None,
         noise_std=[],
-        torque_unit=_torque_units(problem),
+        torque_unit=list(problem.parameters.torque_units),
         relative_error_percent={},
         integration_error=None,
-        history=_history(problem.base.names, error.iterations),
+        history=_history(problem.parameters.names, error.iterations),
         loop=problem.system.describe(),
         signals={},
         remarks=[],
@@ -236,4 +232,10 @@ def load_result(directory: Path) -> ResultDocument:
     path = directory / RESULT_FILE
     if not path.is_file():
         raise InputError("There is no result.", where=str(path), next_step="Run fmu-didim identify first.")
-    return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
+    try:
+        return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        raise InputError(
+            "The result does not follow the schema of this version.", where=str(path), got=str(error)[:300],
+            next_step="Run fmu-didim identify again.",
+        ) from error  # fmt: skip

@@ -24,19 +24,23 @@ def start_values(problem: Problem, start: Start) -> Array:
         start: ``reference`` (see :func:`from_reference`), ``description`` (the values of the robot
             description, regrouped), or values by name; names that are missing start at 0.
 
+    Parameters of a plant without description start at its own values instead.
+
     Raises:
         InputError: another word; UnknownNameError: a name is not among the base parameters.
     """
     if start == "reference":
         return from_reference(problem)
     if start == "description":
-        return problem.base.reduce(problem.model.parameter_values)
+        return problem.parameters.nominal()
     if isinstance(start, str):
         raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
     for name in start:
-        if name not in problem.base.names:
-            raise UnknownNameError("base parameter", name, problem.base.names, where="start")
-    return np.array([float(start.get(name, 0.0)) for name in problem.base.names])
+        if name not in problem.parameters.names:
+            raise UnknownNameError("base parameter", name, problem.parameters.names, where="start")
+    parameters = problem.parameters
+    missing = np.zeros(parameters.count) if parameters.has_regressor else parameters.nominal()
+    return np.array([float(start.get(name, value)) for name, value in zip(parameters.names, missing, strict=True)])
 
 
 def from_reference(problem: Problem) -> Array:
@@ -48,9 +52,9 @@ def from_reference(problem: Problem) -> Array:
     columns, known = sampled_regressor(
         problem, *reference_motion(problem.experiment.reference, problem.joint_count, ticks)
     )
-    count = problem.base.count
+    count = problem.parameters.count
     target = (problem.measured - known).reshape(-1)
-    return least_squares(columns.reshape(-1, count), target, names=problem.base.names).solution
+    return least_squares(columns.reshape(-1, count), target, names=problem.parameters.names).solution
 
 
 def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -38,7 +38,7 @@ def weighted_solution(problem: Problem, columns: Array, target: Array) -> tuple[
 
     With estimated weights a first, unweighted solution gives the noise of each joint.
     """
-    names = problem.base.names
+    names = problem.parameters.names
     deviation = np.ones(target.shape[1])
     if problem.torque_deviation is not None:
         deviation = problem.torque_deviation

@@ -14,7 +14,7 @@ from fmu_didim.identification.result import ErrorResult, IterationResult
 from fmu_didim.report.numbers import percentage, pretty_unit
 from fmu_didim.signals import Array, Trajectory
 
-MEASURED, SIMULATED, RESIDUAL, FAILED = "#374151", "#0072b2", "#d55e00", "#b42318"
+MEASURED, MEASURED_DENSE, SIMULATED, RESIDUAL, FAILED = "#374151", "#a3acb9", "#0072b2", "#d55e00", "#b42318"
 MARKERS_UP_TO = 1500
 """With more points, measured torque is drawn as a line."""
 POINTS_PER_TRACE = 20_000
@@ -26,7 +26,8 @@ GAP_BELOW_TORQUE, GAP_BELOW_JOINT = 10, 62
 FRAME = {"gridcolor": "#e5e7eb", "zeroline": True, "zerolinecolor": "#9ca3af", "zerolinewidth": 1, "showline": True,
          "linecolor": "#9ca3af", "mirror": True, "ticks": "outside", "tickcolor": "#9ca3af"}  # fmt: skip
 """What all axes of a figure have in common."""
-MARGIN = {"l": 76, "r": 16, "t": 66, "b": 48}
+AXIS_TITLE = {"font": {"size": 12}, "standoff": 10}
+MARGIN = {"l": 84, "r": 16, "t": 66, "b": 48}
 
 
 def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:
@@ -67,16 +68,16 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
         measured, simulated = signals.select(pair).T
         shown = pretty_unit(unit)
         upper, lower = _axis(2 * j), _axis(2 * j + 1)
-        point = {"color": MEASURED, "size": 5}
+        dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
         traces = (
-            ("measured", measured, upper, {"mode": mode, "marker": point, "line": {"color": MEASURED, "width": 1}}),
+            ("measured", measured, upper, dots),
             ("simulated", simulated, upper, {"mode": "lines", "line": {"color": SIMULATED, "width": 1.6}}),
             ("residual", measured - simulated, lower, {"mode": "lines", "line": {"color": RESIDUAL, "width": 1}}),
         )
         for name, values, axis, style in traces:
             x, y = decimated(signals.time, values, limit)
             figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name if name != "residual" else "residual = measured − simulated",
+                x=x, y=y.astype(np.float32), name=name,
                 legendgroup=name, showlegend=j == 0, xaxis="x", yaxis=f"y{axis}", **style,
                 hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
             )  # fmt: skip
@@ -84,7 +85,7 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
         for axis, row, title, ticks in ((upper, 2 * j, quantity, 7), (lower, 2 * j + 1, "residual", 5)):
             figure.update_layout(
                 {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": ticks,
-                                          "title": {"text": f"{title}<br>({shown})", "font": {"size": 12}}}}
+                                          "title": AXIS_TITLE | {"text": f"{title} ({shown})"}}}
             )  # fmt: skip
         percent = error.per_joint[j] if error is not None and j < len(error.per_joint) else None
         text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(percent)}" if percent is not None else "")
@@ -93,7 +94,8 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
             showarrow=False,
         )  # fmt: skip
     figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{_axis(2 * count - 1)}", "title": {"text": "time (s)"}},
+        xaxis=FRAME | {"anchor": f"y{_axis(2 * count - 1)}", "mirror": "all",
+                       "title": AXIS_TITLE | {"text": "time (s)"}},
         height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", hovermode="x unified",
         legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
                 "itemsizing": "constant"},
@@ -134,7 +136,7 @@ def history_figure(history: Sequence[IterationResult]) -> str:
             x=positions, y=y, mode="lines+markers", row=1, col=column, showlegend=False, connectgaps=False,
             line={"color": SIMULATED}, marker={"size": 8}, text=ticks, hovertemplate="%{text}: %{y:.4g}<extra></extra>",
         )  # fmt: skip
-        figure.update_yaxes(title_text=title, row=1, col=column, **_scale(y))
+        figure.update_yaxes(title=AXIS_TITLE | {"text": title}, row=1, col=column, **_scale(y))
         figure.update_xaxes(
             tickvals=positions, ticktext=ticks, row=1, col=column, range=[0.5, len(history) + 0.5], tickangle=-45
         )
@@ -149,7 +151,7 @@ def history_figure(history: Sequence[IterationResult]) -> str:
     figure.update_xaxes(FRAME | {"zeroline": False, "gridcolor": "#f3f4f6"})
     figure.update_yaxes(FRAME | {"zeroline": False})
     figure.update_layout(
-        height=330, margin={"l": 70, "r": 16, "t": 16, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
+        height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
     )
     return _json(figure)
 
@@ -160,7 +162,7 @@ def _scale(values: Sequence[float | None]) -> dict[str, object]:
     decades = float(np.log10(max(known) / min(known))) if known else 0.0
     if decades < 1:
         return {"type": "linear"}
-    return {"type": "log", "exponentformat": "power", "dtick": int(max(1, decades // 5))}
+    return {"type": "log", "exponentformat": "e", "dtick": int(max(1, decades // 5))}
 
 
 def _json(figure: go.Figure) -> str:

@@ -178,7 +178,7 @@ def verdict(document: ResultDocument) -> Verdict:
     if document.status == "maximum_iterations":
         return Verdict("doubtful", "NOT SETTLED", document.advice)
     errors = {label_title(k): e.total for k, e in document.relative_error_percent.items()}
-    parts = [f"converged in {iteration_count(document)} iterations", "M(q) positive definite"]
+    parts = [f"converged in {iteration_count(document)} iterations", *document.checks]
     known = [f"{percentage(total)} {'off ' if i == 0 else ''}on {label}"
              for i, (label, total) in enumerate((k, v) for k, v in errors.items() if v is not None)]  # fmt: skip
     if known:

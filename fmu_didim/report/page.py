@@ -99,6 +99,7 @@ def write_report(directory: Path) -> Path:
         correlations=_correlation_table(document),
         components=_mapping(document.loop.get("components")),
         delays=_mapping(document.loop.get("delay_samples")),
+        wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
         other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
         plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
