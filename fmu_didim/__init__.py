@@ -15,6 +15,7 @@ _HOMES = {
     "simulate_case": "fmu_didim.workflow",
     "build_fmu": "fmu_didim.export",
     "load_fmu": "fmu_didim.components",
+    "to_control": "fmu_didim.components",
     "read_robot": "fmu_didim.robot",
     "read_controller": "fmu_didim.controllers",
     "FmuDidimError": "fmu_didim.errors",

@@ -71,6 +71,9 @@ def _identify(options: argparse.Namespace) -> int:
     outcome = identify(case, out=out, progress=_Progress(started, say))
     print()
     print(result_table(outcome.document))
+    robot = out / "robot_identified.yaml"
+    if robot.is_file():
+        print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
     return 0 if outcome.document.status == "converged" else EXIT_NOT_SETTLED
 

@@ -21,7 +21,11 @@ from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import ResultDocument, refused_document, result_document, save_result
 from fmu_didim.identification.validation import Validation, validate
 from fmu_didim.master import SampleOperator, sample_operator, simulate
+from fmu_didim.robot import write_robot
 from fmu_didim.signals import Trajectory, Variable
+
+ROBOT_FILE = "robot_identified.yaml"
+"""The robot description with the identified values: from it come the FMU (``fmu-didim export``) and the model."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ def identify(case: Case | Path | str, *, out: Path | str | None = None, progress
 
     Args:
         case: a loaded case or the path of its file.
-        out: folder for ``result.json``, the torque tables and ``report.html``.
+        out: folder for ``result.json``, the torque tables, ``report.html`` and ``robot_identified.yaml``.
         progress: called with each iteration.
 
     Raises:
@@ -72,6 +76,9 @@ def identify(case: Case | Path | str, *, out: Path | str | None = None, progress
     document = result_document(case.name, found, estimate, validations, description=case.document.description)
     if out is not None:
         _save(document, validations, Path(out))
+        described = problem.parameters.described(estimate.base_value)
+        if described is not None:
+            write_robot(described, Path(out) / ROBOT_FILE)
     return Outcome(document, estimate, tuple(validations))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from fmu_didim.base_parameters import BaseParameters
 from fmu_didim.block import choose_substeps
 from fmu_didim.errors import InputError
-from fmu_didim.robot import RobotModel
+from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Array
 
 FRICTION = ("Fv", "Fc")
@@ -101,6 +101,10 @@ class Parameters(ABC):
         """Integration substeps of the plant in a control period; None if unknown."""
         return None
 
+    def described(self, theta: Array) -> RobotDescription | None:
+        """The plant's description with the values theta (p,); None if it has none."""
+        return None
+
 
 @dataclass(frozen=True)
 class RobotParameters(Parameters):
@@ -171,6 +175,12 @@ class RobotParameters(Parameters):
             if standard.rstrip("0123456789") in FRICTION and theta[i] < -SIGNIFICANCE * deviation[i] - 1e-12:
                 found.append(f"{self.names[i]} = {theta[i]:.4g} ± {deviation[i]:.2g}")
         return f"friction is negative: {', '.join(found)}" if found else ""
+
+    def described(self, theta: Array) -> RobotDescription:
+        chi = self.base.expand(theta)
+        # Regrouped parameters become zero, all else keeps its value.
+        touched = [*self.base.index, *self.base.dependent]
+        return self.model.description.with_values({self.base.standard_names[i]: float(chi[i]) for i in touched})
 
     def substeps(self, theta: Array, starts: Mapping[str, float], step: float) -> int:
         block = self.model.block({**self.values(theta), **starts})

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+import yaml
 from pydantic import Field, field_validator, model_validator
 
 from fmu_didim.documents import Angle, Strict, read_document
 from fmu_didim.effects import DEFAULT_EFFECTS, EFFECTS, JointType, TorqueEffect
+from fmu_didim.errors import UnknownNameError
 from fmu_didim.signals import Variable
 
 INERTIAL: tuple[tuple[str, str, str], ...] = (
@@ -123,6 +125,38 @@ class RobotDescription(Strict):
             for j, joint in enumerate(self.joints, start=1)
             for v in joint.shapes()
         )
+
+    def with_values(self, values: Mapping[str, float]) -> RobotDescription:
+        """The same robot with other values of standard or shape parameters; raises UnknownNameError.
+
+        Args:
+            values: by name with the joint number (``ZZ1``, ``v0_2``).
+        """
+        places = {
+            name: (j, own)
+            for j, joint in enumerate(self.joints)
+            for name, own in (
+                *((f"{v.name}{j + 1}", v.name) for v in joint.linear_parameters()),
+                *((f"{v.name}_{j + 1}", v.name) for v in joint.shapes()),
+            )
+        }
+        changed: list[dict[str, float]] = [dict(joint.parameters) for joint in self.joints]
+        for name, value in values.items():
+            if name not in places:
+                raise UnknownNameError("parameter", name, places, where=f"robot '{self.name}'")
+            j, own = places[name]
+            changed[j][own] = float(value)
+        joints = tuple(
+            joint.model_copy(update={"parameters": p}) for joint, p in zip(self.joints, changed, strict=True)
+        )
+        return self.model_copy(update={"joints": joints})
+
+
+def write_robot(robot: RobotDescription, path: Path | str) -> None:
+    """Write a robot description as YAML; :func:`read_robot` gives it back."""
+    content = robot.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    content = {"schema": robot.schema_version, **content}
+    Path(path).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 
 
 def read_robot(path: Path | str) -> RobotDescription:
