@@ -95,9 +95,11 @@ def test_wrong_entries_are_refused(tmp_path: Path, entries: dict[str, Any], mess
 
 
 def test_didim_without_a_description_points_to_clie(tmp_path: Path) -> None:
+    """Without accelerations there is nothing to probe a regressor from."""
     path = plant_case(tmp_path, {"Fc1": {}})
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["estimator"] = {"kind": "didim"}
+    content["plant"]["outputs"] = {"a1": "ddq1"}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    with pytest.raises(InputError, match="Use the estimator clie"):
+    with pytest.raises(InputError, match="The plant lacks outputs that the regressor needs"):
         identify(path)

@@ -158,7 +158,7 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
             next_step="Add positions: {file: ...}, or use didim, which needs none.",
         )  # fmt: skip
     plant = problem.system.components[problem.plant]
-    if problem.parameters.has_regressor:
+    if problem.parameters.has_regressor or problem.parameters.is_probed:
         _check_motion(plant, n)
     offered = {v.name for v in plant.parameters}
     absent = [name for name in problem.parameters.carriers if name not in offered]
@@ -208,6 +208,7 @@ def _parameters(document: CaseDocument, model: RobotModel | None, plant: Compone
         ),
         lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
         highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),
+        probed=document.estimator.get("kind") == "didim",
     )
 
 

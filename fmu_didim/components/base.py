@@ -12,18 +12,21 @@ After ``set``, ``get`` returns the outputs at the present instant, direct feed-t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.errors import SimulationError, UnknownNameError
 from fmu_didim.signals import Array, Variable
+
+DIFFERENCE_STEP = 1e-5
+"""Relative step of central differences: truncation and rounding are both of the order 1e-10."""
 
 
 class Instance(ABC):
-    """A running component. ``inputs`` (nu,) and ``outputs`` (ny,) are its buffers.
+    """A running component. ``inputs`` (nu,) and ``outputs`` (ny,) are its buffers, with their names.
 
     The master may replace them once, before initialisation, by views into its own memory (``bind``),
     so that no values are copied in the loop.
@@ -31,6 +34,8 @@ class Instance(ABC):
 
     inputs: Array
     outputs: Array
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
 
     def bind(self, inputs: Array, outputs: Array) -> None:
         """Use these contiguous buffers from now on."""
@@ -55,6 +60,53 @@ class Instance(ABC):
     @abstractmethod
     def step(self, time: float, size: float) -> None:
         """Advance from ``time`` by ``size`` (s), inputs held; raises SimulationError."""
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        """Change tunable parameters now; raises SimulationError where that is not possible."""
+        raise SimulationError("The parameters of this component cannot be changed while it runs.")
+
+    def derivatives(
+        self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Partial derivatives of some outputs at the present instant, state and other inputs fixed.
+
+        By central differences; an instance that knows its derivatives overrides this.
+
+        Args:
+            outputs, inputs: positions in the buffers; parameters: present values by name.
+
+        Returns:
+            d outputs / d inputs (no, ni) and d outputs / d parameters (no, np).
+        """
+        columns = []
+        before = self.inputs.copy()
+        for i in inputs:
+            step = DIFFERENCE_STEP * max(abs(before[i]), 1.0)
+            pair = []
+            for sign in (1.0, -1.0):
+                self.inputs[i] = before[i] + sign * step
+                self.set()
+                self.get()
+                pair.append(self.outputs[list(outputs)].copy())
+            self.inputs[i] = before[i]
+            columns.append((pair[0] - pair[1]) / (2 * step))
+        self.set()
+        by_parameter = []
+        for name, value in parameters.items():
+            step = DIFFERENCE_STEP * (abs(value) or 1.0)
+            pair = []
+            for sign in (1.0, -1.0):
+                self.set_parameters({name: value + sign * step})
+                self.get()
+                pair.append(self.outputs[list(outputs)].copy())
+            self.set_parameters({name: value})
+            by_parameter.append((pair[0] - pair[1]) / (2 * step))
+        self.get()
+        empty = np.zeros((len(outputs), 0))
+        return (
+            np.column_stack(columns) if columns else empty,
+            np.column_stack(by_parameter) if by_parameter else empty,
+        )
 
     @abstractmethod
     def save_state(self) -> Any:

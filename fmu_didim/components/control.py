@@ -115,6 +115,8 @@ class _ControlInstance(Instance):
         self._chosen: dict[float, int] = {}
         self._update, self._output = _functions(component.system, self._parameters)
         self._x = np.array(component.initial_state, dtype=float)
+        self.input_names = tuple(v.name for v in component.inputs)
+        self.output_names = tuple(v.name for v in component.outputs)
         self.bind(*buffers(component.inputs, component.outputs))
 
     def bind(self, inputs: Array, outputs: Array) -> None:
@@ -183,6 +185,14 @@ class _ControlInstance(Instance):
             self._x = np.asarray(self._update(instant, self._x, self._held), dtype=float)
             clock.count += 1
         self._live = clock.is_due(time + size)
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        self._parameters.update({name: float(value) for name, value in values.items()})
+        self._p = np.array(list(self._parameters.values()))
+        block = self._component.block
+        if block is not None:  # matrices of a linear block follow its parameters
+            system = to_control(block.with_parameters(self._parameters))
+            self._update, self._output = _functions(system, self._parameters)
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0

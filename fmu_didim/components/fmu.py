@@ -49,6 +49,7 @@ class FmuComponent(Component):
     options: Mapping[str, int] = field(default_factory=dict)
     changed: frozenset[str] = frozenset()
     sample_time: float | None = None
+    has_derivatives: bool = False
 
     def with_parameters(self, values: Mapping[str, float]) -> FmuComponent:
         check_names("parameter", values, self.parameters, where=str(self.path))
@@ -114,6 +115,7 @@ def load_fmu(path: Path | str) -> FmuComponent:
         references={v.name: int(v.valueReference) for v in settable},
         input_references=input_references,
         output_references=output_references,
+        has_derivatives=bool(description.coSimulation.providesDirectionalDerivative),
     )
 
 
@@ -206,6 +208,8 @@ class _FmuInstance(Instance):
         self._set_real, self._get_real, self._do_step = dll.fmi2SetReal, dll.fmi2GetReal, dll.fmi2DoStep
         self._input_references = _references(component.input_references)
         self._output_references = _references(component.output_references)
+        self.input_names = tuple(v.name for v in component.inputs)
+        self.output_names = tuple(v.name for v in component.outputs)
         self.bind(*buffers(component.inputs, component.outputs))
 
     def bind(self, inputs: Array, outputs: Array) -> None:
@@ -250,6 +254,27 @@ class _FmuInstance(Instance):
         status = self._do_step(self._c, time, size, 1)
         if status > 1:
             self._check(f"fmi2DoStep at t = {time:.6g} s", status)
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        references = _references([self._component.references[name] for name in values])
+        numbers = (ctypes.c_double * len(values))(*values.values())
+        self._check("fmi2SetReal of parameters", self._set_real(self._c, references, len(values), numbers))
+
+    def derivatives(
+        self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        if not self._component.has_derivatives:
+            return super().derivatives(outputs, inputs, parameters)
+        component = self._component
+        unknown = _references([component.output_references[i] for i in outputs])
+        known = [component.input_references[i] for i in inputs] + [component.references[p] for p in parameters]
+        result = np.zeros((len(known), len(outputs)))
+        seed, call = (ctypes.c_double * 1)(1.0), self._slave.dll.fmi2GetDirectionalDerivative
+        for row, reference in zip(result, known, strict=True):
+            target = row.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+            status = call(self._c, unknown, len(outputs), _references([reference]), 1, seed, target)
+            self._check("fmi2GetDirectionalDerivative", status)
+        return result[: len(inputs)].T, result[len(inputs) :].T
 
     def save_state(self) -> Any:
         state = ctypes.c_void_p()

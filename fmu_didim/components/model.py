@@ -72,6 +72,8 @@ class _ModelInstance(Instance):
         self._live = True
         self._initialising = False
         self._clock: SampleClock | None = None
+        self.input_names = tuple(v.name for v in block.inputs)
+        self.output_names = tuple(v.name for v in block.outputs)
         self.bind(*buffers(block.inputs, block.outputs))
 
     def bind(self, inputs: Array, outputs: Array) -> None:
@@ -135,6 +137,11 @@ class _ModelInstance(Instance):
             self._x[:] = self._next
             clock.count += 1
         self._live = clock.is_due(time + size)
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        places = {v.name: i for i, v in enumerate(self._block.parameters)}
+        for name, value in values.items():
+            self._p[places[name]] = value
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0

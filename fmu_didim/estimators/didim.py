@@ -11,6 +11,7 @@ finish (:mod:`fmu_didim.identification.finish`) then replaces it by the true sen
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,8 @@ from fmu_didim.identification.conclude import integration_error, minimise, torqu
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage
 from fmu_didim.identification.finish import Point, evaluate
 from fmu_didim.identification.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.identification.problem import Prediction, Problem, predict
+from fmu_didim.identification.probing import RegressorProbe
+from fmu_didim.identification.problem import Prediction, Problem, predict, predict_torque
 from fmu_didim.identification.start import Start, from_reference, start_values
 from fmu_didim.identification.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
@@ -72,9 +74,12 @@ class Didim(Estimator):
     estimate_delay: bool = False
 
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        if not problem.parameters.has_regressor:
+        parameters = problem.parameters
+        if parameters.is_probed:
+            self._check_linearity(problem)
+        elif not parameters.has_regressor:
             raise InputError(
-                "didim needs the inverse model of a robot description.",
+                "didim needs a regressor: a robot description, or a plant from which it is probed.",
                 where="estimator",
                 next_step="Use the estimator clie, which needs none, or give robot: in the case.",
             )
@@ -82,7 +87,7 @@ class Didim(Estimator):
         try:
             return self._from(problem, self.start, history, progress)
         except _NonPhysicalError as caught:
-            if self.start == "reference":
+            if self.start == "reference" or not parameters.has_regressor:
                 raise RefusedError(
                     "The identified model is not physical.", iterations=history, got=caught.reason, next_step=ADVICE
                 ) from None
@@ -97,6 +102,13 @@ class Didim(Estimator):
                 got=caught.reason,
                 next_step=ADVICE,
             ) from None
+
+    def _check_linearity(self, problem: Problem) -> None:
+        theta = start_values(problem, self.start)
+        probe = RegressorProbe(problem.plant, problem.parameters, theta, problem.experiment.operator.ticks.size)
+        with suppress(SimulationError):  # the guard of the first iteration says more
+            predict_torque(problem, theta, observe=probe.check_linearity())
+        probe.raise_if_nonlinear()
 
     def _record(self, history: list[Iteration], progress: Progress, iteration: Iteration) -> None:
         history.append(iteration)
@@ -118,7 +130,8 @@ class Didim(Estimator):
     ) -> tuple[Array, bool]:
         """The DIDIM iterations: the last solution, and whether the stop criteria were met."""
         theta = start_values(problem, start)
-        restarted = start == "reference"
+        # Without an inverse model there is no regressor of the reference to restart from.
+        restarted = start == "reference" or not problem.parameters.has_regressor
         good: tuple[Array, float] | None = None
         halvings = 0
         while len(history) < self.maximum_iterations:

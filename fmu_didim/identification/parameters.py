@@ -71,6 +71,11 @@ class Parameters(ABC):
         """Whether :meth:`regressor` can be called."""
         return False
 
+    @property
+    def is_probed(self) -> bool:
+        """Whether the regressor is measured on the running plant (see :mod:`fmu_didim.identification.probing`)."""
+        return False
+
     def regressor(self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False) -> tuple[Array, Array]:
         """Regressor (N, n, p) and torque of all that is known (N, n) on a motion (N, n).
 
@@ -198,6 +203,7 @@ class NamedParameters(Parameters):
         names, units, carriers: (p,); torque_units: (n,).
         start: (p,) values of the plant's description.
         lowest, highest: (p,) limits; minus and plus infinity where there are none.
+        probed: whether a regressor is measured on the running plant, for parameters linear in its torque.
     """
 
     names: tuple[str, ...]
@@ -207,6 +213,11 @@ class NamedParameters(Parameters):
     start: tuple[float, ...]
     lowest: tuple[float, ...]
     highest: tuple[float, ...]
+    probed: bool = False
+
+    @property
+    def is_probed(self) -> bool:
+        return self.probed
 
     def values(self, theta: Array) -> dict[str, float]:
         return {name: float(value) for name, value in zip(self.carriers, theta, strict=True)}

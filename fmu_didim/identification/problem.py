@@ -11,7 +11,8 @@ from scipy import signal
 from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.identification.parameters import Parameters
-from fmu_didim.master import Recording, SampleOperator, System, simulate
+from fmu_didim.identification.probing import RegressorProbe
+from fmu_didim.master import Observer, Recording, SampleOperator, System, simulate
 from fmu_didim.signals import Array, Trajectory
 
 
@@ -184,14 +185,28 @@ def drive_torque(problem: Problem, recording: Recording) -> Array:
     return np.column_stack(columns)
 
 
-def predict_torque(problem: Problem, theta: Array) -> tuple[Array, Recording]:
-    """Simulated torque at the samples, (N, n), and the recording; raises DivergedError, SimulationError."""
+def _predict_by_probing(problem: Problem, theta: Array) -> Prediction:
+    """Torque and regressor where the regressor is measured on the running plant, tick by tick."""
+    probe = RegressorProbe(problem.plant, problem.parameters, theta, problem.experiment.operator.ticks.size)
+    torque, recording = predict_torque(problem, theta, observe=probe)
+    operator = problem.experiment.operator
+    known = drive_torque(problem, recording) - probe.columns @ theta
+    columns = problem.filtered(operator.apply(probe.columns))
+    return Prediction(torque, columns, problem.filtered(operator.apply(known)), recording)
+
+
+def predict_torque(problem: Problem, theta: Array, *, observe: Observer | None = None) -> tuple[Array, Recording]:
+    """Simulated torque at the samples, (N, n), and the recording; raises DivergedError, SimulationError.
+
+    ``observe`` is handed to :func:`fmu_didim.master.simulate`.
+    """
     experiment = problem.experiment
     recording = simulate(
         problem.system_with(theta),
         experiment.reference,
         ticks=experiment.operator.ticks,
         bounds=problem.position_bounds(),
+        observe=observe,
     )
     torque = experiment.operator.apply(drive_torque(problem, recording))
     if not np.isfinite(torque).all():
@@ -201,6 +216,8 @@ def predict_torque(problem: Problem, theta: Array) -> tuple[Array, Recording]:
 
 def predict(problem: Problem, theta: Array) -> Prediction:
     """Simulated torque and regressor at the samples of the log."""
+    if problem.parameters.is_probed:
+        return _predict_by_probing(problem, theta)
     torque, recording = predict_torque(problem, theta)
     if not problem.parameters.has_regressor:
         return Prediction(torque, None, None, recording)

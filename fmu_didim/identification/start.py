@@ -21,17 +21,18 @@ def start_values(problem: Problem, start: Start) -> Array:
     """Base parameters (b,) to start from.
 
     Args:
-        start: ``reference`` (see :func:`from_reference`), ``description`` (the values of the robot
-            description, regrouped), or values by name; names that are missing start at 0.
+        start: ``reference`` (see :func:`from_reference`; the plant's own values where it has no inverse model),
+            ``description`` (the values of the robot description, regrouped), or values by name; names that are
+            missing start at 0.
 
     Parameters of a plant without description start at its own values instead.
 
     Raises:
         InputError: another word; UnknownNameError: a name is not among the base parameters.
     """
-    if start == "reference":
+    if start == "reference" and problem.parameters.has_regressor:
         return from_reference(problem)
-    if start == "description":
+    if isinstance(start, str) and start in KINDS:
         return problem.parameters.nominal()
     if isinstance(start, str):
         raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from fmu_didim.errors import DivergedError, InputError, SimulationError, Unknown
 from fmu_didim.master.system import REFERENCE, System
 from fmu_didim.signals import Array, Trajectory
 
+Observer = Callable[[int, Mapping[str, Instance]], None]
 CHECK_INTERVAL = 32
 """Ticks between two looks for divergence: often enough to stop early, seldom enough to cost nothing."""
 
@@ -109,6 +110,7 @@ def simulate(
     *,
     ticks: NDArray[np.int64] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    observe: Observer | None = None,
 ) -> Recording:
     """Run the closed loop along a reference.
 
@@ -118,6 +120,8 @@ def simulate(
         ticks: increasing tick numbers to record; all by default. The run ends with the last one.
         bounds: signal -> (lowest, highest) sensible value, looked at every 32 ticks and at the end; a signal
             found outside stops the run.
+        observe: called with the number of each recorded row and the running instances by name when the row's
+            command has just begun to act; it must leave their state and inputs as they were.
 
     Raises:
         InputError: the reference does not fit the step or lacks a column.
@@ -129,7 +133,7 @@ def simulate(
     _check_reference(system, reference, ticks)
     names, running, signals = _assemble(system, reference)
     try:
-        return _run(system, reference, ticks, bounds or {}, names, running, signals)
+        return _run(system, reference, ticks, bounds or {}, names, running, signals, observe)
     finally:
         for part in running.values():
             part.instance.close()
@@ -209,6 +213,7 @@ def _run(
     names: list[str],
     running: dict[str, _Running],
     signals: Array,
+    observe: Observer | None,
 ) -> Recording:
     h, t0, table = system.step_size, float(reference.time[0]), reference.values
     count = table.shape[1]
@@ -216,6 +221,7 @@ def _run(
     parts = list(running.values())
     lag = max(part.whole for part in parts)
     delayed = any(part.delayed for part in parts)
+    instances = {name: part.instance for name, part in running.items()}
     rows = np.full(table.shape[0] + lag, -1, dtype=np.int64)
     rows[ticks] = np.arange(ticks.size)
     applied = np.zeros((ticks.size, len(names)))
@@ -236,6 +242,8 @@ def _run(
                 _record_delayed(parts, signals, rows, k, count, applied, sampled)
             elif row >= 0:
                 applied[row] = signals
+            if observe is not None and k >= lag and rows[k - lag] >= 0:
+                observe(int(rows[k - lag]), instances)
             if k % CHECK_INTERVAL == 0:
                 _check_bounds(signals, names, lowest, highest, time)
             for part in parts:
