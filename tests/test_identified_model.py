@@ -47,8 +47,8 @@ def test_description_survives_writing_and_reading(tmp_path: Path) -> None:
 
 
 def test_plant_comes_back_as_a_python_control_system() -> None:
-    """linearize, lqr and a closed loop by interconnect, on the vertical arm at rest."""
-    robot = read_robot("fmus/arm2r/robot.yaml")
+    """linearize, lqr and a closed loop by interconnect, on the vertical arm at rest, without dry friction."""
+    robot = read_robot("fmus/arm2r/robot.yaml").with_values({"Fc1": 0.0, "Fc2": 0.0})
     model = RobotModel(robot)
     plant = to_control(model.block())
     assert isinstance(plant, control.NonlinearIOSystem)
