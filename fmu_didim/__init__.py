@@ -15,6 +15,8 @@ _HOMES = {
     "simulate_case": "fmu_didim.workflow",
     "build_fmu": "fmu_didim.export",
     "load_fmu": "fmu_didim.components",
+    "read_ssp": "fmu_didim.ssp",
+    "write_ssp": "fmu_didim.ssp",
     "to_control": "fmu_didim.components",
     "read_robot": "fmu_didim.robot",
     "read_controller": "fmu_didim.controllers",

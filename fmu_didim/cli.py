@@ -52,6 +52,14 @@ def _parser() -> argparse.ArgumentParser:
     three = commands.add_parser("export", help="build the FMU of a robot or controller description")
     three.add_argument("description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller")
     three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
+    three.add_argument("--fmi", default="2.0", choices=("2.0", "3.0"), help="version of the standard (2.0)")
+    three.add_argument(
+        "--platform",
+        action="append",
+        metavar="NAME",
+        help="machine to build for, may be repeated: linux-x86_64, linux-arm64, windows-x86_64, macos-x86_64, "
+        "macos-arm64 (this one)",
+    )
     three.set_defaults(run=_export)
     return parser
 
@@ -102,7 +110,7 @@ def _export(options: argparse.Namespace) -> int:
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
     )
     options.out.mkdir(parents=True, exist_ok=True)
-    print(build_fmu(block, directory=options.out))
+    print(build_fmu(block, directory=options.out, fmi_version=options.fmi, platforms=options.platform))
     return 0
 
 

@@ -21,8 +21,8 @@ from scipy.integrate import solve_ivp
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
 from fmu_didim.errors import BuildError, InputError
-from fmu_didim.export import build_fmu, generate_c, layout
-from fmu_didim.export.model_description import base_unit
+from fmu_didim.export import build_fmu, compile_shared_library, generate_c, layout
+from fmu_didim.export.units import base_unit
 from fmu_didim.signals import Variable
 
 PERIOD = 0.005
@@ -253,8 +253,6 @@ def test_bad_compiler(compiler: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_compiler_output_is_in_the_error(tmp_path: Path) -> None:
-    from fmu_didim.export import compile_shared_library
-
     (tmp_path / "broken.c").write_text("int f(void) { return unknown_name; }\n")
     with pytest.raises(BuildError, match="unknown_name"):
         compile_shared_library(tmp_path, tmp_path / "broken.so", main="broken.c")

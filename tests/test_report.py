@@ -61,7 +61,8 @@ def document(**changes: object) -> ResultDocument:
             "train": ErrorResult(total=4.831, per_joint=[4.831]), "validation": ErrorResult(total=5.1, per_joint=[5.1]),
         },
         integration_error=2.9e-10, history=history, loop={"step_size_s": 0.005, "order": ["controller", "plant"]},
-        signals={"train": "torque_train.csv"}, checks=["M(q) positive definite"], remarks=["Something to know."], provenance={"versions": {"python": "3"}},
+        signals={"train": "torque_train.csv"}, checks=["M(q) positive definite"],
+        remarks=["Something to know."], provenance={"versions": {"python": "3"}},
     )  # fmt: skip
     return ResultDocument.model_validate(content | changes)
 

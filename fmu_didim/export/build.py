@@ -1,9 +1,8 @@
-"""The C compiler: from a folder of sources to a shared library for this machine."""
+"""The C compiler: from a folder of sources to a shared library for this machine or another one."""
 
 from __future__ import annotations
 
 import os
-import platform
 import shlex
 import subprocess
 import sys
@@ -12,68 +11,74 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from platform import libc_ver
 
 from fmu_didim.cache import cache_directory
 from fmu_didim.errors import BuildError
+from fmu_didim.export.platforms import Platform, host_platform
 
 TIMEOUT = 1800.0
 """Seconds after which a compiler that does not end is stopped."""
 
-_FLAGS: tuple[str, ...] = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wall")
+_COMMON = ("-std=c99", "-O3", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wall")
+_FLAGS: dict[str, tuple[str, ...]] = {
+    # An FMU calls its own functions even when another one with the same names is loaded before.
+    "linux": (*_COMMON, "-fPIC", "-Wl,-Bsymbolic", "-Wl,--no-undefined", "-s"),
+    "darwin": (*_COMMON, "-fPIC"),
+    "windows": _COMMON,
+}
 _ADVICE = "Unset CC to use the compiler of the 'ziglang' package, or set CC to a working C compiler such as gcc."
 
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler for this machine.
+    """A C compiler for one platform.
 
     Attributes:
         command: program and first arguments.
         flags: further arguments, apart from input and output.
         version: identification, part of the key under which built files are kept.
+        libraries: arguments that stand last.
     """
 
     command: tuple[str, ...]
     flags: tuple[str, ...]
     version: str
+    libraries: tuple[str, ...] = ()
 
 
-def platform_folder() -> str:
-    """Name of this machine's folder in ``binaries/`` (FMI 2.0, section 2.3): ``linux64``, ``win64``, ``darwin64``."""
-    bits = 64 if sys.maxsize > 2**32 else 32
-    system = "win" if sys.platform == "win32" else "darwin" if sys.platform == "darwin" else "linux"
-    return f"{system}{bits}"
-
-
-def library_suffix() -> str:
-    """File name extension of a shared library on this machine."""
-    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-
-
-def find_compiler() -> Compiler:
+def find_compiler(platform: Platform | None = None) -> Compiler:
     """The compiler of the environment variable CC, else the one of the ``ziglang`` package.
+
+    CC is the compiler for this machine; for another platform it is always ``ziglang``.
+
+    Args:
+        platform: what to build for; default: this machine.
 
     Raises:
         BuildError: CC does not run, or there is no CC and ``ziglang`` is not installed.
     """
-    flags = _FLAGS
-    if sys.platform == "win32":
-        flags = tuple(flag for flag in flags if flag != "-fPIC")
-    elif sys.platform == "linux":
-        # An FMU calls its own functions even when another one with the same names is loaded before.
-        flags = (*flags, "-Wl,-Bsymbolic", "-Wl,--no-undefined", "-s")
+    host = host_platform()
+    target = host if platform is None else platform
+    flags = _FLAGS[target.system]
+    libraries = () if target.system == "windows" else ("-lm",)
     chosen = os.environ.get("CC", "").strip()
-    if chosen:
+    if chosen and target == host:
         command = tuple(shlex.split(chosen, posix=os.name != "nt"))
-        return Compiler(command, flags, _version_of(command))
+        return Compiler(command, flags, _version_of(command), libraries)
     try:
         release = version("ziglang")
     except PackageNotFoundError as error:
-        raise BuildError(
-            "There is no C compiler.", next_step="pip install ziglang, or set the environment variable CC."
-        ) from error
-    flags = (*flags, "-fno-sanitize=undefined", *_zig_target())
-    return Compiler((sys.executable, "-m", "ziglang", "cc"), flags, f"zig {release}")
+        advice = "pip install ziglang" + (", or set the environment variable CC." if target == host else ".")
+        raise BuildError(f"There is no C compiler for {target.name}.", next_step=advice) from error
+    flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined", *_zig_target(target, host))
+    return Compiler((sys.executable, "-m", "ziglang", "cc"), flags, f"zig {release}", libraries)
+
+
+def _zig_target(target: Platform, host: Platform) -> tuple[str, ...]:
+    """Zig's option for a platform: any model of its processor, and an old C library."""
+    native = target == host and target.system == "linux" and libc_ver()[0] != "glibc"  # such as Alpine, with musl
+    return ("-target", target.zig_target) if target.zig_target and not native else ()
 
 
 def compile_shared_library(
@@ -85,25 +90,16 @@ def compile_shared_library(
         source_dir: folder with the sources; the compiler runs there, so paths do not enter the result.
         output: the library to write.
         main: the file to compile; it includes the others.
-        compiler: default :func:`find_compiler`.
+        compiler: default :func:`find_compiler` for this machine.
 
     Raises:
         BuildError: the compiler does not run, does not end, or reports an error; its output is in the message.
     """
     chosen = compiler or find_compiler()
-    libraries = () if sys.platform == "win32" else ("-lm",)
-    command = [*chosen.command, *chosen.flags, "-o", str(output.absolute()), main, *libraries]
+    command = [*chosen.command, *chosen.flags, "-o", str(output.absolute()), main, *chosen.libraries]
     _run(command, cwd=source_dir, what=f"The C compiler could not build '{output.name}'.")
     if not output.is_file():
         raise BuildError("The C compiler wrote no file.", where=shlex.join(command), next_step=_ADVICE)
-
-
-def _zig_target() -> tuple[str, ...]:
-    """Zig's target on Linux: this processor's architecture, any model of it, and an old C library."""
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-    if sys.platform == "linux" and platform.libc_ver()[0] == "glibc" and machine in ("x86_64", "aarch64"):
-        return ("-target", f"{machine}-linux-gnu.2.17")
-    return ()
 
 
 @cache

@@ -6,7 +6,6 @@ Only two of the files in an exported FMU differ from block to block, and both ar
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,10 +15,13 @@ import casadi as ca
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Block, choose_substeps
 from fmu_didim.errors import InputError
+from fmu_didim.export.xml_file import is_text
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
 SUBSTEPS_NAME = "substeps"
+SUBSTEPS_DESCRIPTION = "Integration substeps in a communication step; 0: chosen from the fastest rate"
+TIME_NAME = "time"
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Layout:
     Attributes:
         inputs, outputs, states, parameters: the ranges of the four groups of the block.
         derivatives: the derivatives of the states; empty for a sampled block.
-        substeps: the Integer parameter ``substeps``; None for a sampled block.
+        substeps: the integer parameter ``substeps``; None for a sampled block.
+        time: the independent variable; only FMI 3.0 has it.
     """
 
     inputs: range
@@ -38,6 +41,7 @@ class Layout:
     parameters: range
     derivatives: range
     substeps: int | None
+    time: int
 
 
 def layout(block: Block) -> Layout:
@@ -49,7 +53,7 @@ def layout(block: Block) -> Layout:
         ranges.append(range(end, end + len(group)))
         end += len(group)
     inputs, outputs, states, parameters, rates = ranges
-    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None)
+    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None, end + 1)
 
 
 def exported_names(block: Block) -> list[str]:
@@ -61,8 +65,8 @@ def exported_names(block: Block) -> list[str]:
     return names
 
 
-def check_exportable(block: Block) -> None:
-    """Raise InputError unless the block has names and start values that an FMU can hold."""
+def check_exportable(block: Block, *, fmi_version: str = "2.0") -> None:
+    """Raise InputError unless the block has names and start values that an FMU of this version can hold."""
     where = f"block '{block.name}'"
     if not (block.name.isascii() and block.name.isidentifier()):
         raise InputError(
@@ -72,7 +76,9 @@ def check_exportable(block: Block) -> None:
         )
     if block.sample_time is not None and not (math.isfinite(block.sample_time) and block.sample_time > 0):
         raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
+    _check_texts(block)
     names = [*exported_names(block), *([SUBSTEPS_NAME] if block.sample_time is None else [])]
+    names += [TIME_NAME] if fmi_version == "3.0" else []
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise InputError(
@@ -89,6 +95,30 @@ def check_exportable(block: Block) -> None:
     unknown = sorted(block.fixed - {v.name for v in block.parameters})
     if unknown:
         raise InputError("Names in 'fixed' are not parameters.", where=where, got=", ".join(unknown))
+
+
+def _check_texts(block: Block) -> None:
+    """Names may hold any character but control characters (FMI's flat naming); XML escapes the others."""
+    where = f"block '{block.name}'"
+    for variable in (*block.inputs, *block.outputs, *block.states, *block.parameters):
+        for kind, text in (("name", variable.name), ("unit", variable.unit)):
+            if not is_text(text) or any(c in text for c in "\t\n\r") or (kind == "name" and not text):
+                raise InputError(
+                    f"The {kind} of a variable is not legal in an FMU.",
+                    where=where,
+                    got=repr(text),
+                    valid=f"any characters but control characters{', at least one' if kind == 'name' else ''}",
+                )
+        if not is_text(variable.description):
+            raise InputError(
+                "The description of a variable holds characters that XML cannot.",
+                where=f"{where}, variable '{variable.name}'",
+                got=repr(variable.description),
+            )
+    if not is_text(block.description):
+        raise InputError(
+            "The description of the block holds characters that XML cannot.", where=where, got=repr(block.description)
+        )
 
 
 def generate_c(block: Block) -> str:
@@ -154,6 +184,7 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define PARAMETER_FIRST {refs.parameters.start}",
         f"#define DERIVATIVE_FIRST {refs.derivatives.start}",
         f"#define SUBSTEPS_REFERENCE {len(names)}",
+        f"#define TIME_REFERENCE {refs.time}",
         _c_array("double", "block_start_values", [repr(value) for value in starts]),
         _c_array("unsigned char", "block_parameter_fixed", [str(flag) for flag in fixed]),
         _c_array("char *const", "block_names", [_c_string(name) for name in names]),
@@ -190,7 +221,9 @@ def _exported_functions(block: Block) -> list[ca.Function]:
 
 
 def _c_string(text: str) -> str:
-    return json.dumps(text)
+    """A C string of the UTF-8 bytes; octal escapes have an end, and ``\\?`` is no trigraph."""
+    safe = {ord(c): c for c in map(chr, range(32, 127))} | {ord(c): f"\\{c}" for c in '"\\?'}
+    return '"' + "".join(safe.get(byte, f"\\{byte:03o}") for byte in text.encode()) + '"'
 
 
 def _c_array(kind: str, name: str, values: Iterable[str]) -> str:

@@ -184,8 +184,8 @@ static int core_get(Core *core, const unsigned int references[], size_t count, d
         const unsigned int reference = references[i];
         int status = CORE_OK;
         if (reference >= VALUE_COUNT)
-            return core_fail(core, "there is no Real variable with value reference %u; the largest is %d", reference,
-                             VALUE_COUNT - 1);
+            return core_fail(core, "there is no floating-point variable with value reference %u; the largest is %d",
+                             reference, VALUE_COUNT - 1);
         if (reference >= OUTPUT_FIRST && reference < STATE_FIRST) {
             if (s->outputs_stale || s->start_stale) status = refresh_outputs(core);
         } else if (reference >= STATE_FIRST && reference < PARAMETER_FIRST) {
@@ -199,20 +199,24 @@ static int core_get(Core *core, const unsigned int references[], size_t count, d
     return CORE_OK;
 }
 
+static int is_state(unsigned int reference) { return reference >= STATE_FIRST && reference < PARAMETER_FIRST; }
+
 static int core_set(Core *core, const unsigned int references[], size_t count, const double values[]) {
     CoreState *s = &core->state;
     const int initializing = s->mode == MODE_INSTANTIATED || s->mode == MODE_INITIALIZATION;
+    /* In model exchange the solver owns the states, and some tools (CasADi) set them one by one. */
+    const int exchanging = !BLOCK_SAMPLED && (s->mode == MODE_EVENT || s->mode == MODE_CONTINUOUS);
     for (size_t i = 0; i < count; ++i) {
         const unsigned int reference = references[i];
         if (reference >= VALUE_COUNT)
-            return core_fail(core, "there is no Real variable with value reference %u; the largest is %d", reference,
-                             VALUE_COUNT - 1);
+            return core_fail(core, "there is no floating-point variable with value reference %u; the largest is %d",
+                             reference, VALUE_COUNT - 1);
         if (reference >= PARAMETER_FIRST && reference < DERIVATIVE_FIRST) {
             if (!initializing && block_parameter_fixed[reference - PARAMETER_FIRST])
                 return core_fail(core, "parameter '%s' (value reference %u) is fixed: set it before the end of "
                                  "the initialization mode, or reset the instance", block_names[reference], reference);
             s->rate_stale = 1;
-        } else if (reference >= OUTPUT_FIRST) {
+        } else if (reference >= OUTPUT_FIRST && !(exchanging && is_state(reference))) {
             return core_fail(core, "variable '%s' (value reference %u) is calculated and cannot be set",
                              block_names[reference], reference);
         }
@@ -247,6 +251,14 @@ static void core_set_mode(Core *core, CoreMode mode) {
     /* A stopped instance keeps its outputs as they were last seen. */
     if (BLOCK_SAMPLED && mode != MODE_TERMINATED) core->state.outputs_stale = 1;
     core->state.mode = mode;
+}
+
+static int core_check_mode(Core *core, int allowed_modes, const char *function) {
+    static const char *const mode_names[] = {"the instantiated state", "initialization mode", "step mode",
+                                             "event mode", "continuous-time mode", "the terminated state"};
+    const int mode = core->state.mode;
+    if (allowed_modes & MODE_BIT(mode)) return CORE_OK;
+    return core_fail(core, "%s is not allowed in %s", function, mode_names[mode]);
 }
 
 /* ---- simulation ---------------------------------------------------------------------------- */
@@ -379,19 +391,17 @@ static int core_directional(Core *core, const unsigned int unknowns[], size_t un
     for (size_t i = 0; i < known_count; ++i) {
         const unsigned int r = knowns[i];
         const int is_input = r < OUTPUT_FIRST;
-        const int is_state = r >= STATE_FIRST && r < PARAMETER_FIRST;
         const int is_parameter = r >= PARAMETER_FIRST && r < DERIVATIVE_FIRST;
-        if (!(is_input || is_parameter || (is_state && !initializing)))
+        if (!(is_input || is_parameter || (is_state(r) && !initializing)))
             return core_fail(core, "value reference %u is not a known of a directional derivative%s", r,
-                             is_state ? " in initialization mode" : "");
+                             is_state(r) ? " in initialization mode" : "");
         core->seed[r] += known_seeds[i];
     }
     for (size_t i = 0; i < unknown_count; ++i) {
         const unsigned int r = unknowns[i];
         const int is_output = r >= OUTPUT_FIRST && r < STATE_FIRST;
-        const int is_state = r >= STATE_FIRST && r < PARAMETER_FIRST;
         const int is_derivative = r >= DERIVATIVE_FIRST && r < VALUE_COUNT;
-        if (!(is_output || is_derivative || (is_state && (initializing || BLOCK_SAMPLED))))
+        if (!(is_output || is_derivative || (is_state(r) && (initializing || BLOCK_SAMPLED))))
             return core_fail(core, "value reference %u is not an unknown of a directional derivative", r);
     }
     if (initializing) {

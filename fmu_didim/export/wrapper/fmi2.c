@@ -41,20 +41,11 @@ typedef struct {
     fmi2Real nextEventTime;
 } fmi2EventInfo;
 
-/* Exported names; a prefix is asked for where FMUs are linked statically (section 2.1.1). */
-#define PASTE_EXPANDED(prefix, name) prefix##name
-#define PASTE(prefix, name) PASTE_EXPANDED(prefix, name)
+/* A prefix is asked for where FMUs are linked statically (section 2.1.1). */
 #ifdef FMI2_FUNCTION_PREFIX
 #define NAME(name) PASTE(FMI2_FUNCTION_PREFIX, name)
 #else
 #define NAME(name) name
-#endif
-#if defined(_WIN32) || defined(__CYGWIN__)
-#define EXPORT __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORT __attribute__((visibility("default")))
-#else
-#define EXPORT
 #endif
 #define FMI2(type, name) EXPORT type NAME(name)
 
@@ -86,16 +77,8 @@ static fmi2Status report(Instance *instance, int core_status) {
     return fmi2Error;
 }
 
-#define MODE_BIT(mode) (1 << (mode))
-
-/* Is a call allowed now? If not, say which function was called when. */
 static int in_mode(Instance *instance, int allowed, const char *function) {
-    static const char *const mode_names[] = {"the instantiated state", "initialization mode", "step mode",
-                                             "event mode", "continuous-time mode", "the terminated state"};
-    const int mode = instance->core->state.mode;
-    if (allowed & MODE_BIT(mode)) return 1;
-    report(instance, core_fail(instance->core, "%s is not allowed in %s", function, mode_names[mode]));
-    return 0;
+    return report(instance, core_check_mode(instance->core, allowed, function)) == fmi2OK;
 }
 
 static fmi2Status not_provided(Instance *instance, const char *what) {
@@ -332,7 +315,8 @@ FMI2(fmi2Status, fmi2SetTime)(fmi2Component c, fmi2Real time) {
 
 static int has_states(Instance *instance, size_t nx) {
     if (nx == CONTINUOUS_STATE_COUNT) return 1;
-    report(instance, core_fail(instance->core, "this FMU has %d continuous states, not %zu", CONTINUOUS_STATE_COUNT, nx));
+    report(instance, core_fail(instance->core, "this FMU has %d continuous states, not %zu",
+                               CONTINUOUS_STATE_COUNT, nx));
     return 0;
 }
 

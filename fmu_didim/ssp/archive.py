@@ -1,0 +1,169 @@
+"""Opening an archive that may come from anybody: safe names, bounded sizes, XML without entities."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import shutil
+import stat
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree as ET
+
+from fmu_didim.cache import cached_folder, file_digest
+from fmu_didim.errors import InputError
+from fmu_didim.ssp.document import STRUCTURE
+
+MAXIMUM_BYTES = 2 * 1024**3
+MAXIMUM_XML_BYTES = 64 * 1024**2
+MAXIMUM_ENTRIES = 10_000
+"""Bounds of an archive: far above any real one, far below what fills a disk."""
+_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+_ENCODINGS = {"utf-8": "utf-8-sig", "us-ascii": "ascii", "iso-8859-1": "latin-1", "windows-1252": "cp1252"}
+
+
+@dataclass(frozen=True)
+class Archive:
+    """An unpacked ``.ssp`` file: ``folder`` holds the entries of ``path`` whose ``names`` were checked."""
+
+    path: Path
+    folder: Path
+    names: frozenset[str]
+
+    def file(self, source: str, *, where: str) -> Path:
+        """The file that a relative URI of the SSD names; raises InputError."""
+        parts = urlsplit(source)
+        name = posixpath.normpath(unquote(parts.path)) if parts.path else ""
+        if parts.scheme or parts.netloc or parts.query or parts.fragment or not _is_safe(name):
+            raise InputError(
+                "The source is not a relative path inside the archive.",
+                where=f"{self.path}: {where}",
+                got=source,
+                valid="resources/<file>",
+            )
+        if name not in self.names:
+            raise InputError(
+                f"The archive does not contain '{name}'.",
+                where=f"{self.path}: {where}",
+                got=source,
+                valid=sorted(self.names),
+                next_step="Add the file to the archive, or correct the source.",
+            )
+        return self.folder / name
+
+    def xml(self, source: str, root: str, *, where: str) -> ET.Element:
+        """The root element of an XML file of the archive, which must have this tag; raises InputError."""
+        file = self.file(source, where=where)
+        element = parse_xml(file.read_bytes(), where=f"{self.path}: {source}")
+        check_root(element, root, where=f"{self.path}: {source}")
+        return element
+
+
+def open_archive(path: Path) -> Archive:
+    """Unpack an archive into the cache, once for each content.
+
+    Raises:
+        InputError: it is missing, no zip file, too large, without SystemStructure.ssd, or has entries that lie
+            outside it, occur twice, are links or are encrypted.
+    """
+    if not path.is_file():
+        raise InputError("The SSP archive does not exist.", where=str(path))
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = _check_entries(archive.infolist(), path)
+            if STRUCTURE not in entries:
+                raise InputError(
+                    f"The archive has no {STRUCTURE}.",
+                    where=str(path),
+                    valid=sorted(entries),
+                    next_step="The file must lie at the top of the archive, not in a folder.",
+                )
+            folder = cached_folder("ssp", file_digest(path), lambda target: _unpack(archive, entries, target))
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+        raise InputError("The file is not a readable zip archive.", where=str(path), got=str(error)) from error
+    return Archive(path, folder, frozenset(entries))
+
+
+def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zipfile.ZipInfo]:
+    def refuse(what: str, info: zipfile.ZipInfo) -> InputError:
+        return InputError(what, where=str(path), got=info.orig_filename, next_step="Do not use this archive.")
+
+    entries: dict[str, zipfile.ZipInfo] = {}
+    folded: set[str] = set()
+    for info in infos:
+        name = info.filename.rstrip("/") if info.is_dir() else info.filename
+        if not _is_safe(name) or "\\" in info.orig_filename or "\0" in info.orig_filename:
+            raise refuse("An entry of the archive lies outside of it.", info)
+        if stat.S_ISLNK(info.external_attr >> 16):
+            raise refuse("An entry of the archive is a symbolic link.", info)
+        if info.flag_bits & 1:
+            raise refuse("An entry of the archive is encrypted.", info)
+        if info.is_dir():
+            continue
+        # Names that differ in case only are one file on some systems.
+        if name.casefold() in folded:
+            raise refuse("Two entries of the archive have the same name.", info)
+        folded.add(name.casefold())
+        entries[name] = info
+    total = sum(info.file_size for info in infos)
+    if total > MAXIMUM_BYTES or len(infos) > MAXIMUM_ENTRIES:
+        raise InputError(
+            "The archive is too large.",
+            where=str(path),
+            got=f"{total} bytes in {len(infos)} entries",
+            valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries",
+        )
+    return entries
+
+
+def _is_safe(name: str) -> bool:
+    parts = PurePosixPath(name).parts
+    return bool(parts) and not name.startswith("/") and ".." not in parts and ":" not in name and "\\" not in name
+
+
+def _unpack(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], target: Path) -> None:
+    for name, info in entries.items():
+        file = target / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        # zipfile never gives more bytes than the size that was checked.
+        with archive.open(info) as source, file.open("xb") as copy:
+            shutil.copyfileobj(source, copy)
+
+
+def parse_xml(data: bytes, *, where: str) -> ET.Element:
+    """The root element; a document type declaration, in which entities could multiply, is refused."""
+    if len(data) > MAXIMUM_XML_BYTES:
+        raise InputError("The XML file is too large.", where=where, valid=f"at most {MAXIMUM_XML_BYTES} bytes")
+    declared = _ENCODING.match(data)
+    encoding = declared[1].decode("ascii").lower() if declared else "utf-8"
+    if encoding not in _ENCODINGS:
+        raise InputError("This encoding of XML is not read.", where=where, got=encoding, valid=_ENCODINGS)
+    try:
+        text = data.decode(_ENCODINGS[encoding])
+        if "<!DOCTYPE" in text:
+            raise InputError("A document type declaration is not accepted.", where=where, got="<!DOCTYPE")
+        return ET.fromstring(text)
+    except (UnicodeDecodeError, ET.ParseError) as error:
+        raise InputError("The file is not well-formed XML.", where=where, got=str(error)) from error
+
+
+def check_root(element: ET.Element, tag: str, *, where: str) -> None:
+    """Refuse another root element, or another version than 1.x."""
+    if element.tag != tag:
+        raise InputError("This is not the expected kind of file.", where=where, got=element.tag, valid=tag)
+    version = element.get("version", "")
+    if not version.startswith("1."):
+        raise InputError("This version of SSP is not supported.", where=where, got=version, valid="1.0")
+
+
+def read_fmu_entry(path: Path, name: str) -> bytes:
+    """One file of an FMU, bounded in size."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(name) as stream:
+            return stream.read(MAXIMUM_XML_BYTES + 1)
+    except (zipfile.BadZipFile, KeyError, OSError) as error:
+        raise InputError(f"The FMU holds no readable {name}.", where=str(path), got=str(error)) from error

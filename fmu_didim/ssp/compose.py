@@ -1,0 +1,145 @@
+"""What of a system goes into an archive: parts, values that were set, and connections as SSP knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fmu_didim.components import FmuComponent, load_fmu
+from fmu_didim.errors import InputError
+from fmu_didim.master import Connection, System
+from fmu_didim.master.system import REFERENCE
+from fmu_didim.signals import Variable
+from fmu_didim.ssp.parse import fmu_facts
+from fmu_didim.ssp.transform import Affine, Unit, spliced
+
+
+@dataclass(frozen=True)
+class Part:
+    """One FMU of the system.
+
+    Attributes:
+        fmu: as it was loaded from its file, with the FMU's own names and values.
+        values: variable -> value that was set since; options: the same for Integer parameters.
+        roles: own name -> name in the loop, where they differ.
+        units: name -> unit of the FMU.
+    """
+
+    fmu: FmuComponent
+    values: Mapping[str, float]
+    options: Mapping[str, int]
+    roles: Mapping[str, str]
+    units: Mapping[str, Unit]
+
+    def unit(self, name: str) -> Unit | None:
+        """Unit of a variable by its own name; None if it has none or the FMU does not define it."""
+        variables = (*self.fmu.inputs, *self.fmu.outputs, *self.fmu.parameters)
+        return self.units.get(next((v.unit for v in variables if v.name == name), ""))
+
+
+@dataclass(frozen=True)
+class Route:
+    """A connection by the FMUs' own names; the element of the reference is None."""
+
+    start: tuple[str | None, str]
+    end: tuple[str, str]
+    transformation: Affine
+
+
+def parts(system: System) -> dict[str, Part]:
+    """The FMUs of a system by name, in its order; components made by reading an SSP are left out.
+
+    Raises:
+        InputError: a component is no FMU, or its file has changed since it was loaded.
+    """
+    found: dict[str, Part] = {}
+    for name in system.order:
+        component = system.components[name]
+        if spliced(component) is not None:
+            continue
+        if not isinstance(component, FmuComponent):
+            raise InputError(
+                f"The component '{name}' is not an FMU, and an SSP archive holds FMUs.",
+                where="write_ssp",
+                got=component.describe().get("kind"),
+                valid="fmu",
+                next_step=f"Give '{name}' as kind fmu in the case, or load_fmu(build_fmu(block)).",
+            )
+        own = load_fmu(component.path)
+        if own.digest != component.digest:
+            raise InputError("The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}")
+        found[name] = _part(own, component)
+    return found
+
+
+def _part(own: FmuComponent, component: FmuComponent) -> Part:
+    values: dict[str, float] = {}
+    roles: dict[str, str] = {}
+    for before, after in zip(own.parameters, component.parameters, strict=True):
+        if after.start != before.start:
+            values[before.name] = after.start
+    groups: tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...] = (
+        (own.inputs, component.inputs),
+        (own.outputs, component.outputs),
+    )
+    for before, after in ((b, a) for mine, theirs in groups for b, a in zip(mine, theirs, strict=True)):
+        if after.name != before.name:
+            roles[before.name] = after.name
+    for before, after in zip(own.inputs, component.inputs, strict=True):
+        if after.start != before.start:
+            values[before.name] = after.start
+    options = {n: v for n, v in component.options.items() if own.options.get(n) != v}
+    return Part(own, {**values, **options}, options, roles, fmu_facts(own.path)[0])
+
+
+def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
+    """The connections between the FMUs, those through a component of an offset as one.
+
+    Raises:
+        InputError: several connections add up in one input, which SSP cannot say.
+    """
+    inbound: dict[str, Connection] = {}
+    for connection in system.connections:
+        other = inbound.get(connection.target)
+        if other is not None:
+            raise InputError(
+                f"Two connections add up in '{connection.target}', which SSP cannot express.",
+                where="write_ssp",
+                got=f"{other.source} -> {other.target} and {connection.source} -> {connection.target}",
+                valid="one connection to each input",
+                next_step="Let the controller or the plant do the sum, as an input of its own for each term.",
+            )
+        inbound[connection.target] = connection
+    own_names = {
+        f"{name}.{part.roles.get(v.name, v.name)}": (name, v.name)
+        for name, part in own.items()
+        for v in (*part.fmu.inputs, *part.fmu.outputs)
+    }
+    routes = []
+    for connection in system.connections:
+        target = connection.target.partition(".")[0]
+        if target not in own:
+            continue
+        source, total = connection.source, Affine(connection.gain)
+        while (name := source.partition(".")[0]) != REFERENCE and name not in own:
+            before = inbound.get(f"{name}.u")
+            if before is None or not _stands_before(system, name, target) or system.delays.get(name):
+                raise InputError(
+                    f"The component '{name}' is no plain transformation of a connection.",
+                    where=f"write_ssp: {source} -> {connection.target}",
+                    next_step="Feed it, and put it without delay directly before the component that it feeds.",
+                )
+            own_transformation = spliced(system.components[name])
+            assert own_transformation is not None  # parts() has refused all others
+            total = Affine(before.gain).then(own_transformation).then(total)
+            source = before.source
+        start = (None, source.partition(".")[2]) if name == REFERENCE else own_names[source]
+        routes.append(Route(start, own_names[connection.target], total))
+    return tuple(routes)
+
+
+def _stands_before(system: System, name: str, target: str) -> bool:
+    """Whether nothing but other transformations is evaluated between this one and the component it feeds."""
+    place = system.order.index(name)
+    following = next((n for n in system.order[place:] if spliced(system.components[n]) is None), None)
+    return following == target

@@ -1,0 +1,273 @@
+"""From the XML of SSD, SSV and SSM files to the data of :mod:`fmu_didim.ssp.document`."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from fmu_didim.errors import InputError
+from fmu_didim.ssp.archive import Archive, check_root, parse_xml, read_fmu_entry
+from fmu_didim.ssp.document import (
+    FMU_TYPE,
+    LOOP,
+    LOOP_TYPE,
+    SSD,
+    SSM,
+    SSV,
+    STRUCTURE,
+    Binding,
+    ComponentElement,
+    Connector,
+    Link,
+    Loop,
+    MappingEntry,
+    Structure,
+    SystemElement,
+    Value,
+)
+from fmu_didim.ssp.transform import BASE_UNITS, Affine, Unit
+
+MAXIMUM_DEPTH = 20
+PARAMETER_SET = "application/x-ssp-parameter-set"
+PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+
+
+def parse_structure(archive: Archive) -> Structure:
+    """What SystemStructure.ssd says, with the files of values and mappings that it names; raises InputError."""
+    root = archive.xml(STRUCTURE, f"{{{SSD}}}SystemStructureDescription", where=STRUCTURE)
+    units = read_units(_child(root, "Units"), where=f"{archive.path}: {STRUCTURE}")
+    system = _child(root, "System")
+    if system is None:
+        raise InputError("The description holds no System.", where=f"{archive.path}: {STRUCTURE}")
+    reader = _Reader(archive, units)
+    return Structure(root.get("name", ""), reader.system(system, ()), units, reader.loop(system))
+
+
+def read_units(element: ET.Element | None, *, where: str) -> dict[str, Unit]:
+    """The units that an element ``Units`` (SSP) or ``UnitDefinitions`` (FMI) defines with a BaseUnit."""
+    units: dict[str, Unit] = {}
+    for own in _children(element, "Unit"):
+        base = _child(own, "BaseUnit")
+        if base is not None:
+            name = own.get("name", "")
+            here = f"{where}, Unit '{name}'"
+            try:
+                exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
+            except ValueError as error:
+                raise InputError("An exponent of a unit is no integer.", where=here, got=str(error)) from error
+            factor = _number(base, "factor", 1.0, where=here)
+            if factor == 0:
+                raise InputError("The factor of a unit must not be 0.", where=here)
+            units[name] = Unit(name, exponents, factor, _number(base, "offset", 0.0, where=here))
+    return units
+
+
+def fmu_facts(path: Path) -> tuple[dict[str, Unit], float | None]:
+    """Units of an FMU and the step size of its default experiment in s, None if it states none."""
+    root = parse_xml(read_fmu_entry(path, "modelDescription.xml"), where=f"{path}: modelDescription.xml")
+    experiment = _child(root, "DefaultExperiment")
+    step = None if experiment is None else _number(experiment, "stepSize", 0.0, where=f"{path}: DefaultExperiment")
+    return read_units(_child(root, "UnitDefinitions"), where=str(path)), step if step and step > 0 else None
+
+
+@dataclass(frozen=True)
+class _Reader:
+    archive: Archive
+    units: Mapping[str, Unit]
+
+    def _where(self, what: str) -> str:
+        return f"{self.archive.path}: {STRUCTURE}, {what}"
+
+    def system(self, element: ET.Element, path: tuple[str, ...]) -> SystemElement:
+        where = self._where(f"System {'.'.join(path) or element.get('name', '')}")
+        if len(path) > MAXIMUM_DEPTH:
+            raise InputError("The systems are nested too deeply.", where=where, valid=f"{MAXIMUM_DEPTH} levels")
+        inner = _child(element, "Elements")
+        components, systems, names = [], [], set()
+        for child in inner if inner is not None else ():
+            kind = _local(child)
+            if kind not in ("Component", "System"):
+                raise InputError(f"A {kind} is not supported.", where=where, got=child.get("name"))
+            name = _required(child, "name", where=where)
+            if "." in name or name in names:
+                raise InputError("The name of an element must be unique and without a dot.", where=where, got=name)
+            names.add(name)
+            if kind == "System":
+                systems.append(self.system(child, (*path, name)))
+            else:
+                components.append(self._component(child, (*path, name)))
+        return SystemElement(
+            element.get("name", ""),
+            self._connectors(element, where),
+            self._bindings(element, where),
+            tuple(components),
+            tuple(systems),
+            tuple(self._link(link) for link in _children(_child(element, "Connections"), "Connection")),
+        )
+
+    def _component(self, element: ET.Element, path: tuple[str, ...]) -> ComponentElement:
+        where = self._where(f"Component {'.'.join(path)}")
+        kind = element.get("type", FMU_TYPE)
+        if kind != FMU_TYPE:
+            raise InputError("Only FMUs are supported as components.", where=where, got=kind, valid=FMU_TYPE)
+        if element.get("implementation", "any") == "ModelExchange":
+            raise InputError("Model exchange is not supported.", where=where, valid="any, CoSimulation")
+        source = _required(element, "source", where=where)
+        return ComponentElement(
+            path[-1], source, self._connectors(element, where), self._bindings(element, where)
+        )  # fmt: skip
+
+    def _connectors(self, element: ET.Element, where: str) -> tuple[Connector, ...]:
+        found = {}
+        for own in _children(_child(element, "Connectors"), "Connector"):
+            name = _required(own, "name", where=f"{where}, Connector")
+            if name in found:
+                raise InputError("Two connectors have the same name.", where=where, got=name)
+            kind = _required(own, "kind", where=f"{where}, Connector '{name}'")
+            types = [c for c in own if _local(c) in ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")]
+            unit = self._unit(types[0].get("unit"), self.units) if types else None
+            found[name] = Connector(name, kind, _local(types[0]) if types else "Real", unit)
+        return tuple(found.values())
+
+    @staticmethod
+    def _unit(name: str | None, units: Mapping[str, Unit]) -> Unit | None:
+        return units.get(name, Unit(name)) if name else None
+
+    def _link(self, element: ET.Element) -> Link:
+        ends = [(element.get(f"{end}Element"), element.get(f"{end}Connector", "")) for end in ("start", "end")]
+        where = self._where("Connection " + " -> ".join(".".join(filter(None, end)) for end in ends))
+        return Link(ends[0], ends[1], _transformation(element, where), _suppressed(element, where))
+
+    def _bindings(self, element: ET.Element, where: str) -> tuple[Binding, ...]:
+        own = _children(_child(element, "ParameterBindings"), "ParameterBinding")
+        return tuple(self._binding(one, f"{where}, ParameterBinding {i}") for i, one in enumerate(own, 1))
+
+    def _content(self, holder: ET.Element | None, element: ET.Element, tag: str, where: str) -> ET.Element:
+        """The root of what an element gives inline (in ``holder``) or names as its source."""
+        if element.get("sourceBase", "SSD") != "SSD":
+            raise InputError("A source inside a component is not supported.", where=where, valid="sourceBase SSD")
+        source = element.get("source")
+        inline = list(holder) if holder is not None else []
+        if (source is not None) == bool(inline) or len(inline) > 1:
+            raise InputError("Give either a source or the content itself.", where=where, got=source)
+        if source is not None:
+            return self.archive.xml(source, tag, where=where)
+        check_root(inline[0], tag, where=where)
+        return inline[0]
+
+    def _binding(self, element: ET.Element, where: str) -> Binding:
+        kind = element.get("type", PARAMETER_SET)
+        if kind != PARAMETER_SET:
+            raise InputError("This kind of parameters is not supported.", where=where, got=kind, valid=PARAMETER_SET)
+        root = self._content(_child(element, "ParameterValues"), element, f"{{{SSV}}}ParameterSet", where)
+        if element.get("source"):
+            where += f" ({element.get('source')})"
+        units = {**self.units, **read_units(_child(root, "Units"), where=where)}
+        values = []
+        for own in _children(_child(root, "Parameters"), "Parameter"):
+            name = _required(own, "name", where=where)
+            content = [child for child in own if _local(child) != "Annotations"]
+            if len(content) != 1:
+                raise InputError("A parameter needs exactly one value.", where=where, got=name)
+            text = _required(content[0], "value", where=f"{where}, Parameter '{name}'")
+            values.append(Value(name, _local(content[0]), text, self._unit(content[0].get("unit"), units)))
+        doubled = sorted(name for name, count in Counter(v.name for v in values).items() if count > 1)
+        if doubled:
+            raise InputError("A parameter set gives values twice.", where=where, got=", ".join(doubled))
+        return Binding(where, element.get("prefix", ""), tuple(values), self._mapping(element, where))
+
+    def _mapping(self, element: ET.Element, where: str) -> tuple[MappingEntry, ...] | None:
+        mapping = _child(element, "ParameterMapping")
+        if mapping is None:
+            return None
+        kind = mapping.get("type", PARAMETER_MAPPING)
+        if kind != PARAMETER_MAPPING:
+            raise InputError("This kind of mapping is not supported.", where=where, got=kind, valid=PARAMETER_MAPPING)
+        root = self._content(mapping, mapping, f"{{{SSM}}}ParameterMapping", f"{where}, ParameterMapping")
+        entries: list[MappingEntry] = []
+        for own in _children(root, "MappingEntry"):
+            here = f"{where}, MappingEntry {own.get('source')} -> {own.get('target')}"
+            source, target = (_required(own, key, where=here) for key in ("source", "target"))
+            if any(target == entry.target for entry in entries):
+                raise InputError("Two entries of the mapping have the same target.", where=here, got=target)
+            entries.append(MappingEntry(source, target, _transformation(own, here), _suppressed(own, here)))
+        return tuple(entries)
+
+    def loop(self, system: ET.Element) -> Loop | None:
+        """The annotation of the root system in which :func:`write_ssp` keeps what SSP cannot say."""
+        annotations = _children(_child(system, "Annotations"), "Annotation")
+        own = next((a.find(f"{{{LOOP}}}loop") for a in annotations if a.get("type") == LOOP_TYPE), None)
+        if own is None:
+            return None
+        where = self._where(f"Annotation {LOOP_TYPE}")
+        parts = {_required(c, "name", where=where): c for c in _children(own, "component")}
+        return Loop(
+            _number(own, "step_size", math.nan, where=where),
+            tuple(parts),
+            {name: _number(c, "delay", 0.0, where=where) for name, c in parts.items() if c.get("delay")},
+            {
+                (name, _required(role, "variable", where=where)): _required(role, "name", where=where)
+                for name, c in parts.items()
+                for role in _children(c, "role")
+            },
+        )
+
+
+def _local(element: ET.Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _children(element: ET.Element | None, name: str) -> list[ET.Element]:
+    return [] if element is None else [child for child in element if _local(child) == name]
+
+
+def _child(element: ET.Element, name: str) -> ET.Element | None:
+    return next(iter(_children(element, name)), None)
+
+
+def _required(element: ET.Element, key: str, *, where: str) -> str:
+    value = element.get(key)
+    if not value:
+        raise InputError(f"A {_local(element)} lacks the attribute '{key}'.", where=where)
+    return value
+
+
+def _number(element: ET.Element, key: str, default: float, *, where: str) -> float:
+    text = element.get(key)
+    return default if text is None else number(text, where=f"{where}, {key}")
+
+
+def number(text: str, *, where: str) -> float:
+    """A finite number; raises InputError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError("This is not a finite number.", where=where, got=text)
+    return value
+
+
+def _suppressed(element: ET.Element, where: str) -> bool:
+    text = element.get("suppressUnitConversion", "false")
+    if text not in _TRUTH:
+        raise InputError("This is neither true nor false.", where=f"{where}, suppressUnitConversion", got=text)
+    return _TRUTH[text]
+
+
+def _transformation(element: ET.Element, where: str) -> Affine:
+    """The linear transformation of a connection or mapping entry; any other kind is refused."""
+    for child in element:
+        kind = _local(child)
+        if kind == "LinearTransformation":
+            return Affine(_number(child, "factor", 1.0, where=where), _number(child, "offset", 0.0, where=where))
+        if kind.endswith("Transformation"):
+            raise InputError(
+                "This transformation is not supported.", where=where, got=kind, valid="LinearTransformation"
+            )
+    return Affine()

@@ -1,0 +1,229 @@
+"""From a ``.ssp`` archive to a system that runs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from fmu_didim.components import Component, FmuComponent, load_fmu
+from fmu_didim.errors import FmuError, InputError, UnknownNameError
+from fmu_didim.master import Connection, System
+from fmu_didim.master.system import REFERENCE
+from fmu_didim.signals import Variable
+from fmu_didim.ssp.archive import Archive, open_archive
+from fmu_didim.ssp.document import STRUCTURE, ComponentElement, Loop, Structure, SystemElement
+from fmu_didim.ssp.parameters import Bindings
+from fmu_didim.ssp.parse import fmu_facts, parse_structure
+from fmu_didim.ssp.transform import Unit, splice
+from fmu_didim.ssp.wiring import Net, Node, Place, build_net, flat_name
+
+
+def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool = True) -> System:
+    """The system of the archive's SystemStructure.ssd, with the values of its parameter bindings applied.
+
+    * An input connector of the root system becomes the column ``reference.<name>``, in the connector's unit.
+    * Systems inside systems are flattened: component ``c`` of system ``s`` is named ``s_c``.
+    * Units are converted where both sides state one, unless suppressUnitConversion says no; then linear
+      transformations act. A factor becomes the gain of the connection; an offset becomes a small component
+      of its own directly before the one it feeds.
+    * Later bindings win over earlier ones, those of systems over those of their elements. Values bound to
+      inputs are their start values.
+    * Order, delays and step are those of the annotation ``org.fmu-didim.loop``. Without it the order is
+      that of appearance, but components fed by an input of the root system come first: the controller sees
+      the reference and acts before the plant moves. There is no delay, and the step is the step size
+      that the first component in that order states in its default experiment, if it states one.
+    * Connections to outputs of the root system are checked and then dropped: all outputs are recorded anyway.
+
+    Args:
+        path: the archive.
+        step_size: communication step in s, instead of what the archive says.
+        strict: refuse values bound to names that do not exist, which the standard says to ignore.
+
+    Raises:
+        InputError: the archive is unsafe, incomplete, or says something that a System cannot express.
+        FmuError: one of its FMUs cannot be loaded.
+
+    Source: "System Structure and Parameterization", version 1.0.
+    """
+    archive = open_archive(Path(path))
+    structure = parse_structure(archive)
+    where = f"{archive.path}: {STRUCTURE}"
+    fmus: dict[Place, FmuComponent] = {}
+    units: dict[Node, Unit | None] = {}
+    steps: dict[str, float] = {}
+    for own, element in _components(structure.system, ()):
+        name = flat_name(own)
+        if name == REFERENCE or name in map(flat_name, fmus):
+            raise InputError("This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}")
+        file = archive.file(element.source, where=f"Component {'.'.join(own)}")
+        fmus[own] = _load(archive, element, own, file)
+        known, step = fmu_facts(file)
+        scope = {**structure.units, **known}
+        for v in (*fmus[own].inputs, *fmus[own].outputs, *fmus[own].parameters):
+            units[own, v.name] = scope.get(v.unit, Unit(v.unit)) if v.unit else None
+        if step is not None:
+            steps[name] = step
+    if not fmus:
+        raise InputError("The system has no components.", where=where)
+    net = build_net(structure, units, where=where)
+    _check_connectors(net, fmus)
+    values = Bindings(net, fmus, units, strict).values()
+    components: dict[str, Component] = {flat_name(own): _with_values(fmus[own], values[own], net) for own in fmus}
+    return _system(structure, net, components, steps, step_size, where)
+
+
+def _components(system: SystemElement, path: Place) -> Iterable[tuple[Place, ComponentElement]]:
+    for component in system.components:
+        yield (*path, component.name), component
+    for inner in system.systems:
+        yield from _components(inner, (*path, inner.name))
+
+
+def _load(archive: Archive, element: ComponentElement, path: Place, file: Path) -> FmuComponent:
+    try:
+        return load_fmu(file)
+    except FmuError as error:
+        raise FmuError(
+            error.what,
+            where=f"{archive.path}: Component {'.'.join(path)}, {element.source}",
+            got=error.got,
+            valid=error.valid,
+            next_step=error.next_step,
+        ) from error
+
+
+def _check_connectors(net: Net, fmus: Mapping[Place, FmuComponent]) -> None:
+    """Each Real connector of a component must be a variable of its FMU."""
+    for (path, name), port in net.ports.items():
+        if path in fmus and port.type == "Real":
+            groups = {"input": fmus[path].inputs, "output": fmus[path].outputs, "parameter": fmus[path].parameters}
+            where = f"{net.where}, Component {'.'.join(path)}"
+            if port.kind in groups and name not in {v.name for v in groups[port.kind]}:
+                valid = [v.name for v in groups[port.kind]]
+                raise UnknownNameError(f"{port.kind} of the FMU", name, valid, where=f"{where}, Connector '{name}'")
+            if port.kind == "inout":
+                raise InputError("A component has no connectors of kind inout.", where=where, got=name)
+
+
+def _with_values(fmu: FmuComponent, values: Mapping[str, float], net: Net) -> FmuComponent:
+    parameters = {v.name for v in fmu.parameters}
+    inputs = {v.name for v in fmu.inputs}
+    fmu = fmu.with_parameters({name: value for name, value in values.items() if name in parameters})
+    started = tuple(replace(v, start=values.get(v.name, v.start)) for v in fmu.inputs)
+    fmu = fmu.with_names(started, fmu.outputs)
+    options = {name: value for name, value in values.items() if name not in parameters | inputs}
+    for name, value in options.items():
+        if value != int(value):
+            raise InputError(
+                f"The parameter '{name}' takes integers.", where=f"{net.where}, {fmu.path.name}", got=value
+            )
+    if options:
+        fmu = replace(fmu, options={**fmu.options, **{name: int(value) for name, value in options.items()}})
+    return fmu
+
+
+def _system(
+    structure: Structure,
+    net: Net,
+    components: dict[str, Component],
+    steps: Mapping[str, float],
+    step_size: float | None,
+    where: str,
+) -> System:
+    names = {path: flat_name(path) for path in net.components}
+    connections: list[Connection] = []
+    before: dict[str, list[str]] = {name: [] for name in components}
+    inserted: dict[str, Component] = {}
+    fed = set()
+    for end in _ends(net):
+        if end[0] not in names:
+            continue
+        owner, target = names[end[0]], f"{names[end[0]]}.{end[1]}"
+        chain = net.upstream(end)
+        origin, variable = chain[0].start
+        if origin in names and net.ports[end].kind != "input":
+            raise InputError("A parameter cannot follow an output.", where=chain[-1].where)
+        if origin not in names and (origin or net.ports[origin, variable].kind != "input"):
+            continue  # what was bound there is a value or a start value of the component already
+        if origin not in names:
+            fed.add(owner)
+        source = f"{names[origin]}.{variable}" if origin in names else f"{REFERENCE}.{variable}"
+        total = net.transformation(chain)
+        if total.offset == 0:
+            connections.append(Connection(source, target, total.factor))
+            continue
+        name = _free_name(target, {*components, *inserted})
+        inserted[name] = splice(total)
+        before[owner].append(name)
+        connections += [Connection(source, f"{name}.u"), Connection(f"{name}.y", target)]
+    loop = structure.loop or _guess(components, fed, steps)
+    _check_loop(loop, components, where)
+    size = loop.step_size if step_size is None else step_size
+    if not size > 0:
+        raise InputError(
+            "The archive does not say at which step the loop runs.", where=where, next_step="Give step_size."
+        )
+    order = tuple(part for name in loop.order for part in (*before[name], name))
+    system = System({**components, **inserted}, tuple(connections), order, size, loop.delays)
+    return _with_roles(system, loop, where)
+
+
+def _ends(net: Net) -> Iterable[Node]:
+    """Where the connections end, in the order of the file."""
+    for path, system in net.systems.items():
+        for link in system.links:
+            element, connector = link.end
+            yield (path if element is None else (*path, element)), connector
+
+
+def _free_name(target: str, taken: set[str]) -> str:
+    stem = name = re.sub(r"\W", "_", target) + "_transformation"
+    count = 1
+    while name in taken or name == REFERENCE:
+        count += 1
+        name = f"{stem}_{count}"
+    return name
+
+
+def _guess(components: Mapping[str, Component], fed: set[str], steps: Mapping[str, float]) -> Loop:
+    order = tuple(sorted(components, key=lambda name: name not in fed))
+    return Loop(next((steps[name] for name in order if name in steps), 0.0), order)
+
+
+def _check_loop(loop: Loop, components: Mapping[str, Component], where: str) -> None:
+    if sorted(loop.order) != sorted(components):
+        raise InputError(
+            "The annotation of the loop does not fit the components.",
+            where=where,
+            got=loop.order,
+            valid=components,
+            next_step="Name each component once in the annotation, or remove it.",
+        )
+
+
+def _with_roles(system: System, loop: Loop, where: str) -> System:
+    """Variables that the loop names otherwise than their FMU does."""
+    roles = {f"{name}.{variable}": f"{name}.{role}" for (name, variable), role in loop.roles.items()}
+    if not roles:
+        return system
+
+    def renamed(name: str, variables: tuple[Variable, ...]) -> tuple[Variable, ...]:
+        return tuple(replace(v, name=loop.roles.get((name, v.name), v.name)) for v in variables)
+
+    for name, component in system.components.items():
+        known = [v.name for v in (*component.inputs, *component.outputs)]
+        for owner, variable in loop.roles:
+            if owner == name and variable not in known:
+                raise UnknownNameError("variable", variable, known, where=f"{where}, annotation of the loop")
+    return System(
+        {n: c.with_names(renamed(n, c.inputs), renamed(n, c.outputs)) for n, c in system.components.items()},
+        tuple(
+            replace(c, source=roles.get(c.source, c.source), target=roles.get(c.target, c.target))
+            for c in system.connections
+        ),
+        system.order,
+        system.step_size,
+        system.delays,
+    )
