@@ -619,3 +619,9 @@ def test_writing_refuses_what_ssp_cannot_say(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="well-formed"):
         write_ssp(direct(), path, name="\0")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_jacobi_order_survives_the_round_trip(tmp_path: Path) -> None:
+    parallel = replace(direct(), jacobi=True)
+    assert read_ssp(write_ssp(parallel, tmp_path / "loop.ssp", name="loop")).jacobi
+    assert not read_ssp(write_ssp(direct(), tmp_path / "other.ssp", name="loop")).jacobi

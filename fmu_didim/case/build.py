@@ -142,6 +142,7 @@ def _system(
         step_size=_step(document, controller),
         drive_gains=document.loop.drive_gains,
         delay_samples=document.loop.delay_samples,
+        jacobi=document.loop.algorithm == "jacobi",
         # Not every experiment has the test signal; that one of them does is checked when the case is loaded.
         injections={c: name for c, name in document.loop.injections.items() if name in reference.names},
         reference_names=reference.names,

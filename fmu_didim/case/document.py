@@ -46,12 +46,15 @@ class Loop(Strict):
     Attributes:
         rate_hz: control rate; that of the controller by default.
         delay_samples: delay of the command, a fraction allowed.
+        algorithm: ``gauss_seidel`` (controller first), or ``jacobi``: every component gets what the others gave at
+            the end of the last step.
         drive_gains: g_t of tau = g_t command (eq. 21), one a joint.
         injections: ``command<j>`` -> column of the reference added to it.
     """
 
     rate_hz: Positive | None = None
     delay_samples: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    algorithm: Literal["gauss_seidel", "jacobi"] = "gauss_seidel"
     drive_gains: tuple[float, ...] | None = None
     injections: Mapping[str, str] = Field(default_factory=dict)
 

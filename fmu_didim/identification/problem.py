@@ -176,13 +176,9 @@ def joint_signals(problem: Problem, name: str) -> list[str]:
 
 
 def drive_torque(problem: Problem, recording: Recording) -> Array:
-    """(K, n) torque of the drives at the recorded ticks: the sum of what is wired to the plant's inputs."""
-    columns = []
-    for j in range(1, problem.joint_count + 1):
-        target = f"{problem.plant}.tau{j}"
-        parts = [c for c in problem.system.connections if c.target == target]
-        columns.append(sum((c.gain * recording.applied[c.source] for c in parts), start=np.zeros(1)))
-    return np.column_stack(columns)
+    """(K, n) torque of the drives for the recorded commands: the plant's inputs when those begin to act."""
+    names = [f"{problem.plant}.tau{j}" for j in range(1, problem.joint_count + 1)]
+    return np.column_stack([recording.inputs[name] for name in names])
 
 
 def _predict_by_probing(problem: Problem, theta: Array) -> Prediction:

@@ -27,12 +27,14 @@ class Recording:
         ticks: (K,) tick numbers; time: (K,) their instants in s.
         applied: name -> (K,) values; those of a component whose inputs are delayed are taken when the
             input computed at the tick acts, so that torque and motion of a row belong together.
-        sampled: the same at the instant of the tick itself, just before anything that is due then acts.
+        inputs: name -> (K,) values of the inputs of the components, when they begin to act.
+        sampled: the same as ``applied`` at the instant of the tick itself, just before anything that is due then acts.
     """
 
     ticks: NDArray[np.int64]
     time: Array
     applied: Mapping[str, Array]
+    inputs: Mapping[str, Array]
     sampled: Mapping[str, Array]
 
     def table(self, names: list[str], *, sampled: bool = False) -> Array:
@@ -79,9 +81,12 @@ class _Running:
     def delayed(self) -> bool:
         return self.whole > 0 or self.part > 0
 
-    def evaluate(self, signals: Array, time: float, step: float) -> None:
-        """Inputs from the signals, outputs into the signals; a fraction of delay is stepped through."""
+    def gather(self, signals: Array) -> None:
+        """Inputs from the signals."""
         self.wiring.gather(signals, self.inputs)
+
+    def apply(self, time: float, step: float) -> None:
+        """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
         if self.delayed:
             self._through_the_line(time, step)
         self.instance.set()
@@ -226,6 +231,7 @@ def _run(
     rows[ticks] = np.arange(ticks.size)
     applied = np.zeros((ticks.size, len(names)))
     sampled = np.zeros_like(applied) if delayed else applied
+    given = {name: np.zeros((ticks.size, part.inputs.size)) for name, part in running.items()}
     signals[:count] = table[0]
     with np.errstate(all="ignore"):
         _initialise(running, signals, t0)
@@ -236,12 +242,21 @@ def _run(
             row = rows[k]
             if delayed and row >= 0:
                 sampled[row] = signals
-            for part in parts:
-                part.evaluate(signals, time, h)
+            if system.jacobi:
+                for part in parts:
+                    part.gather(signals)
+                for part in parts:
+                    part.apply(time, h)
+            else:
+                for part in parts:
+                    part.gather(signals)
+                    part.apply(time, h)
             if delayed:
                 _record_delayed(parts, signals, rows, k, count, applied, sampled)
+                _record_inputs(parts, rows, k, given)
             elif row >= 0:
                 applied[row] = signals
+                _record_inputs(parts, rows, k, given)
             if observe is not None and k >= lag and rows[k - lag] >= 0:
                 observe(int(rows[k - lag]), instances)
             if k % CHECK_INTERVAL == 0:
@@ -256,6 +271,11 @@ def _run(
         ticks=ticks,
         time=np.asarray(t0 + ticks * h, dtype=float),
         applied={name: applied[:, i] for i, name in enumerate(names)},
+        inputs={
+            f"{name}.{variable.name}": values[:, i]
+            for name, values in given.items()
+            for i, variable in enumerate(system.components[name].inputs)
+        },
         sampled={name: sampled[:, i] for i, name in enumerate(names)},
     )
 
@@ -278,6 +298,13 @@ def _record_delayed(
             applied[late, part.place] = signals[part.place]
         if row >= 0 and not part.delayed:
             sampled[row, part.place] = signals[part.place]
+
+
+def _record_inputs(parts: list[_Running], rows: NDArray[np.int64], k: int, given: Mapping[str, Array]) -> None:
+    for part, values in zip(parts, given.values(), strict=True):
+        row = rows[k - part.whole] if k >= part.whole else -1
+        if row >= 0:
+            values[row] = part.inputs
 
 
 def _bounds(names: list[str], bounds: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:

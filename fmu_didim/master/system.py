@@ -40,6 +40,8 @@ class System:
         connections: the wiring.
         order: the names in the order of evaluation; controller first.
         step_size: communication step h in s.
+        jacobi: all components get the outputs that the others had at the end of the last step, as masters that
+            step in parallel do: one sample of delay on every connection with feed-through.
         delays: name -> delay of all its inputs in samples, a fraction allowed: the inputs computed at
             t_k act from t_k + delay * h. Before the first ones act, they are held at their first value.
     """
@@ -49,6 +51,7 @@ class System:
     order: tuple[str, ...]
     step_size: float
     delays: Mapping[str, float] = field(default_factory=dict)
+    jacobi: bool = False
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -94,6 +97,7 @@ class System:
         """Order, delay, step and components, for the provenance of a result."""
         return {
             "order": list(self.order),
+            "algorithm": "Jacobi" if self.jacobi else "Gauss-Seidel in this order",
             "step_size_s": self.step_size,
             "delay_samples": {name: self.delays.get(name, 0.0) for name in self.order},
             "hold": "zero-order hold; acceleration taken after the new torque is applied",
@@ -116,6 +120,7 @@ def closed_loop(
     step_size: float | None = None,
     drive_gains: Sequence[float] | None = None,
     delay_samples: float = 0.0,
+    jacobi: bool = False,
     injections: Mapping[str, str] | None = None,
     reference_names: Sequence[str],
 ) -> System:
@@ -133,6 +138,7 @@ def closed_loop(
         step_size: communication step in s; by default the controller's sample time.
         drive_gains: (n,) g_t of tau = g_t command; 1 by default.
         delay_samples: delay of the command in samples.
+        jacobi: see :class:`System`.
         injections: ``command<j>`` -> reference column added to that command (a test signal).
         reference_names: columns of the reference.
 
@@ -177,6 +183,7 @@ def closed_loop(
         order=("controller", "plant"),
         step_size=step,
         delays={"plant": delay_samples} if delay_samples else {},
+        jacobi=jacobi,
     )
 
 

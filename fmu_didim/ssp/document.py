@@ -98,12 +98,14 @@ class Loop:
         order: names of the components in the order of evaluation.
         delays: name -> delay of the inputs in samples.
         roles: (component, variable of the FMU) -> its name in the loop.
+        jacobi: whether all components get the outputs of the last step.
     """
 
     step_size: float
     order: tuple[str, ...]
     delays: Mapping[str, float] = field(default_factory=dict)
     roles: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    jacobi: bool = False
 
 
 @dataclass(frozen=True)

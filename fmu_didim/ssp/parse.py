@@ -215,6 +215,7 @@ class _Reader:
                 for name, c in parts.items()
                 for role in _children(c, "role")
             },
+            own.get("algorithm") == "jacobi",
         )
 
 

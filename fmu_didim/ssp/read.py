@@ -166,7 +166,7 @@ def _system(
             "The archive does not say at which step the loop runs.", where=where, next_step="Give step_size."
         )
     order = tuple(part for name in loop.order for part in (*before[name], name))
-    system = System({**components, **inserted}, tuple(connections), order, size, loop.delays)
+    system = System({**components, **inserted}, tuple(connections), order, size, loop.delays, loop.jacobi)
     return _with_roles(system, loop, where)
 
 
@@ -226,4 +226,5 @@ def _with_roles(system: System, loop: Loop, where: str) -> System:
         system.order,
         system.step_size,
         system.delays,
+        system.jacobi,
     )

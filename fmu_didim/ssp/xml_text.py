@@ -146,6 +146,8 @@ def _loop(top: ET.Element, system: System, parts: Mapping[str, Part]) -> None:
     """The annotation with what SSP has no words for."""
     annotation = ET.SubElement(ET.SubElement(top, "ssd:Annotations"), "ssc:Annotation", type=LOOP_TYPE)
     loop = ET.SubElement(annotation, "loop", {"xmlns": LOOP, "step_size": _number(system.step_size)})
+    if system.jacobi:
+        loop.set("algorithm", "jacobi")
     for name, part in parts.items():
         element = ET.SubElement(loop, "component", name=name)
         if system.delays.get(name):
