@@ -208,3 +208,13 @@ def test_python_control_definition_of_the_pd(tmp_path: Path) -> None:
 def test_misspelt_injection_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="no reference has it"):
         load_case(scara(tmp_path, loop={"injections": {"command1": "pulses"}}))
+
+
+def test_plant_without_acceleration_outputs_is_identified(tmp_path: Path) -> None:
+    """Differences of velocity stand in; the result says so, and the finish does not depend on them."""
+    path = scara(tmp_path, plant={"kind": "fmu", "outputs": {"a1": "ddq1", "a2": "ddq2"}})
+    outcome = identify(path)
+    expected = identify(SCARA)
+    assert outcome.document.status == "converged"
+    np.testing.assert_allclose(outcome.estimate.value, expected.estimate.value, rtol=1e-5)
+    assert any("differences of its velocities" in remark for remark in outcome.document.remarks)

@@ -159,8 +159,10 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
             next_step="Add positions: {file: ...}, or use didim, which needs none.",
         )  # fmt: skip
     plant = problem.system.components[problem.plant]
-    if problem.parameters.has_regressor or problem.parameters.is_probed:
-        _check_motion(plant, n)
+    if problem.parameters.has_regressor:
+        _check_motion(plant, n, ("q", "dq"))  # accelerations can be had by differences
+    elif problem.parameters.is_probed:
+        _check_motion(plant, n, ("ddq",))
     offered = {v.name for v in plant.parameters}
     absent = [name for name in problem.parameters.carriers if name not in offered]
     if absent:
@@ -171,9 +173,9 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
         )  # fmt: skip
 
 
-def _check_motion(plant: Component, n: int) -> None:
+def _check_motion(plant: Component, n: int, signals: tuple[str, ...]) -> None:
     given = {v.name for v in plant.outputs}
-    missing = [f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in range(1, n + 1) if f"{signal}{j}" not in given]
+    missing = [f"{signal}{j}" for signal in signals for j in range(1, n + 1) if f"{signal}{j}" not in given]
     if missing:
         raise InputError(
             "The plant lacks outputs that the regressor needs.", where="plant", got=", ".join(missing),

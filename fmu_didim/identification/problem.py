@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import signal
 
 from fmu_didim.components import Component
@@ -140,6 +141,12 @@ class Problem:
         known = self.parameters.substeps(self.parameters.nominal(), self._start_values(), self.system.step_size)
         return known is not None and self.system.components[self.plant].with_substeps(2) is not None
 
+    @property
+    def gives_acceleration(self) -> bool:
+        """Whether the plant has outputs for the accelerations; otherwise they are differences of velocity."""
+        offered = {v.name for v in self.system.components[self.plant].outputs}
+        return all(f"ddq{j}" in offered for j in range(1, self.joint_count + 1))
+
     def position_bounds(self) -> dict[str, tuple[float, float]]:
         """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
         result = {}
@@ -191,22 +198,49 @@ def _predict_by_probing(problem: Problem, theta: Array) -> Prediction:
     return Prediction(torque, columns, problem.filtered(operator.apply(known)), recording)
 
 
+def _predict_by_differences(problem: Problem, theta: Array) -> Prediction:
+    """Prediction for a plant without acceleration outputs.
+
+    While a command is held, ddq is taken for (dq[k+1] - dq[k]) / h, its mean over the control period; at the last
+    tick of the reference for the difference before. The regressor then fits the torque to first order in h.
+    """
+    operator, last = problem.experiment.operator, problem.experiment.reference.time.size - 1
+    first = np.minimum(operator.ticks, last - 1)
+    ticks = np.unique(np.concatenate([operator.ticks, first, first + 1]))
+    recording = _simulate(problem, theta, ticks, None)
+    here, low, high = (np.searchsorted(ticks, wanted) for wanted in (operator.ticks, first, first + 1))
+    velocity = recording.table(joint_signals(problem, "dq"))
+    position = recording.table(joint_signals(problem, "q"))
+    acceleration = (velocity[high] - velocity[low]) / problem.system.step_size
+    torque = _finite(operator.apply(drive_torque(problem, recording)[here]), recording)
+    columns, known = sampled_regressor(problem, position[here], velocity[here], acceleration)
+    return Prediction(problem.filtered(torque), columns, known, recording)
+
+
+def _simulate(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None) -> Recording:
+    return simulate(
+        problem.system_with(theta),
+        problem.experiment.reference,
+        ticks=ticks,
+        bounds=problem.position_bounds(),
+        observe=observe,
+    )
+
+
+def _finite(torque: Array, recording: Recording) -> Array:
+    if not np.isfinite(torque).all():
+        raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
+    return torque
+
+
 def predict_torque(problem: Problem, theta: Array, *, observe: Observer | None = None) -> tuple[Array, Recording]:
     """Simulated torque at the samples, (N, n), and the recording; raises DivergedError, SimulationError.
 
     ``observe`` is handed to :func:`fmu_didim.master.simulate`.
     """
-    experiment = problem.experiment
-    recording = simulate(
-        problem.system_with(theta),
-        experiment.reference,
-        ticks=experiment.operator.ticks,
-        bounds=problem.position_bounds(),
-        observe=observe,
-    )
-    torque = experiment.operator.apply(drive_torque(problem, recording))
-    if not np.isfinite(torque).all():
-        raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
+    operator = problem.experiment.operator
+    recording = _simulate(problem, theta, operator.ticks, observe)
+    torque = _finite(operator.apply(drive_torque(problem, recording)), recording)
     return problem.filtered(torque), recording
 
 
@@ -214,6 +248,8 @@ def predict(problem: Problem, theta: Array) -> Prediction:
     """Simulated torque and regressor at the samples of the log."""
     if problem.parameters.is_probed:
         return _predict_by_probing(problem, theta)
+    if problem.parameters.has_regressor and not problem.gives_acceleration:
+        return _predict_by_differences(problem, theta)
     torque, recording = predict_torque(problem, theta)
     if not problem.parameters.has_regressor:
         return Prediction(torque, None, None, recording)

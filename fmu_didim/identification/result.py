@@ -155,7 +155,9 @@ def result_document(
         )
         for stage, content in estimate.stages.items()
     }
-    failures = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    if problem.parameters.has_regressor and not problem.gives_acceleration:
+        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
     return ResultDocument(
         name=name,
         description=description,
@@ -180,7 +182,7 @@ def result_document(
         loop=problem.system.describe(),
         signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
         checks=problem.parameters.checks(),
-        remarks=[*estimate.remarks, *failures],
+        remarks=[*estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
     )
 
