@@ -13,7 +13,15 @@ from fmu_didim.base_parameters import base_parameters
 from fmu_didim.block import Block
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
-from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, rename, wrap_control
+from fmu_didim.components import (
+    Component,
+    FmuComponent,
+    ModelComponent,
+    block_as_control,
+    load_fmu,
+    rename,
+    wrap_control,
+)
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
@@ -74,7 +82,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
 
     Args:
         path: the case file.
-        require_torque: whether a torque log is needed (not for a mere simulation).
+        require_torque: whether the torque logs are read; a mere simulation needs none.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
@@ -98,7 +106,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
         )
 
     problem = None
-    if require_torque or document.train.torque is not None:
+    if require_torque:
         train = experiment(document.train, "train")
         problem = Problem(
             system=_system(document, parameters, plant, controller, train.reference),
@@ -112,7 +120,8 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
         )
         _check(document, problem, estimator)
     validation = document.validation
-    cross = experiment(validation, "validation") if validation is not None and validation.torque is not None else None
+    measured = require_torque and validation is not None and validation.torque is not None
+    cross = experiment(validation, "validation") if measured and validation is not None else None
     runs = [e.reference for e in (problem.experiment if problem else None, cross) if e is not None]
     for name in document.loop.injections.values():
         if runs and not any(name in run.names for run in runs):
@@ -233,7 +242,7 @@ def _component(source: ComponentSource, folder: Path, make_block: Any) -> Compon
     if named is not None and named.endswith(".fmu"):
         if source.kind != "fmu":
             raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
-        component: Component = load_fmu(folder / named)
+        component: Component = _fmu(folder / named, source)
     elif named is not None and ":" in named:
         if source.kind != "control":
             raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
@@ -250,10 +259,17 @@ def _component(source: ComponentSource, folder: Path, make_block: Any) -> Compon
     return rename(component, inputs=source.inputs, outputs=source.outputs)
 
 
+def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
+    return load_fmu(
+        path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
+        time_limit_s=source.time_limit_s,
+    )  # fmt: skip
+
+
 def _from_block(block: Block, source: ComponentSource) -> Component:
     if source.kind == "fmu":
         # An FMU does not tell its sample time; the description does.
-        return replace(load_fmu(build_fmu(block)), sample_time=block.sample_time)
+        return replace(_fmu(build_fmu(block, fmi_version=source.fmi), source), sample_time=block.sample_time)
     if source.kind == "control":
         return block_as_control(block)
     return ModelComponent(block)

@@ -29,6 +29,9 @@ class ComponentSource(Strict):
         parameters: values that replace those of the source.
         substeps: integration substeps in a control period; chosen automatically by default.
         initial_state: of a python-control system.
+        fmi: version of the standard of an FMU that is built from a description.
+        interface, solver: how an FMU is run; co-simulation by default, model exchange by ``rk4`` or ``cvode``.
+        isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
     """
 
     kind: Kind
@@ -38,6 +41,11 @@ class ComponentSource(Strict):
     parameters: Mapping[str, float] = Field(default_factory=dict)
     substeps: Annotated[int, Field(ge=1, le=1024)] | None = None
     initial_state: tuple[float, ...] = ()
+    fmi: Literal["2.0", "3.0"] = "2.0"
+    interface: Literal["co-simulation", "model-exchange"] | None = None
+    solver: Literal["rk4", "cvode"] = "rk4"
+    isolated: bool = False
+    time_limit_s: Positive = 10.0
 
 
 class Loop(Strict):

@@ -1,0 +1,185 @@
+"""Running instances of FMUs: what co-simulation and model exchange have in common, and co-simulation."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fmu_didim.components.base import Instance, buffers
+from fmu_didim.components.fmu.binding import Binding, Binding2, Binding3, Call
+from fmu_didim.components.fmu.library import load_library
+from fmu_didim.components.fmu.units import Conversion
+from fmu_didim.errors import SimulationError
+from fmu_didim.signals import Array
+
+if TYPE_CHECKING:
+    from fmu_didim.components.fmu.component import FmuComponent
+
+
+class _Scaling:
+    """Units of a group of variables, where they differ from SI: shown = factor * own + offset."""
+
+    def __init__(self, conversions: Sequence[Conversion]) -> None:
+        self.factor = np.array([c.factor for c in conversions])
+        self.offset = np.array([c.offset for c in conversions])
+        self.own = np.zeros(len(conversions))
+
+    def from_shown(self, shown: Array) -> None:
+        np.subtract(shown, self.offset, out=self.own)
+        np.divide(self.own, self.factor, out=self.own)
+
+    def to_shown(self, shown: Array) -> None:
+        np.multiply(self.own, self.factor, out=shown)
+        np.add(shown, self.offset, out=shown)
+
+
+def _scaling(conversions: Sequence[Conversion]) -> _Scaling | None:
+    return None if all(c.is_identity for c in conversions) else _Scaling(conversions)
+
+
+def _nothing() -> int:
+    return 0
+
+
+class FmuInstance(Instance):
+    """An FMU in the loop; values pass by C calls whose arguments are made once.
+
+    ``get`` after ``set`` gives the outputs that the FMU computes without a step; whether they follow the inputs at
+    once depends on the FMU, see :func:`fmu_didim.components.fmu.probe_fmu`.
+    """
+
+    def __init__(self, component: FmuComponent) -> None:
+        self._component = component
+        fmu, interface = component.fmu, component.interface
+        kind = Binding2 if fmu.major == 2 else Binding3
+        self._binding: Binding = kind(fmu, interface, load_library(fmu, interface))
+        self._input_scaling = _scaling(component.input_conversions)
+        self._output_scaling = _scaling(component.output_conversions)
+        self.input_names = tuple(v.name for v in component.inputs)
+        self.output_names = tuple(v.name for v in component.outputs)
+        self.bind(*buffers(component.inputs, component.outputs))
+
+    def bind(self, inputs: Array, outputs: Array) -> None:
+        super().bind(inputs, outputs)
+        component, scaled_in, scaled_out = self._component, self._input_scaling, self._output_scaling
+        own_inputs = scaled_in.own if scaled_in else inputs
+        own_outputs = scaled_out.own if scaled_out else outputs
+        self._set, self._set_arguments = self._real_call("Set", component.input_references, own_inputs)
+        self._get, self._get_arguments = self._real_call("Get", component.output_references, own_outputs)
+
+    def _real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
+        return self._binding.real_call(verb, numbers, values) if numbers else (_nothing, ())
+
+    def begin_initialisation(self, time: float) -> None:
+        component = self._component
+        self._set_own({v.name: v.start for v in component.parameters if v.name in component.changed})
+        for name, value in component.options.items():
+            self._binding.set_option(component.option_types[name], component.references[name], value)
+        self._binding.enter_initialisation(time)
+
+    def end_initialisation(self) -> None:
+        self._binding.exit_initialisation()
+
+    def set(self) -> None:
+        if self._input_scaling is not None:
+            self._input_scaling.from_shown(self.inputs)
+        status = self._set(*self._set_arguments)
+        if status > 1:
+            self._binding.check(f"{self._prefix}Set{self._real}", status)
+
+    def get(self) -> None:
+        status = self._get(*self._get_arguments)
+        if status > 1:
+            self._binding.check(f"{self._prefix}Get{self._real}", status)
+        if self._output_scaling is not None:
+            self._output_scaling.to_shown(self.outputs)
+
+    @property
+    def _prefix(self) -> str:
+        return f"fmi{self._binding.major}"
+
+    @property
+    def _real(self) -> str:
+        return "Real" if self._binding.major == 2 else "Float64"
+
+    def _set_own(self, values: Mapping[str, float]) -> None:
+        """Set parameters given in the units shown; an array always as a whole."""
+        component = self._component
+        wanted: dict[int, list[float]] = {}
+        for name, value in values.items():
+            reference = component.references[name]
+            siblings = component.arrays.get(name, (name,))
+            if reference not in wanted or len(siblings) == 1:
+                known = component.parameter_values() if len(siblings) > 1 else {}
+                wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
+            wanted[reference][siblings.index(name)] = component.parameter_conversion(name).to_own(value)
+        if wanted:
+            numbers = np.array([x for group in wanted.values() for x in group])
+            function, arguments = self._binding.real_call("Set", list(wanted), numbers)
+            self._binding.check(f"{self._prefix}Set{self._real} of parameters", function(*arguments))
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        fixed = [name for name in values if name in self._component.fixed]
+        if fixed:
+            raise SimulationError(
+                "A fixed parameter of the FMU cannot be changed while it runs.",
+                where=self._component.path.name,
+                got=", ".join(fixed),
+                next_step="Set it before the run (with_parameters).",
+            )
+        self._set_own(values)
+
+    def derivatives(
+        self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        component = self._component
+        if not component.has_derivatives:
+            return super().derivatives(outputs, inputs, parameters)
+        unknown = [component.output_references[i] for i in outputs]
+        known = [component.input_references[i] for i in inputs] + [component.references[p] for p in parameters]
+        factors = [component.input_conversions[i].factor for i in inputs]
+        factors += [component.parameter_conversion(p).factor for p in parameters]
+        result = np.zeros((len(known), len(outputs)))
+        for row, reference in zip(result, known, strict=True):
+            self._binding.directional_derivative(unknown, reference, row)
+        result *= np.array([component.output_conversions[i].factor for i in outputs])
+        result /= np.array(factors)[:, None]
+        return result[: len(inputs)].T, result[len(inputs) :].T
+
+    def save_state(self) -> Any:
+        return self._binding.save_state()
+
+    def restore_state(self, state: Any) -> None:
+        self._binding.restore_state(state)
+
+    def reset(self) -> None:
+        """Ask the FMU to go back to the state after its instantiation; not all do, see ``probe_fmu``."""
+        self._binding.reset()
+
+    def close(self) -> None:
+        self._binding.close()
+
+    @abstractmethod
+    def step(self, time: float, size: float) -> None: ...
+
+
+class CoSimulationInstance(FmuInstance):
+    """An FMU that integrates itself."""
+
+    def __init__(self, component: FmuComponent) -> None:
+        super().__init__(component)
+        self._do_step, self._tail = self._binding.step_call()
+        self._c = self._binding.c
+        self._may_stop = self._binding.major > 2
+
+    def step(self, time: float, size: float) -> None:
+        status = self._do_step(self._c, time, size, *self._tail)
+        if status > 1:
+            self._binding.check(f"{self._prefix}DoStep at t = {time:.6g} s", status)
+        if self._may_stop and self._binding.stopped_early():
+            raise SimulationError(
+                "The FMU ended the simulation.", where=self._component.path.name, got=f"step at t = {time:.6g} s"
+            )

@@ -1,0 +1,223 @@
+"""Model exchange: FMUs that give their equations, integrated here.
+
+Between two communication points the inputs are held. At each of them the FMU is in event mode, because a held input
+jumps there: so discrete inputs may be set, and samples that fall on the point see the new inputs. The event iteration
+is done when the step begins.
+
+Time events split a step where they are. State events are seen by a change of sign of an event indicator: RK4 handles
+them at the end of the substep in which they occur (an error of the order of the substep), CVode where it finds them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fmu_didim.components.fmu.instance import FmuInstance
+from fmu_didim.errors import SimulationError
+
+if TYPE_CHECKING:
+    from fmu_didim.components.fmu.component import FmuComponent
+
+DEFAULT_SUBSTEPS = 10
+CVODE_TOLERANCE = 1e-8
+"""Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""
+TIME_TOLERANCE = 1e-9
+"""Two instants closer than this part of a step are one."""
+
+
+class ModelExchangeInstance(FmuInstance):
+    """An FMU in model exchange; ``solver`` of the component chooses how it is integrated."""
+
+    def __init__(self, component: FmuComponent) -> None:
+        super().__init__(component)
+        fmu, binding = component.fmu, self._binding
+        self._nx, self._nz = fmu.state_count, fmu.indicator_count
+        self._x, self._dx, self._stage, self._sum = (np.zeros(self._nx) for _ in range(4))
+        self._z, self._z_before = np.zeros(self._nz), np.zeros(self._nz)
+        self._c = binding.c
+        self._set_time = binding.library[f"fmi{binding.major}SetTime"]
+        self._set_stage, self._stage_arguments = binding.exchange_call("SetContinuousStates", self._stage)
+        self._get_states, self._states_arguments = binding.exchange_call("GetContinuousStates", self._x)
+        self._derive, self._derive_arguments = binding.derivatives_call(self._dx)
+        self._get_indicators, self._indicator_arguments = binding.exchange_call("GetEventIndicators", self._z)
+        boolean = ctypes.c_int if binding.major == 2 else ctypes.c_bool
+        self._enter_event, self._terminate = boolean(), boolean()
+        self._completed = binding.library[f"fmi{binding.major}CompletedIntegratorStep"]
+        self._completed_arguments = (self._c, 1, ctypes.byref(self._enter_event), ctypes.byref(self._terminate))
+        self._next_event: float | None = None
+        self._substeps = component.substeps or DEFAULT_SUBSTEPS
+        self._cvode: Any = None
+        self._worst = 0
+
+    def begin_initialisation(self, time: float) -> None:
+        super().begin_initialisation(time)
+        self._next_event, self._cvode = None, None
+
+    def step(self, time: float, size: float) -> None:
+        """From event mode at ``time`` to event mode at ``time + size``."""
+        self._leave_event_mode(time)
+        end, tolerance, now = time + size, TIME_TOLERANCE * size, time
+        while end - now > tolerance:
+            following = self._next_event
+            target = end if following is None or following <= now + tolerance else min(following, end)
+            if end - target <= tolerance:
+                target = end
+            now = self._integrate(now, target, size)
+            if now < end - tolerance:
+                self._binding.call("EnterEventMode")
+                self._leave_event_mode(now)
+        if self._next_event is not None and abs(self._next_event - end) <= tolerance:
+            self._check(self._set_time(self._c, self._next_event), end)  # t0 + k h is not exactly the event's instant
+        self._binding.call("EnterEventMode")
+
+    def _leave_event_mode(self, time: float) -> None:
+        """Event iteration, then continuous-time mode with the states and indicators of this instant."""
+        result = self._binding.update_discrete_states()
+        if result.terminate:
+            raise self._ended(time)
+        self._next_event = result.next_time
+        self._binding.call("EnterContinuousTimeMode")
+        if self._nx:
+            self._check(self._get_states(*self._states_arguments), time)
+        if self._nz:
+            self._check(self._get_indicators(*self._indicator_arguments), time)
+
+    def _integrate(self, start: float, target: float, size: float) -> float:
+        """Advance to ``target`` or to the first event before it; returns the instant reached."""
+        if self._component.solver == "cvode" and self._nx:
+            return self._integrate_cvode(start, target)
+        count = max(1, math.ceil(self._substeps * (target - start) / size - TIME_TOLERANCE))
+        h = (target - start) / count
+        for i in range(count):
+            now = target if i + 1 == count else start + (i + 1) * h
+            self._runge_kutta(start + i * h, now)
+            if self._is_event(now):
+                return now
+        return target
+
+    def _runge_kutta(self, time: float, end: float) -> None:
+        """One substep of the classical method; the FMU holds the state at ``time`` and ends with the one at ``end``."""
+        c, set_time, h = self._c, self._set_time, end - time
+        if not self._nx:
+            self._check(set_time(c, end), time)
+            return
+        x, dx, stage, total = self._x, self._dx, self._stage, self._sum
+        set_stage, stage_arguments = self._set_stage, self._stage_arguments
+        derive, derive_arguments = self._derive, self._derive_arguments
+        status = derive(*derive_arguments)
+        total[:] = dx
+        for part, weight in ((h / 2, 2.0), (h / 2, 2.0), (h, 1.0)):
+            np.multiply(dx, part, out=stage)
+            np.add(stage, x, out=stage)
+            status |= set_time(c, time + part) | set_stage(*stage_arguments) | derive(*derive_arguments)
+            np.multiply(dx, weight, out=stage)
+            np.add(total, stage, out=total)
+        np.multiply(total, h / 6, out=stage)
+        np.add(x, stage, out=stage)
+        x[:] = stage
+        self._check(status | set_time(c, end) | set_stage(*stage_arguments), time)
+
+    def _is_event(self, time: float) -> bool:
+        """Tell the FMU that a substep is complete; whether it or an indicator asks for an event."""
+        found = False
+        if self._component.interface.needs_completed_step:
+            self._check(self._completed(*self._completed_arguments), time)
+            if self._terminate.value:
+                raise self._ended(time)
+            found = bool(self._enter_event.value)
+        if self._nz:
+            self._z_before[:] = self._z
+            self._check(self._get_indicators(*self._indicator_arguments), time)
+            found = found or bool(((self._z > 0) != (self._z_before > 0)).any())
+        return found
+
+    def _integrate_cvode(self, start: float, target: float) -> float:
+        if self._cvode is None:
+            self._cvode = _cvode(self, start)
+        self._worst = 0
+        self._cvode.reset(start)
+        try:
+            found, _, now = self._cvode.step(start, target)
+        except (RuntimeError, TypeError) as error:  # FMPy's; TypeError where the solver gave it no reason
+            raise SimulationError(
+                "CVode could not integrate the FMU.", where=self._component.path.name, got=f"t = {start:.6g} s: {error}"
+            ) from error
+        now = float(min(now, target))
+        self._check(self._worst | self._set_time(self._c, now), start)
+        self._check(self._get_states(*self._states_arguments), start)
+        event = self._is_event(now)
+        return now if found or event else target
+
+    def _check(self, status: int, time: float) -> None:
+        if status > 1:
+            self._binding.check(f"Model exchange at t = {time:.6g} s: a function", status)
+
+    def _ended(self, time: float) -> SimulationError:
+        return SimulationError(
+            "The FMU ended the simulation.", where=self._component.path.name, got=f"t = {time:.6g} s"
+        )
+
+    def save_state(self) -> Any:
+        return super().save_state(), self._next_event
+
+    def restore_state(self, state: Any) -> None:
+        saved, self._next_event = state
+        super().restore_state(saved)
+
+    def close(self) -> None:
+        self._cvode = None
+        super().close()
+
+
+class _NoInput:
+    """FMPy's solver applies inputs while it looks for roots; here they are held."""
+
+    def apply(self, time: float) -> None:
+        """Do nothing."""
+
+
+def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
+    """FMPy's CVode solver on the functions of an instance; their worst status is kept, since C cannot raise."""
+    from fmpy.sundials import CVodeSolver
+
+    binding, c = instance._binding, instance._c
+    prefix = f"fmi{binding.major}"
+    library = binding.library
+    derive = library[f"{prefix}{'GetDerivatives' if binding.major == 2 else 'GetContinuousStateDerivatives'}"]
+    nominals = library.get(f"{prefix}GetNominalsOfContinuousStates")
+
+    def kept(function: Callable[..., int]) -> Callable[[Any, int], None]:
+        def call(values: Any, count: int) -> None:
+            instance._worst |= function(c, values, count)
+
+        return call
+
+    def set_time(time: float) -> None:
+        instance._worst |= instance._set_time(c, time)
+
+    def get_nominals(values: Any, count: int) -> None:
+        if nominals is None or nominals(c, values, count) > 1:
+            values[:count] = [1.0] * count
+        for i in range(count):  # CVode divides by its error weights, which must not be zero
+            value = abs(values[i])
+            values[i] = value if 0 < value < math.inf else 1.0
+
+    return CVodeSolver(
+        nx=instance._nx,
+        nz=instance._nz,
+        get_x=kept(library[f"{prefix}GetContinuousStates"]),
+        set_x=kept(library[f"{prefix}SetContinuousStates"]),
+        get_dx=kept(derive),
+        get_z=kept(library[f"{prefix}GetEventIndicators"]),
+        get_nominals=get_nominals,
+        set_time=set_time,
+        input=_NoInput(),
+        startTime=start,
+        relativeTolerance=CVODE_TOLERANCE,
+        maxNumSteps=100_000,
+    )

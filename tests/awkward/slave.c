@@ -1,0 +1,192 @@
+/* One FMI 2.0 co-simulation slave with faults seen in FMUs of the field, one for each macro.
+ *
+ * x' = -a x + u by explicit Euler, one step for each doStep; y = n (x + d u), negative if `flip` is true,
+ * doubled if `label` is "double". The parameter `unused` has no effect.
+ * Value references: Real u 0, y 1, a 2, d 3, unused 4; Integer n 5; Boolean flip 6; String label 7.
+ */
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef void *Component;
+typedef unsigned int Reference;
+typedef enum { OK, WARNING, DISCARD, ERROR } Status;
+typedef void (*Logger)(void *, const char *, Status, const char *, const char *, ...);
+typedef struct { Logger logger; void *allocate; void *release; void *finished; void *environment; } Callbacks;
+
+typedef struct {
+    double u, a, d, unused, x, held;
+    int n, flip, twice, running, steps;
+    const Callbacks *callbacks;
+} Slave;
+
+#ifdef SHARED_STATE
+static double shared_x;
+#define X(s) shared_x
+#else
+#define X(s) (s)->x
+#endif
+static int instances;
+
+static Status fail(Slave *s, Status status, const char *text) {
+    if (s->callbacks && s->callbacks->logger)
+        s->callbacks->logger(s->callbacks->environment, "slave", status, "logStatusError", text);
+    return status;
+}
+
+static double output(Slave *s) {
+    double y = s->n * (X(s) + s->d * s->u) * (s->twice ? 2 : 1);
+#ifdef NAN_OUTPUT
+    if (s->steps > 5) return NAN;
+#endif
+    return s->flip ? -y : y;
+}
+
+static void defaults(Slave *s) {
+    s->u = s->unused = 0;
+    s->a = 2;
+    s->d = 0.5;
+    s->n = 1;
+    s->flip = s->twice = s->running = s->steps = 0;
+    X(s) = 0;
+#ifdef COUNTS_INSTANCES
+    X(s) = 0.25 * instances;
+#endif
+    s->held = output(s);
+}
+
+EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
+EXPORT Status fmi2SetDebugLogging(Component c, int on, size_t n, const char *const names[]) { return OK; }
+
+EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, const char *resources,
+                                 const Callbacks *callbacks, int visible, int logging) {
+#ifdef ONCE_PER_PROCESS
+    if (instances > 0) return NULL;
+#endif
+    Slave *s = calloc(1, sizeof(Slave));
+    s->callbacks = callbacks;
+    defaults(s);
+    instances++;
+    return s;
+}
+
+EXPORT void fmi2FreeInstance(Component c) {
+#ifndef COUNTS_INSTANCES
+    instances--;
+#endif
+    free(c);
+}
+
+EXPORT Status fmi2SetupExperiment(Component c, int td, double tol, double t0, int sd, double t1) { return OK; }
+EXPORT Status fmi2EnterInitializationMode(Component c) { return OK; }
+EXPORT Status fmi2ExitInitializationMode(Component c) {
+    Slave *s = c;
+    s->running = 1;
+    s->held = output(s);
+    return OK;
+}
+EXPORT Status fmi2Terminate(Component c) { return OK; }
+EXPORT Status fmi2Reset(Component c) {
+    Slave *s = c;
+#ifdef RESET_KEEPS_STATE
+    double x = X(s);
+    defaults(s);
+    X(s) = x;
+#else
+    defaults(s);
+#endif
+    return OK;
+}
+
+EXPORT Status fmi2GetReal(Component c, const Reference r[], size_t n, double v[]) {
+    Slave *s = c;
+    for (size_t i = 0; i < n; i++) {
+#ifdef DELAYED_OUTPUT
+        const double y = s->held;
+#else
+        const double y = output(s);
+#endif
+        const double values[] = {s->u, y, s->a, s->d, s->unused};
+        if (r[i] > 4) return fail(s, ERROR, "no such Real variable");
+        v[i] = values[r[i]];
+    }
+    return OK;
+}
+
+EXPORT Status fmi2SetReal(Component c, const Reference r[], size_t n, const double v[]) {
+    Slave *s = c;
+    for (size_t i = 0; i < n; i++) {
+        double *places[] = {&s->u, NULL, &s->a, &s->d, &s->unused};
+        if (r[i] > 4 || !places[r[i]]) return fail(s, ERROR, "no such Real variable that can be set");
+#ifdef FIXED_PARAMETERS
+        if (s->running && r[i] > 1) return fail(s, ERROR, "parameters are fixed after the initialisation");
+#endif
+        *places[r[i]] = v[i];
+    }
+    return OK;
+}
+
+EXPORT Status fmi2SetInteger(Component c, const Reference r[], size_t n, const int v[]) {
+    for (size_t i = 0; i < n; i++) ((Slave *)c)->n = v[i];
+    return OK;
+}
+EXPORT Status fmi2SetBoolean(Component c, const Reference r[], size_t n, const int v[]) {
+    for (size_t i = 0; i < n; i++) ((Slave *)c)->flip = v[i];
+    return OK;
+}
+EXPORT Status fmi2SetString(Component c, const Reference r[], size_t n, const char *const v[]) {
+    for (size_t i = 0; i < n; i++) ((Slave *)c)->twice = !strcmp(v[i], "double");
+    return OK;
+}
+
+#ifndef MISSING_SYMBOL
+EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
+    Slave *s = c;
+#ifdef CRASH_IN_STEP
+    if (s->steps >= 3) *(volatile int *)NULL = 1;
+#endif
+#ifdef EXIT_IN_STEP
+    if (s->steps >= 3) exit(7);
+#endif
+#ifdef HANG_IN_STEP
+    volatile int forever = 1;
+    while (s->steps >= 3 && forever) {}
+#endif
+#ifdef REFUSED_STEP
+    if (h < 0.01) return fail(s, DISCARD, "only steps of 10 ms and more");
+#endif
+    s->held = output(s);
+    X(s) += h * (s->u - s->a * X(s));
+    s->steps++;
+    return OK;
+}
+#endif
+
+EXPORT Status fmi2GetFMUstate(Component c, void **state) {
+    if (!*state) *state = malloc(sizeof(Slave));
+    memcpy(*state, c, sizeof(Slave));
+    return OK;
+}
+EXPORT Status fmi2SetFMUstate(Component c, void *state) {
+#ifdef STATE_INCOMPLETE
+    const double x = ((Slave *)c)->x;
+    memcpy(c, state, sizeof(Slave));
+    ((Slave *)c)->x = x;
+#else
+    memcpy(c, state, sizeof(Slave));
+#endif
+    return OK;
+}
+EXPORT Status fmi2FreeFMUstate(Component c, void **state) {
+    free(*state);
+    *state = NULL;
+    return OK;
+}
