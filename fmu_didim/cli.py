@@ -61,6 +61,15 @@ def _parser() -> argparse.ArgumentParser:
         "macos-arm64 (this one)",
     )
     three.set_defaults(run=_export)
+    four = commands.add_parser("fmu", help="what an FMU is and can (info), how it behaves (check)")
+    tasks = four.add_subparsers(required=True, metavar="info|check")
+    for name, run in (("info", _fmu_info), ("check", _fmu_check)):
+        task = tasks.add_parser(name, help=run.__doc__, description=run.__doc__)
+        task.add_argument("file", type=Path, metavar="FILE.fmu")
+        task.set_defaults(run=run)
+        if name == "check":
+            task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
+            task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
     return parser
 
 
@@ -112,6 +121,41 @@ def _export(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     print(build_fmu(block, directory=options.out, fmi_version=options.fmi, platforms=options.platform))
     return 0
+
+
+def _fmu_info(options: argparse.Namespace) -> int:
+    """Tell what an FMU is: version, interfaces, platforms, variables with units and start values."""
+    from fmu_didim.components.fmu import read_description
+
+    fmu = read_description(options.file)
+    print(f"{fmu.name}: FMI {fmu.version}, by {fmu.tool or 'an unknown tool'}")
+    print(f"binaries: {', '.join(fmu.platforms) or 'none'}")
+    for interface in fmu.interfaces:
+        abilities = {
+            "saves its state": interface.has_state,
+            "gives derivatives": interface.has_derivatives,
+            "takes variable steps": interface.has_variable_step,
+            "only once in a process": interface.once_per_process,
+            "needs its tool": interface.needs_execution_tool,
+        }
+        print(f"{interface.kind}: {', '.join(name for name, has in abilities.items() if has) or 'nothing declared'}")
+    if fmu.state_count:
+        print(f"continuous states: {fmu.state_count}, event indicators: {fmu.indicator_count}")
+    for causality in ("input", "output", "parameter"):
+        found = [v for v in fmu.variables if v.causality == causality]
+        print(f"\n{causality}s: {len(found)}")
+        for v in found:
+            print(f"  {v.name:32} {v.type:9} {v.unit:12} {v.start or '':14} {v.description}".rstrip())
+    return 0
+
+
+def _fmu_check(options: argparse.Namespace) -> int:
+    """Try out how an FMU behaves: reset, saved state, feed-through, parameters; and how to run it again."""
+    from fmu_didim.components.fmu import load_fmu, probe_fmu
+
+    found = probe_fmu(load_fmu(options.file, interface=options.interface), step_size=options.step)
+    print("\n".join(found.lines()))
+    return EXIT_ERROR if found.failure else 0
 
 
 def _assignments(texts: list[str]) -> dict[str, float]:

@@ -97,6 +97,22 @@ def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+def test_fmu_info_and_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "fmus/scara/robot.yaml", "--out", str(tmp_path), "--fmi", "3.0"]) == 0
+    fmu = capsys.readouterr().out.strip()
+    assert main(["fmu", "info", fmu]) == 0
+    told = capsys.readouterr().out
+    assert "scara: FMI 3.0" in told
+    assert "co-simulation: saves its state, gives derivatives, takes variable steps" in told
+    assert "ZZ1" in told
+    assert "kg.m2" in told
+    assert main(["fmu", "check", fmu]) == 0
+    found = capsys.readouterr().out
+    assert "reset: restores" in found
+    assert "outputs that follow the inputs at once: ddq1, ddq2" in found
+    assert main(["fmu", "info", "README.md"]) == 1
+
+
 def test_help_needs_no_heavy_import() -> None:
     code = (
         "import sys; from fmu_didim.cli import main\n"

@@ -8,6 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
+import tempfile
 import time
 import zipfile
 from collections.abc import Iterator
@@ -412,7 +413,10 @@ def test_time_and_state_events(tmp_path: Path, solver: str, error: float, h: flo
     ],
 )
 @pytest.mark.usefixtures("no_leaks")
-def test_crashes_stay_in_their_process(tmp_path: Path, macro: str, what: str) -> None:
+def test_crashes_stay_in_their_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, macro: str, what: str) -> None:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
     made = load_fmu(awkward_fmu(tmp_path, macro), isolated=True, time_limit_s=0.5)
     instance = made.instantiate()
     begin(instance, np.zeros(1))
@@ -424,6 +428,13 @@ def test_crashes_stay_in_their_process(tmp_path: Path, macro: str, what: str) ->
         instance.step(3 * H, H)
     instance.close()
     instance.close()
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.usefixtures("no_leaks")
+def test_a_crash_while_loading(tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match=r"crashed its process \(SIGABRT[\s\S]*during instantiate"):
+        load_fmu(awkward_fmu(tmp_path, "CRASH_WHEN_LOADED"), isolated=True).instantiate()
 
 
 @pytest.mark.usefixtures("no_leaks")

@@ -35,6 +35,10 @@ static double shared_x;
 #endif
 static int instances;
 
+#ifdef CRASH_WHEN_LOADED
+__attribute__((constructor)) static void crash(void) { abort(); }
+#endif
+
 static Status fail(Slave *s, Status status, const char *text) {
     if (s->callbacks && s->callbacks->logger)
         s->callbacks->logger(s->callbacks->environment, "slave", status, "logStatusError", text);

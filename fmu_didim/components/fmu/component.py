@@ -23,7 +23,7 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.instance import CoSimulationInstance
 from fmu_didim.components.fmu.isolate import DEFAULT_TIME_LIMIT, IsolatedInstance
 from fmu_didim.components.fmu.library import library_file
-from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
+from fmu_didim.components.fmu.model_exchange import DEFAULT_SUBSTEPS, ModelExchangeInstance
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.errors import FmuError, InputError
 from fmu_didim.signals import Variable
@@ -150,7 +150,7 @@ class FmuComponent(Component):
         if self.interface.kind == MODEL_EXCHANGE:
             told["solver"] = self.solver
             if self.solver == "rk4":
-                told["substeps"] = self.substeps or "10"
+                told["substeps"] = self.substeps or DEFAULT_SUBSTEPS
         return told | ({"isolated": True} if self.isolated else {})
 
 
