@@ -140,7 +140,7 @@ def test_a_gain_between_unlike_units_is_not_converted_again(tmp_path: Path) -> N
     block = scara_pd()
     units = {"rad": "deg", "rad/s": "deg/s"}
     block = replace(block, name="degrees", inputs=tuple(replace(v, unit=units[v.unit]) for v in block.inputs))
-    law = component("fmu", block)
+    law = load_fmu(build_fmu(block), si_units=False)
     base = loop(plant(), law, motion())
     links = tuple(replace(c, gain=1 / DEG) if c.target.startswith("controller") else c for c in base.connections)
     system = System(base.components, links, base.order, PERIOD)
@@ -148,6 +148,10 @@ def test_a_gain_between_unlike_units_is_not_converted_again(tmp_path: Path) -> N
     read_ssd(str(path))
     again = read_ssp(path)
     assert again.connections == links
+    # Shown in SI, its values are not those that an SSP would hold.
+    shown = replace(system, components={**system.components, "controller": load_fmu(build_fmu(block))})
+    with pytest.raises(InputError, match="an SSP holds the FMU's own"):
+        write_ssp(shown, tmp_path / "y.ssp", name="y")
 
 
 # Archives by hand

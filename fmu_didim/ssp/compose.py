@@ -65,7 +65,14 @@ def parts(system: System) -> dict[str, Part]:
                 valid="fmu",
                 next_step=f"Give '{name}' as kind fmu in the case, or load_fmu(build_fmu(block)).",
             )
-        own = load_fmu(component.path)
+        own = load_fmu(component.path, si_units=False)
+        shown = [*component.parameter_conversions.values(), *component.input_conversions, *component.output_conversions]
+        if not all(rule.is_identity for rule in shown):
+            raise InputError(
+                f"The FMU '{name}' has other units than the loop shows, and an SSP holds the FMU's own.",
+                where=f"write_ssp: {component.path}",
+                next_step="Load it with load_fmu(path, si_units=False).",
+            )
         if own.digest != component.digest:
             raise InputError("The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}")
         found[name] = _part(own, component)

@@ -83,7 +83,7 @@ def _components(system: SystemElement, path: Place) -> Iterable[tuple[Place, Com
 
 def _load(archive: Archive, element: ComponentElement, path: Place, file: Path) -> FmuComponent:
     try:
-        return load_fmu(file)
+        return load_fmu(file, si_units=False)  # values and units of an SSP are those of the FMU
     except FmuError as error:
         raise FmuError(
             error.what,
