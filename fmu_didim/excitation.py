@@ -165,4 +165,3 @@ class Chirp(Excitation):
 
 
 AnyExcitation = Annotated[Fourier | PointToPoint | Chirp, Field(discriminator="kind")]
-EXCITATIONS: dict[str, type[Excitation]] = {"fourier": Fourier, "point_to_point": PointToPoint, "chirp": Chirp}

@@ -162,11 +162,8 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
     n = problem.joint_count
     if problem.torque_deviation is not None and problem.torque_deviation.size != n:
         raise InputError("torque_std needs one value for each joint.", got=problem.torque_deviation.size, valid=str(n))
-    if estimator.needs_positions and problem.experiment.positions is None:
-        raise InputError(
-            f"The estimator {estimator.name} needs measured positions.", where="train",
-            next_step="Add positions: {file: ...}, or use didim, which needs none.",
-        )  # fmt: skip
+    if estimator.needs_positions:
+        estimator.positions(problem)
     plant = problem.system.components[problem.plant]
     if problem.parameters.has_regressor:
         _check_motion(plant, n, ("q", "dq"))  # accelerations can be had by differences

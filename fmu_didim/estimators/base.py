@@ -6,8 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
+from fmu_didim.errors import InputError
 from fmu_didim.identification.estimate import Estimate, Iteration
 from fmu_didim.identification.problem import Problem
+from fmu_didim.signals import Trajectory
 
 Progress = Callable[[Iteration], None]
 
@@ -34,6 +36,16 @@ class Estimator(ABC):
         Raises:
             RefusedError: no physical answer was found; InputError: data are missing.
         """
+
+    def positions(self, problem: Problem) -> Trajectory:
+        """The measured positions; raises InputError if there are none."""
+        found = problem.experiment.positions
+        if found is None:
+            raise InputError(
+                f"The estimator {self.name} needs measured positions.", where="train",
+                next_step="Add positions: {file: ...}, or use didim, which needs none.",
+            )  # fmt: skip
+        return found
 
     def describe(self) -> dict[str, Any]:
         """Name and options, for the provenance."""

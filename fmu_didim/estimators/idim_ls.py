@@ -91,12 +91,7 @@ class IdimLs(Estimator):
         )
 
     def _positions(self, problem: Problem) -> tuple[Array, float]:
-        positions = problem.experiment.positions
-        if positions is None:
-            raise InputError(
-                "idim_ls needs measured positions.", where="train",
-                next_step="Add positions: {file: ...}, or use didim, which needs none.",
-            )  # fmt: skip
+        positions = self.positions(problem)
         time = problem.experiment.time
         if positions.time.shape != time.shape or np.abs(positions.time - time).max() > 1e-6:
             raise InputError(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
 from fmu_didim.identification.guard import mass_matrix_problem, physical_problem
@@ -47,12 +47,7 @@ class OutputError(Estimator):
     maximum_iterations: int = 100
 
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        positions = problem.experiment.positions
-        if positions is None:
-            raise InputError(
-                "output_error needs measured positions.", where="train",
-                next_step="Add positions: {file: ...}, or use didim, which needs none.",
-            )  # fmt: skip
+        positions = self.positions(problem)
         start = start_values(problem, self.start)
         scale = _scale(problem, start)
         measured = positions.select([f"q{j}" for j in range(1, problem.joint_count + 1)])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.identification.estimate import Estimate, Iteration, Stage, Status
-from fmu_didim.identification.finish import Point, efficient_finish, evaluate
+from fmu_didim.identification.finish import Point, efficient_finish, evaluate, split
 from fmu_didim.identification.problem import Problem, predict_torque
 from fmu_didim.signals import Array
 
@@ -65,12 +65,11 @@ def minimise(
 
 def integration_error(problem: Problem, point: Point) -> tuple[float, float]:
     """Relative change of the torque when the plant's substeps are doubled, and what is allowed; NaN if unknown."""
-    count = problem.parameters.count
-    there = problem.with_delay(float(point.theta[count])) if point.theta.size > count else problem
+    there, theta = split(problem, point.theta)
     if not there.can_refine:
         return np.nan, np.inf
     finer = replace(there, substep_factor=2 * there.substep_factor)
-    torque = predict_torque(finer, point.theta[:count])[0]
+    torque = predict_torque(finer, theta)[0]
     size = np.linalg.norm(torque)
     error = float(np.linalg.norm(torque - point.prediction.torque) / size)
     misfit = float(np.linalg.norm(problem.measured - torque) / size)

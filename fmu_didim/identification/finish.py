@@ -49,14 +49,15 @@ class Point:
         return covariance_efficient(whitened(self.sensitivity, self.deviation))
 
 
-def _split(problem: Problem, theta: Array) -> tuple[Problem, Array]:
+def split(problem: Problem, theta: Array) -> tuple[Problem, Array]:
+    """The problem with the delay that stands behind the parameters, if one does, and the parameters (p,) alone."""
     count = problem.parameters.count
     return (problem.with_delay(float(theta[count])), theta[:count]) if theta.size > count else (problem, theta)
 
 
 def evaluate(problem: Problem, theta: Array, prediction: Prediction | None = None) -> Point:
     """Simulate at theta and differentiate; ``prediction`` saves the first simulation where it is known."""
-    there, base = _split(problem, theta)
+    there, base = split(problem, theta)
     prediction = prediction or predict(there, base)
     s = sensitivity(there, base, prediction, with_delay=theta.size > base.size)
     deviation = joint_deviation(problem, problem.measured - prediction.torque, s)
@@ -132,7 +133,7 @@ def _search(
         trial[:count] = problem.parameters.limited(trial[:count])
         if theta.size > count:
             trial[-1] = min(max(trial[-1], 0.0), MAXIMUM_DELAY)
-        there, base = _split(problem, trial)
+        there, base = split(problem, trial)
         if mass_matrix_problem(there, base):
             note = "step halved: inertia not positive definite"
             continue
@@ -146,5 +147,5 @@ def _search(
         if reached <= cost * (1 + 1e-9) or np.abs(step).max() < 1e-9 * np.abs(theta).max():
             return trial, prediction, note
         note = "step halved: the error grew"
-    there, base = _split(problem, theta)
+    there, base = split(problem, theta)
     return theta, predict(there, base), "no smaller step lowers the error"

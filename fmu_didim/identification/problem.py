@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -263,8 +262,3 @@ def sampled_regressor(problem: Problem, q: Array, dq: Array, ddq: Array) -> tupl
     columns, known = problem.parameters.regressor(q, dq, ddq)
     operator = problem.experiment.operator
     return problem.filtered(operator.apply(columns)), problem.filtered(operator.apply(known))
-
-
-def named(problem: Problem, theta: Array) -> Mapping[str, float]:
-    """Parameters by name."""
-    return dict(zip(problem.parameters.names, (float(v) for v in theta), strict=True))
