@@ -303,7 +303,7 @@ def test_fmus_without_a_binary_are_refused(tmp_path: Path, monkeypatch: pytest.M
     assert Path.cwd() == here
 
 
-def test_model_exchange_only_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fmu_without_binary_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FMU_DIDIM_CACHE", str(tmp_path / "cache"))
     text = description().replace("CoSimulation", "ModelExchange")
     with pytest.raises(FmuError, match="no co-simulation interface"):

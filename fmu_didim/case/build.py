@@ -13,6 +13,7 @@ from fmu_didim.base_parameters import base_parameters
 from fmu_didim.block import Block
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
+from fmu_didim.case.timing import communication_step, delay_in_samples, with_timing
 from fmu_didim.components import (
     Component,
     FmuComponent,
@@ -22,6 +23,7 @@ from fmu_didim.components import (
     rename,
     wrap_control,
 )
+from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
@@ -68,7 +70,7 @@ class Case:
         return read_reference(
             source.reference,
             self.folder,
-            step=_step(self.document, self.controller),
+            step=communication_step(self.document, self.controller),
             joint_count=self.parameters.joint_count,
         )
 
@@ -92,7 +94,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
     controller = _component(document.controller, folder, _controller_block)
     plant = _component(document.plant, folder, lambda path: _plant_block(model, path))
     parameters = _parameters(document, model, plant)
-    step = _step(document, controller)
+    step = communication_step(document, controller)
     estimator = make_estimator(document.estimator)
 
     def experiment(source: ExperimentSource, label: str) -> Experiment:
@@ -129,33 +131,23 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
     return Case(document, folder, parameters, plant, controller, problem, cross, estimator)
 
 
-def _step(document: CaseDocument, controller: Component) -> float:
-    if document.loop.rate_hz is not None:
-        return 1.0 / document.loop.rate_hz
-    if controller.sample_time is None:
-        raise InputError(
-            "The control rate is unknown.",
-            where="loop",
-            next_step="Give loop: {rate_hz: ...}; this controller states none.",
-        )
-    return controller.sample_time
-
-
 def _system(
     document: CaseDocument, parameters: Parameters, plant: Component, controller: Component, reference: Trajectory
 ) -> System:
-    return closed_loop(
+    step = communication_step(document, controller)
+    system = closed_loop(
         plant,
         controller,
         joint_count=parameters.joint_count,
-        step_size=_step(document, controller),
+        step_size=step,
         drive_gains=document.loop.drive_gains,
-        delay_samples=document.loop.delay_samples,
+        delay_samples=delay_in_samples(document, step),
         jacobi=document.loop.algorithm == "jacobi",
         # Not every experiment has the test signal; that one of them does is checked when the case is loaded.
         injections={c: name for c, name in document.loop.injections.items() if name in reference.names},
         reference_names=reference.names,
     )
+    return with_timing(system, document)
 
 
 def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> None:
@@ -269,4 +261,4 @@ def _from_block(block: Block, source: ComponentSource) -> Component:
         return replace(_fmu(build_fmu(block, fmi_version=source.fmi), source), sample_time=block.sample_time)
     if source.kind == "control":
         return block_as_control(block)
-    return ModelComponent(block)
+    return with_compiled_twin(ModelComponent(block))

@@ -31,6 +31,9 @@ class ComponentSource(Strict):
         initial_state: of a python-control system.
         fmi: version of the standard of an FMU that is built from a description.
         interface, solver: how an FMU is run; co-simulation by default, model exchange by ``rk4`` or ``cvode``.
+        rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
+        outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
+            FMU that computes its command in the step.
         isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
     """
 
@@ -44,6 +47,8 @@ class ComponentSource(Strict):
     fmi: Literal["2.0", "3.0"] = "2.0"
     interface: Literal["co-simulation", "model-exchange"] | None = None
     solver: Literal["rk4", "cvode"] = "rk4"
+    rate_hz: Positive | None = None
+    outputs_after_step: bool = False
     isolated: bool = False
     time_limit_s: Positive = 10.0
 
@@ -53,18 +58,27 @@ class Loop(Strict):
 
     Attributes:
         rate_hz: control rate; that of the controller by default.
-        delay_samples: delay of the command, a fraction allowed.
+        delay_samples, delay_s: delay of the command, a fraction of a sample allowed; one of the two.
         algorithm: ``gauss_seidel`` (controller first), or ``jacobi``: every component gets what the others gave at
             the end of the last step.
+        algebraic_loops: ``refuse``, ``iterate`` at each tick, or take ``previous`` values.
         drive_gains: g_t of tau = g_t command (eq. 21), one a joint.
         injections: ``command<j>`` -> column of the reference added to it.
     """
 
     rate_hz: Positive | None = None
     delay_samples: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    delay_s: Annotated[float, Field(ge=0)] | None = None
     algorithm: Literal["gauss_seidel", "jacobi"] = "gauss_seidel"
+    algebraic_loops: Literal["refuse", "iterate", "previous"] = "refuse"
     drive_gains: tuple[float, ...] | None = None
     injections: Mapping[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_delay(self) -> Loop:
+        if self.delay_s is not None and self.delay_samples:
+            raise ValueError("give delay_samples or delay_s, not both")
+        return self
 
 
 class SignalFile(Strict):

@@ -12,12 +12,14 @@ After ``set``, ``get`` returns the outputs at the present instant, direct feed-t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from fmu_didim.block import Block
+from fmu_didim.components.native import Native
 from fmu_didim.errors import SimulationError, UnknownNameError
 from fmu_didim.signals import Array, Variable
 
@@ -116,6 +118,21 @@ class Instance(ABC):
     def restore_state(self, state: Any) -> None:
         """Go back to a saved state."""
 
+    def native(self) -> Native | None:
+        """How compiled code runs this instance, asked after the initialisation; None if only Python can."""
+        return None
+
+    def restart(self, component: Component) -> bool:
+        """Become what ``component.instantiate()`` would give, for the next run, keeping what is loaded.
+
+        Args:
+            component: the same as the one this instance was made from, parameter values aside.
+
+        Returns:
+            Whether that was possible; if not, the instance must be closed and a new one made.
+        """
+        return False
+
     def close(self) -> None:  # noqa: B027 - most components hold nothing that must be released
         """Release what the instance holds; it must not be used afterwards."""
 
@@ -148,6 +165,18 @@ class Component(ABC):
     @abstractmethod
     def describe(self) -> dict[str, Any]:
         """Kind, origin and options, for the provenance of a result."""
+
+    def feedthrough(self) -> frozenset[tuple[str, str]] | None:
+        """Pairs (output, input) where the output depends on the present input at once; None if unknown."""
+        return None
+
+    def pool_key(self) -> Hashable | None:
+        """What components have in common whose instances can stand in for each other after a restart; None: nothing."""
+        return None
+
+    def compiled(self) -> Component:
+        """A component that does the same and runs in compiled code, or this one if there is none."""
+        return self
 
     def with_substeps(self, count: int) -> Component | None:
         """The same component with ``count`` integration substeps a step; None if that cannot be chosen."""
@@ -194,6 +223,12 @@ def rename(component: Component, *, inputs: Mapping[str, str], outputs: Mapping[
 def buffers(inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> tuple[Array, Array]:
     """Fresh buffers of an instance: inputs at their start values, outputs 0."""
     return np.array([v.start for v in inputs], dtype=float), np.zeros(len(outputs))
+
+
+def block_feedthrough(block: Block) -> frozenset[tuple[str, str]]:
+    """Pairs (output, input) of a block where the output function depends on the input, by its sparsity."""
+    rows, columns = block.output.jac_sparsity(0, 1).get_triplet()
+    return frozenset((block.outputs[i].name, block.inputs[j].name) for i, j in zip(rows, columns, strict=True))
 
 
 class SampleClock:

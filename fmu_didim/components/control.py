@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
-from fmu_didim.components.base import Component, Instance, SampleClock, buffers, check_names
+from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers, check_names
 from fmu_didim.components.block_control import to_control
+from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.signals import Array, Variable
 
@@ -79,6 +80,14 @@ class ControlComponent(Component):
 
     def instantiate(self) -> Instance:
         return _ControlInstance(self)
+
+    def feedthrough(self) -> frozenset[tuple[str, str]] | None:
+        if self.block is not None:
+            return block_feedthrough(self.block)
+        if not hasattr(self.system, "D"):
+            return None
+        direct = np.asarray(self.system.D)
+        return frozenset((self.outputs[i].name, self.inputs[j].name) for i, j in np.argwhere(direct != 0.0))
 
     def describe(self) -> dict[str, Any]:
         return {
@@ -194,6 +203,17 @@ class _ControlInstance(Instance):
             system = to_control(block.with_parameters(self._parameters))
             self._update, self._output = _functions(system, self._parameters)
 
+    def native(self) -> Native | None:
+        system, period = self._component.system, self._component.sample_time
+        if self._component.block is not None and self._component.block.parameters:
+            system = to_control(self._component.block.with_parameters(self._parameters))
+        if not hasattr(system, "A"):
+            return None
+        a, b, c, d = (np.ascontiguousarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
+        start = self._clock.start if self._clock else 0.0
+        self._x, self._held = np.ascontiguousarray(self._x, dtype=float), np.ascontiguousarray(self._held)
+        return NativeLinear((a, b, c, d), self._x, self._held, period or 0.0, start, self._count, self._choose)
+
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0
         return self._x.copy(), self._held.copy(), self.outputs.copy(), self._live, self._time, count
@@ -206,11 +226,19 @@ class _ControlInstance(Instance):
             self._clock.count = count
 
 
+def product(matrix: Array, vector: Array) -> Array:
+    """A v, summed column by column: the order of operations of the compiled loop, bit for bit."""
+    result = np.zeros(matrix.shape[0])
+    for column, value in zip(matrix.T, vector, strict=True):
+        result += column * value
+    return result
+
+
 def _functions(system: Any, parameters: dict[str, float]) -> tuple[Callable[..., Array], Callable[..., Array]]:
     """(t, x, u) -> next state or derivative, and (t, x, u) -> outputs, of a python-control system."""
     if hasattr(system, "A"):
         a, b, c, d = (np.asarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
-        return lambda t, x, u: a @ x + b @ u, lambda t, x, u: c @ x + d @ u
+        return lambda t, x, u: product(a, x) + product(b, u), lambda t, x, u: product(c, x) + product(d, u)
     return (
         lambda t, x, u: np.atleast_1d(system.dynamics(t, x, u, params=parameters)),
         lambda t, x, u: np.atleast_1d(system.output(t, x, u, params=parameters)),

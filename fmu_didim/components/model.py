@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
-from fmu_didim.components.base import Component, Instance, SampleClock, buffers
+from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers
 from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array, Variable
@@ -23,10 +23,12 @@ class ModelComponent(Component):
     Attributes:
         block: the equations.
         substeps: RK4 substeps in a communication step; None chooses them from the block's rate.
+        twin: the same block as C code, which a compiled loop runs instead (see :func:`with_compiled_twin`).
     """
 
     block: Block
     substeps: int | None = None
+    twin: Component | None = None
 
     @property
     def inputs(self) -> tuple[Variable, ...]:  # type: ignore[override]
@@ -45,19 +47,33 @@ class ModelComponent(Component):
         return self.block.sample_time
 
     def with_parameters(self, values: Mapping[str, float]) -> ModelComponent:
-        return ModelComponent(self.block.with_parameters(dict(values)), self.substeps)
+        twin = self.twin.with_parameters(values) if self.twin is not None else None
+        return ModelComponent(self.block.with_parameters(dict(values)), self.substeps, twin)
 
     def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ModelComponent:
-        return replace(self, block=replace(self.block, inputs=inputs, outputs=outputs))
+        twin = self.twin.with_names(inputs, outputs) if self.twin is not None else None
+        return replace(self, block=replace(self.block, inputs=inputs, outputs=outputs), twin=twin)
 
     def with_substeps(self, count: int) -> ModelComponent:
-        return ModelComponent(self.block, count)
+        twin = self.twin.with_substeps(count) if self.twin is not None else None
+        return ModelComponent(self.block, count, twin)
+
+    def compiled(self) -> Component:
+        return self if self.twin is None else self.twin
+
+    def feedthrough(self) -> frozenset[tuple[str, str]]:
+        return block_feedthrough(self.block)
 
     def instantiate(self) -> Instance:
         return _ModelInstance(self)
 
     def describe(self) -> dict[str, Any]:
-        return {"kind": "model", "name": self.block.name, "substeps": self.substeps or "automatic"}
+        return {
+            "kind": "model",
+            "name": self.block.name,
+            "substeps": self.substeps or "automatic",
+            "compiled": self.twin is not None,
+        }
 
 
 class _ModelInstance(Instance):

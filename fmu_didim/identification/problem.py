@@ -12,7 +12,7 @@ from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.identification.parameters import Parameters
 from fmu_didim.identification.probing import RegressorProbe
-from fmu_didim.master import Observer, Recording, SampleOperator, System, simulate
+from fmu_didim.master import InstancePool, Observer, Recording, SampleOperator, System, simulate
 from fmu_didim.signals import Array, Trajectory
 
 
@@ -72,6 +72,7 @@ class Problem:
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
         low_pass: filter of the torque and of the regressor.
         substep_factor: multiplies the number of integration substeps of the plant.
+        pool: instances that run again, shared with all problems made from this one.
     """
 
     system: System
@@ -82,6 +83,7 @@ class Problem:
     joint_weights: str = "estimated"
     low_pass: LowPass | None = None
     substep_factor: int = 1
+    pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
 
     @property
     def joint_count(self) -> int:
@@ -223,6 +225,7 @@ def _simulate(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe:
         ticks=ticks,
         bounds=problem.position_bounds(),
         observe=observe,
+        pool=problem.pool,
     )
 
 

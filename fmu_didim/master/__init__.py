@@ -1,11 +1,15 @@
 """The master: wiring, order and time of the loop, and what is recorded."""
 
+from fmu_didim.master.interpreted import Observer
+from fmu_didim.master.pool import InstancePool
+from fmu_didim.master.recording import Recording
 from fmu_didim.master.sampling import SampleOperator, decimated_times, sample_operator
-from fmu_didim.master.simulation import Observer, Recording, simulate
+from fmu_didim.master.simulation import simulate
 from fmu_didim.master.system import Connection, System, closed_loop
 
 __all__ = [
     "Connection",
+    "InstancePool",
     "Observer",
     "Recording",
     "SampleOperator",

@@ -5,12 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from fmu_didim.components import Component
 from fmu_didim.errors import InputError, UnknownNameError
 
 REFERENCE = "reference"
+LoopTreatment = Literal["refuse", "iterate", "previous"]
+
+
+def split_delay(samples: float) -> tuple[int, float]:
+    """Whole periods and the fraction of a delay; a fraction within rounding of a whole one counts as whole."""
+    whole, part = int(samples), samples - int(samples)
+    if part > 1 - 1e-9:  # a rest of the period would be a step of no length
+        return whole + 1, 0.0
+    return whole, 0.0 if part < 1e-9 else part
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,13 @@ class System:
             step in parallel do: one sample of delay on every connection with feed-through.
         delays: name -> delay of all its inputs in samples, a fraction allowed: the inputs computed at
             t_k act from t_k + delay * h. Before the first ones act, they are held at their first value.
+        every: name -> number n of ticks between its communication points, 1 by default; its outputs are held in
+            between.
+        substeps: name -> number of equal communication steps that it does in one of its own periods, inputs held.
+        after_step: names of components whose outputs at t_k are those after the step that begins at t_k, such as a
+            controller FMU that computes its command in ``doStep``.
+        algebraic_loops: ``refuse`` an algebraic loop, ``iterate`` until its outputs are consistent at each tick, or
+            take the ``previous`` values (those at the end of the last step) where the order does not help.
     """
 
     components: Mapping[str, Component]
@@ -52,6 +68,10 @@ class System:
     step_size: float
     delays: Mapping[str, float] = field(default_factory=dict)
     jacobi: bool = False
+    every: Mapping[str, int] = field(default_factory=dict)
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    after_step: frozenset[str] = frozenset()
+    algebraic_loops: LoopTreatment = "refuse"
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -63,6 +83,17 @@ class System:
                 raise UnknownNameError("component", name, self.components, where="delays")
             if not 0 <= delay <= 1000:
                 raise InputError("A delay must be between 0 and 1000 samples.", where=name, got=delay)
+        for what, counts in (("every", self.every), ("substeps", self.substeps)):
+            for name, count in counts.items():
+                if name not in self.components:
+                    raise UnknownNameError("component", name, self.components, where=what)
+                if not (isinstance(count, int) and 1 <= count <= 100_000):
+                    raise InputError(
+                        f"'{what}' must be a whole number of steps.", where=name, got=count, valid="1 to 100000"
+                    )
+        for name in self.after_step:
+            if name not in self.components:
+                raise UnknownNameError("component", name, self.components, where="after_step")
         for connection in self.connections:
             self._check(connection)
 
@@ -100,6 +131,10 @@ class System:
             "algorithm": "Jacobi" if self.jacobi else "Gauss-Seidel in this order",
             "step_size_s": self.step_size,
             "delay_samples": {name: self.delays.get(name, 0.0) for name in self.order},
+            "ticks_per_step": {name: self.every.get(name, 1) for name in self.order},
+            "steps_per_period": {name: self.substeps.get(name, 1) for name in self.order},
+            "outputs_after_step": sorted(self.after_step),
+            "algebraic_loops": self.algebraic_loops,
             "hold": "zero-order hold; acceleration taken after the new torque is applied",
             "components": {name: c.describe() for name, c in self.components.items()},
             "connections": [f"{c.target} <- {c.gain:g} * {c.source}" for c in self.connections],

@@ -34,6 +34,11 @@ def pointer(values: Array) -> Any:
     return values.ctypes.data_as(_DOUBLES)
 
 
+def address(function: Any) -> int:
+    """Address of a C function or of what a ``c_void_p`` points to."""
+    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+
 @dataclass(frozen=True)
 class EventResult:
     """What an event iteration left: whether to stop, and the next time event (s) or None."""

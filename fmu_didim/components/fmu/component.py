@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -128,6 +128,11 @@ class FmuComponent(Component):
         if SUBSTEPS not in self.option_types:
             return None
         return replace(self, options={**self.options, SUBSTEPS: count})
+
+    def pool_key(self) -> Hashable:
+        names = (*(v.name for v in self.inputs), "", *(v.name for v in self.outputs))
+        how = (self.interface.kind, self.solver, self.substeps, self.isolated, self.time_limit_s)
+        return (self.digest, how, self.input_references, self.output_references, names)
 
     def instantiate(self) -> Instance:
         if self.isolated:

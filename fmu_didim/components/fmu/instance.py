@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fmu_didim.components.base import Instance, buffers
-from fmu_didim.components.fmu.binding import Binding, Binding2, Binding3, Call
+from fmu_didim.components.fmu.binding import Binding, Binding2, Binding3, Call, address, references
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.units import Conversion
+from fmu_didim.components.native import Native, NativeFmu
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
@@ -174,6 +175,24 @@ class CoSimulationInstance(FmuInstance):
         self._do_step, self._tail = self._binding.step_call()
         self._c = self._binding.c
         self._may_stop = self._binding.major > 2
+
+    def native(self) -> Native | None:
+        scaled_in, scaled_out = self._input_scaling, self._output_scaling
+        component = self._component
+        return NativeFmu(
+            kind=self._binding.major,
+            self_address=address(self._c),
+            set_address=address(self._set) if component.input_references else 0,
+            get_address=address(self._get) if component.output_references else 0,
+            step_address=address(self._do_step),
+            input_references=references(component.input_references),
+            output_references=references(component.output_references),
+            own_inputs=scaled_in.own if scaled_in else self.inputs,
+            own_outputs=scaled_out.own if scaled_out else self.outputs,
+            input_scaling=(scaled_in.factor, scaled_in.offset) if scaled_in else None,
+            output_scaling=(scaled_out.factor, scaled_out.offset) if scaled_out else None,
+            check=self._binding.check,
+        )
 
     def step(self, time: float, size: float) -> None:
         status = self._do_step(self._c, time, size, *self._tail)

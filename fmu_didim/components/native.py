@@ -1,0 +1,62 @@
+"""What the compiled loop needs to know of a running instance: C functions and the memory they work on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from fmu_didim.signals import Array
+
+FMI2, FMI3, LINEAR = 2, 3, 10
+"""Kinds of native parts; ``master/loop.c`` knows the same numbers."""
+
+
+@dataclass(frozen=True)
+class NativeFmu:
+    """A co-simulation FMU by its function pointers.
+
+    Attributes:
+        kind: FMI2 or FMI3; self_address: the instance.
+        set_address, get_address, step_address: ``fmi2SetReal`` and so on; 0 where there is nothing to pass.
+        input_references, output_references: C arrays of value references.
+        own_inputs, own_outputs: values in the FMU's own units; the instance's buffers where those are the units shown.
+        input_scaling, output_scaling: (factor, offset), shown = factor * own + offset; None where they are alike.
+        check: raises SimulationError for (name of the call, status worse than a warning).
+    """
+
+    kind: int
+    self_address: int
+    set_address: int
+    get_address: int
+    step_address: int
+    input_references: Any
+    output_references: Any
+    own_inputs: Array
+    own_outputs: Array
+    input_scaling: tuple[Array, Array] | None
+    output_scaling: tuple[Array, Array] | None
+    check: Callable[[str, int], None] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class NativeLinear:
+    """A linear system: dx/dt = A x + B u, or x[k+1] = A x + B u if sampled; y = C x + D u.
+
+    Attributes:
+        matrices: A, B, C, D, contiguous.
+        state, held: (nx,) and (nu,) memory of the instance, used and changed by the loop.
+        period: sample time in s, 0 for a continuous system; start: first sample instant in s.
+        substeps: RK4 substeps in a communication step of a continuous system; 0: chosen by ``choose`` from its size.
+    """
+
+    matrices: tuple[Array, Array, Array, Array]
+    state: Array
+    held: Array
+    period: float
+    start: float
+    substeps: int
+    choose: Callable[[float], int] = field(repr=False)
+
+
+Native = NativeFmu | NativeLinear

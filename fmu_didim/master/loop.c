@@ -1,0 +1,291 @@
+/* The loop over the ticks for components that are C code: the same order of operations as interpreted.py.
+   Every floating-point operation is written as there, so that both give the same bits. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+enum { FMI2 = 2, FMI3 = 3, LINEAR = 10 };
+enum { DONE = 0, FAILED = 1, STOPPED = 2, OUT_OF_BOUNDS = 3 };
+enum { CALL_SET = 0, CALL_GET = 1, CALL_STEP = 2 };
+
+typedef int (*values2)(void *, const uint32_t *, size_t, double *);
+typedef int (*step2)(void *, double, double, int);
+typedef int (*values3)(void *, const uint32_t *, size_t, double *, size_t);
+typedef int (*step3)(void *, double, double, bool, bool *, bool *, bool *, double *);
+
+typedef struct {
+    int64_t states, inputs, outputs;
+    const double *a, *b, *c, *d;
+    double *x, *held, *work; /* work: six vectors of the size of x */
+    double period, start;
+    int64_t count, substeps;
+    int32_t live, padding;
+} Linear;
+
+typedef struct {
+    int32_t kind, after_step;
+    void *self, *set, *get, *step;
+    const uint32_t *input_references, *output_references;
+    int64_t input_count, output_count;
+    double *inputs, *outputs, *own_inputs, *own_outputs;
+    const double *input_factor, *input_offset, *output_factor, *output_offset;
+    Linear *linear;
+    int64_t wire_count;
+    const int64_t *target, *source;
+    const double *gain;
+    int64_t single;
+    int64_t every, substeps, whole;
+    double part;
+    double *line;
+    int64_t line_capacity, line_count;
+    double *given;
+    int64_t first_signal;
+} Part;
+
+typedef struct {
+    Part *parts;
+    int64_t part_count, jacobi, delayed, lag;
+    double *signals;
+    int64_t signal_count;
+    const double *table;
+    int64_t table_rows, table_columns;
+    double start, step;
+    const int64_t *rows;
+    double *applied, *sampled;
+    const double *lowest, *highest;
+    int64_t check_interval;
+    int64_t failed_part, failed_call, status, failed_tick, failed_signal;
+    double failed_time;
+} Loop;
+
+static void outputs_of(Linear *s, double *y) {
+    for (int64_t i = 0; i < s->outputs; i++) {
+        double value = 0.0;
+        for (int64_t j = 0; j < s->states; j++) value += s->c[i * s->states + j] * s->x[j];
+        double direct = 0.0;
+        for (int64_t j = 0; j < s->inputs; j++) direct += s->d[i * s->inputs + j] * s->held[j];
+        y[i] = value + direct;
+    }
+}
+
+static void update_of(const Linear *s, const double *x, double *result) {
+    for (int64_t i = 0; i < s->states; i++) {
+        double value = 0.0;
+        for (int64_t j = 0; j < s->states; j++) value += s->a[i * s->states + j] * x[j];
+        double direct = 0.0;
+        for (int64_t j = 0; j < s->inputs; j++) direct += s->b[i * s->inputs + j] * s->held[j];
+        result[i] = value + direct;
+    }
+}
+
+static void integrate(Linear *s, double size) {
+    int64_t n = s->states;
+    double *k1 = s->work, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n, *x = k4 + n, h = size / (double)s->substeps;
+    for (int64_t i = 0; i < s->substeps; i++) {
+        update_of(s, s->x, k1);
+        for (int64_t j = 0; j < n; j++) x[j] = s->x[j] + h / 2 * k1[j];
+        update_of(s, x, k2);
+        for (int64_t j = 0; j < n; j++) x[j] = s->x[j] + h / 2 * k2[j];
+        update_of(s, x, k3);
+        for (int64_t j = 0; j < n; j++) x[j] = s->x[j] + h * k3[j];
+        update_of(s, x, k4);
+        for (int64_t j = 0; j < n; j++) s->x[j] = s->x[j] + h / 6 * (k1[j] + 2 * k2[j] + 2 * k3[j] + k4[j]);
+    }
+}
+
+static bool is_due(const Linear *s, double time) {
+    double ahead = time - (s->start + (double)s->count * s->period);
+    return (ahead < 0 ? -ahead : ahead) <= 1e-6 * s->period;
+}
+
+static bool is_before(const Linear *s, double time) {
+    return s->start + (double)s->count * s->period < time - 1e-6 * s->period;
+}
+
+static void sample(Linear *s, double time, double size, double *y) {
+    while (is_due(s, time) || is_before(s, time + size)) {
+        outputs_of(s, y);
+        update_of(s, s->x, s->work);
+        memcpy(s->x, s->work, (size_t)s->states * sizeof(double));
+        s->count++;
+    }
+    s->live = is_due(s, time + size);
+}
+
+static int set_part(Part *p) {
+    if (p->kind == LINEAR) {
+        memcpy(p->linear->held, p->inputs, (size_t)p->input_count * sizeof(double));
+        return 0;
+    }
+    if (!p->set) return 0;
+    if (p->input_factor)
+        for (int64_t i = 0; i < p->input_count; i++)
+            p->own_inputs[i] = (p->inputs[i] - p->input_offset[i]) / p->input_factor[i];
+    size_t n = (size_t)p->input_count;
+    if (p->kind == FMI2) return ((values2)p->set)(p->self, p->input_references, n, p->own_inputs);
+    return ((values3)p->set)(p->self, p->input_references, n, p->own_inputs, n);
+}
+
+static int get_part(Part *p) {
+    if (p->kind == LINEAR) {
+        if (p->linear->live) outputs_of(p->linear, p->outputs);
+        return 0;
+    }
+    if (!p->get) return 0;
+    size_t n = (size_t)p->output_count;
+    int status = p->kind == FMI2 ? ((values2)p->get)(p->self, p->output_references, n, p->own_outputs)
+                                 : ((values3)p->get)(p->self, p->output_references, n, p->own_outputs, n);
+    if (p->output_factor)
+        for (int64_t i = 0; i < p->output_count; i++)
+            p->outputs[i] = p->own_outputs[i] * p->output_factor[i] + p->output_offset[i];
+    return status;
+}
+
+static int step_once(Part *p, double time, double size) {
+    if (p->kind == LINEAR) {
+        if (p->linear->period > 0)
+            sample(p->linear, time, size, p->outputs);
+        else
+            integrate(p->linear, size);
+        return 0;
+    }
+    if (p->kind == FMI2) return ((step2)p->step)(p->self, time, size, 1);
+    bool event = false, stop = false, early = false;
+    double last = time;
+    int status = ((step3)p->step)(p->self, time, size, true, &event, &stop, &early, &last);
+    return status > 1 ? status : (stop || early) ? -1 : status;
+}
+
+static int step_part(Part *p, double time, double size) {
+    double piece = size / (double)p->substeps;
+    for (int64_t i = 0; i < p->substeps; i++) {
+        int status = step_once(p, time + (double)i * piece, piece);
+        if (status > 1 || status < 0) return status;
+    }
+    return 0;
+}
+
+static void gather(Part *p, const double *signals) {
+    if (!p->single)
+        for (int64_t i = 0; i < p->wire_count; i++) p->inputs[p->target[i]] = 0.0;
+    for (int64_t i = 0; i < p->wire_count; i++) {
+        double value = p->gain[i] * signals[p->source[i]];
+        if (p->single)
+            p->inputs[p->target[i]] = value;
+        else
+            p->inputs[p->target[i]] += value;
+    }
+}
+
+static double *line_at(Part *p, int64_t back) {
+    int64_t place = p->line_count - 1 - back;
+    if (place < 0) place = 0;
+    return p->line + (place % p->line_capacity) * p->input_count;
+}
+
+static int broken(Loop *l, int64_t part, int call, int status, int64_t tick, double time) {
+    l->failed_part = part, l->failed_call = call, l->status = status, l->failed_tick = tick, l->failed_time = time;
+    return status < 0 ? STOPPED : FAILED;
+}
+
+#define TRY(call, what)                                                                                   \
+    do {                                                                                                  \
+        int status_ = (call);                                                                             \
+        if (status_ > 1 || status_ < 0) return broken(l, index, what, status_, tick, time);               \
+    } while (0)
+
+static int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
+    Part *p = &l->parts[index];
+    size_t bytes = (size_t)p->input_count * sizeof(double);
+    double size = l->step * (double)p->every;
+    if (p->line) {
+        memcpy(p->line + (p->line_count % p->line_capacity) * p->input_count, p->inputs, bytes);
+        p->line_count++;
+        if (p->part > 0) {
+            memcpy(p->inputs, line_at(p, p->whole + 1), bytes);
+            TRY(set_part(p), CALL_SET);
+            TRY(step_part(p, time, p->part * size), CALL_STEP);
+        }
+        memcpy(p->inputs, line_at(p, p->whole), bytes);
+    }
+    TRY(set_part(p), CALL_SET);
+    if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
+    TRY(get_part(p), CALL_GET);
+    return DONE;
+}
+
+static int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
+    Part *p = &l->parts[index];
+    if (p->after_step || tick % p->every != p->every - 1) return DONE;
+    double size = l->step * (double)p->every;
+    double begin = l->start + (double)(tick - p->every + 1) * l->step;
+    double piece = p->part > 0 ? (1 - p->part) * size : size;
+    TRY(step_part(p, begin + p->part * size, piece), CALL_STEP);
+    TRY(get_part(p), CALL_GET);
+    return DONE;
+}
+
+static void record(Loop *l, int64_t tick) {
+    int64_t row = l->rows[tick], n = l->signal_count;
+    if (!l->delayed) {
+        if (row < 0) return;
+        memcpy(l->applied + row * n, l->signals, (size_t)n * sizeof(double));
+    } else if (row >= 0)
+        memcpy(l->applied + row * n, l->signals, (size_t)l->table_columns * sizeof(double));
+    for (int64_t i = 0; i < l->part_count; i++) {
+        Part *p = &l->parts[i];
+        int64_t back = p->whole * p->every, late = tick >= back ? l->rows[tick - back] : -1;
+        size_t bytes = (size_t)p->output_count * sizeof(double);
+        if (l->delayed && late >= 0)
+            memcpy(l->applied + late * n + p->first_signal, l->signals + p->first_signal, bytes);
+        if (l->delayed && row >= 0 && !p->line)
+            memcpy(l->sampled + row * n + p->first_signal, l->signals + p->first_signal, bytes);
+        if (late >= 0)
+            memcpy(p->given + late * p->input_count, p->inputs, (size_t)p->input_count * sizeof(double));
+    }
+}
+
+static int outside(Loop *l, int64_t tick, double time) {
+    for (int64_t i = 0; i < l->signal_count; i++)
+        if (!(l->signals[i] >= l->lowest[i] && l->signals[i] <= l->highest[i])) {
+            l->failed_signal = i, l->failed_tick = tick, l->failed_time = time;
+            return OUT_OF_BOUNDS;
+        }
+    return DONE;
+}
+
+/* Ticks first to last - 1; the bounds are looked at as well after the last one of all if `finish` is set. */
+EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
+    double time = 0.0;
+    int64_t n = l->signal_count;
+    for (int64_t tick = first; tick < last; tick++) {
+        time = l->start + (double)tick * l->step;
+        int64_t line = tick < l->table_rows ? tick : l->table_rows - 1;
+        memcpy(l->signals, l->table + line * l->table_columns, (size_t)l->table_columns * sizeof(double));
+        if (l->delayed && l->rows[tick] >= 0)
+            memcpy(l->sampled + l->rows[tick] * n, l->signals, (size_t)n * sizeof(double));
+        if (l->jacobi)
+            for (int64_t i = 0; i < l->part_count; i++)
+                if (tick % l->parts[i].every == 0) gather(&l->parts[i], l->signals);
+        for (int64_t i = 0; i < l->part_count; i++) {
+            if (tick % l->parts[i].every != 0) continue;
+            if (!l->jacobi) gather(&l->parts[i], l->signals);
+            int result = apply_part(l, i, tick, time);
+            if (result) return result;
+        }
+        record(l, tick);
+        if (tick % l->check_interval == 0 && outside(l, tick, time)) return OUT_OF_BOUNDS;
+        for (int64_t i = 0; i < l->part_count; i++) {
+            int result = advance_part(l, i, tick, time);
+            if (result) return result;
+        }
+    }
+    return finish ? outside(l, last - 1, time) : DONE;
+}

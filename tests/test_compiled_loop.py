@@ -1,0 +1,302 @@
+"""The compiled loop against the loop in Python: the same bits; and what only the timing of a system decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, wrap_control
+from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.errors import DivergedError, FmuDidimError, InputError, SimulationError
+from fmu_didim.export import build_fmu
+from fmu_didim.master import Connection, InstancePool, Recording, System, simulate
+from fmu_didim.signals import Trajectory, trajectory
+from tests.helpers import PERIOD, Mock, loop, on_reference, ports, reference, scara, scara_cascade, scara_pd, sledge
+
+TIMINGS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "jacobi": {"jacobi": True},
+    "a fraction of delay": {"delays": {"plant": 1.3}},
+    "whole delays on both": {"delays": {"plant": 2, "controller": 1}},
+    "a slow controller": {"every": {"controller": 3}},
+    "a slow controller in Jacobi order": {"every": {"controller": 2}, "jacobi": True},
+    "a slow plant with delay": {"every": {"plant": 2}, "delays": {"plant": 2.6}},
+    "a fast plant": {"substeps": {"plant": 5}},
+    "all at once": {"every": {"controller": 4}, "substeps": {"plant": 2}, "delays": {"plant": 0.5}},
+    "commands after the step": {"after_step": frozenset({"controller"})},
+}
+
+
+@cache
+def parts(kind: str) -> tuple[Component, Component]:
+    """Plant and controller of the SCARA that compiled code can run."""
+    if kind == "fmu 2":
+        plant, law = (load_fmu(build_fmu(b)) for b in (scara().block(), scara_cascade()))
+        return plant, law
+    if kind == "fmu 3":
+        plant, law = (load_fmu(build_fmu(b, fmi_version="3.0")) for b in (scara().block(), scara_cascade()))
+        return plant, law
+    if kind == "model":
+        return tuple(with_compiled_twin(ModelComponent(b)) for b in (scara().block(), scara_cascade()))  # type: ignore[return-value]
+    return load_fmu(build_fmu(scara().block())), block_as_control(scara_pd())  # linear, native
+
+
+def system_of(kind: str, **timing: Any) -> System:
+    plant, law = parts(kind)
+    return replace(loop(plant, law, reference()), **timing)
+
+
+def assert_same(first: Recording, second: Recording) -> None:
+    for group in ("applied", "inputs", "sampled"):
+        mine, other = getattr(first, group), getattr(second, group)
+        assert set(mine) == set(other)
+        for name in mine:
+            np.testing.assert_array_equal(mine[name], other[name], err_msg=f"{group}: {name}")
+
+
+@pytest.mark.parametrize("kind", ["fmu 2", "fmu 3", "model", "linear"])
+@pytest.mark.parametrize("timing", TIMINGS)
+def test_both_loops_give_the_same_bits(kind: str, timing: str) -> None:
+    system, ticks = system_of(kind, **TIMINGS[timing]), np.array([0, 1, 5, 40, 41, 150, 199])
+    fast = simulate(system, reference(), ticks=ticks, compiled=True)
+    slow = simulate(system, reference(), ticks=ticks, compiled=False)
+    assert (fast.compiled, slow.compiled) == (True, False)
+    assert_same(fast, slow)
+    assert np.abs(fast.applied["plant.q1"]).max() > 0.1
+
+
+def test_a_model_is_run_by_its_compiled_code_only_with_a_twin() -> None:
+    plain = loop(ModelComponent(scara().block()), ModelComponent(scara_pd()), reference())
+    assert not simulate(plain, reference()).compiled
+    with pytest.raises(InputError, match="compiled code"):
+        simulate(plain, reference(), compiled=True)
+    fast = simulate(system_of("model"), reference())
+    assert fast.compiled
+    plant, law = parts("model")
+    assert isinstance(plant, ModelComponent) and isinstance(law, ModelComponent)
+    slow = simulate(loop(replace(plant, twin=None), replace(law, twin=None), reference()), reference())
+    np.testing.assert_array_equal(fast.applied["plant.q1"], slow.applied["plant.q1"])
+
+
+def test_parameters_and_names_reach_the_twin() -> None:
+    plant, law = parts("model")
+    heavy = simulate(loop(plant.with_parameters({"ZZ2": 3.0}), law, reference()), reference())
+    light = simulate(loop(plant, law, reference()), reference())
+    assert heavy.compiled and light.compiled
+    assert np.abs(heavy.applied["plant.q2"] - light.applied["plant.q2"]).max() > 1e-4
+
+
+@pytest.mark.parametrize("dt", [0, PERIOD, 2 * PERIOD, PERIOD / 2])
+def test_linear_systems_of_any_rate(dt: float) -> None:
+    """A second-order filter between the command and the plant, sampled or continuous, with feed-through."""
+    matrices = ([[0.0, 1.0], [-40.0, -9.0]], [[0.0], [40.0]], [[0.9, 0.0]], [[0.1]])
+    smooth = control.ss(*matrices)
+    filtered = smooth if dt == 0 else control.sample_system(smooth, dt)
+    component = wrap_control(filtered, initial_state=(0.2, -0.1))
+    plant = load_fmu(build_fmu(sledge(6.0).block()))
+    system = System(
+        components={"filter": component, "plant": plant},
+        connections=(
+            Connection("reference.r", f"filter.{component.inputs[0].name}"),
+            Connection(f"filter.{component.outputs[0].name}", "plant.tau1"),
+        ),
+        order=("filter", "plant"),
+        step_size=PERIOD,
+    )
+    time = np.arange(300) * PERIOD
+    motion = trajectory(time, {"r": np.sign(np.sin(9 * time))})
+    fast, slow = (simulate(system, motion, compiled=c) for c in (True, False))
+    assert_same(fast, slow)
+    held = control.sample_system(smooth, PERIOD) if dt == 0 else None
+    if held is not None:  # held inputs: the exact solution is the sampled system
+        x, wanted = np.array([0.2, -0.1]), []
+        for r in motion.values[:, 0]:
+            wanted.append(held.C @ x + held.D[:, 0] * r)
+            x = held.A @ x + held.B[:, 0] * r
+        np.testing.assert_allclose(fast.inputs["plant.tau1"], np.ravel(wanted), rtol=0, atol=1e-8)
+
+
+def test_divergence_is_the_same_in_both() -> None:
+    plant, law = parts("fmu 2")
+    system = loop(plant, law.with_parameters({"Kp1": -4000.0}), reference())
+    bounds = {"plant.q1": (-2.0, 2.0)}
+    told = []
+    for compiled in (True, False):
+        with pytest.raises(DivergedError) as caught:
+            simulate(system, reference(), bounds=bounds, compiled=compiled)
+        told.append(str(caught.value))
+    assert told[0] == told[1]
+    assert "plant.q1" in told[0]
+
+
+def test_a_refused_step_is_the_same_in_both() -> None:
+    """An inertia that cannot be integrated: the FMU's own message comes out of the compiled loop too."""
+    plant, law = parts("fmu 2")
+    system = loop(plant.with_parameters({"ZZ2": 1e-12, "MX2": 0.0, "MY2": 0.0}), law, reference())
+    told = []
+    for compiled in (True, False):
+        with pytest.raises(SimulationError) as caught:
+            simulate(system, reference(), compiled=compiled)
+        told.append(str(caught.value))
+    assert told[0] == told[1]
+    assert "DoStep" in told[0]
+
+
+# ---- rates, seen by components that keep a log ---------------------------------------------------------------
+
+
+def mocked(**options: Any) -> tuple[System, Mock, Mock]:
+    log: list[tuple[Any, ...]] = []
+    law = Mock("controller", ports("r", "y"), ports("u", causality="output"), lambda k, u: 1000.0 + k, log)
+    plant = Mock("plant", ports("u"), ports("y", causality="output"), lambda k, u: float(k), log)
+    wires = (
+        Connection("reference.r", "controller.r"),
+        Connection("plant.y", "controller.y"),
+        Connection("controller.u", "plant.u"),
+    )
+    system = System({"plant": plant, "controller": law}, wires, ("controller", "plant"), PERIOD, **options)
+    return system, law, plant
+
+
+def ramp(count: int) -> Trajectory:
+    return trajectory(np.arange(count) * PERIOD, {"r": 1.0 + np.arange(count)})
+
+
+def test_a_slow_component_steps_over_several_ticks() -> None:
+    system, law, plant = mocked(every={"controller": 3})
+    recording = simulate(system, ramp(9))
+    assert law.calls("step") == [(k * PERIOD, 3 * PERIOD) for k in (0, 3, 6)]
+    assert [tuple(u) for (u,) in law.calls("set")] == [(1.0 + k, float(k)) for k in (0, 3, 6)]
+    assert plant.calls("step") == [(k * PERIOD, PERIOD) for k in range(9)]
+    # Its output is held between its communication points.
+    assert recording.applied["controller.u"].tolist() == [1000.0] * 3 + [1001.0] * 3 + [1002.0] * 3
+
+
+def test_a_fast_component_steps_several_times_a_tick() -> None:
+    system, _, plant = mocked(substeps={"plant": 4})
+    simulate(system, ramp(2))
+    quarter = PERIOD / 4
+    assert plant.calls("step") == [(k * PERIOD + i * quarter, quarter) for k in range(2) for i in range(4)]
+
+
+def test_a_command_after_the_step_belongs_to_the_tick() -> None:
+    """Without it the output of the mock counts the steps made before the tick, with it those including the tick's."""
+    plain, declared = (simulate(mocked(**o)[0], ramp(4)) for o in ({}, {"after_step": frozenset({"controller"})}))
+    assert plain.applied["controller.u"].tolist() == [1000.0, 1001.0, 1002.0, 1003.0]
+    assert declared.applied["controller.u"].tolist() == [1001.0, 1002.0, 1003.0, 1004.0]
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"every": {"controller": 0}}, "whole number"),
+        ({"every": {"controler": 2}}, "controler"),
+        ({"substeps": {"plant": 1.5}}, "whole number"),
+        ({"after_step": frozenset({"plnt"})}, "plnt"),
+    ],
+)
+def test_wrong_timings_are_refused(options: Mapping[str, Any], problem: str) -> None:
+    with pytest.raises(FmuDidimError, match=problem):
+        mocked(**options)
+
+
+# ---- algebraic loops ---------------------------------------------------------------------------------------------
+
+
+def gain_loop(first: float, second: float, **options: Any) -> System:
+    """y = first * (r - z), z = second * y, both static: y = first r / (1 + first second)."""
+    amplifier = wrap_control(control.ss([], [], [], [[first, -first]], inputs=["r", "z"], outputs=["y"], dt=PERIOD))
+    feedback = wrap_control(control.ss([], [], [], [[second]], inputs=["y"], outputs=["z"], dt=PERIOD))
+    wires = (
+        Connection("reference.r", "amplifier.r"),
+        Connection("feedback.z", "amplifier.z"),
+        Connection("amplifier.y", "feedback.y"),
+    )
+    names = ("amplifier", "feedback")
+    return System(dict(zip(names, (amplifier, feedback), strict=True)), wires, names, PERIOD, **options)
+
+
+def test_an_algebraic_loop_is_refused_with_its_path() -> None:
+    with pytest.raises(InputError, match=r"amplifier\.y.*feedback\.z") as caught:
+        simulate(gain_loop(3.0, 2.0), ramp(5))
+    assert "iterate" in str(caught.value)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0.5, 0.5), (3.0, 2.0), (-4.0, 0.7)])
+def test_an_algebraic_loop_is_solved_on_request(first: float, second: float) -> None:
+    """Also where passing the values around does not settle (gain above 1)."""
+    got = simulate(gain_loop(first, second, algebraic_loops="iterate"), ramp(20))
+    wanted = first * (1.0 + np.arange(20)) / (1 + first * second)
+    np.testing.assert_allclose(got.applied["amplifier.y"], wanted, rtol=1e-10)
+
+
+def test_an_algebraic_loop_without_solution_is_an_error() -> None:
+    with pytest.raises(SimulationError, match="algebraic loop"):
+        simulate(gain_loop(2.0, -0.5, algebraic_loops="iterate"), ramp(5))
+
+
+def test_previous_values_a_delay_or_jacobi_order_break_the_loop() -> None:
+    r = 1.0 + np.arange(6)
+    y = simulate(gain_loop(0.5, 0.5, algebraic_loops="previous"), ramp(6)).applied["amplifier.y"]
+    np.testing.assert_allclose(y[1:], 0.5 * (r[1:] - 0.5 * y[:-1]), rtol=1e-14)
+    delayed = simulate(gain_loop(0.5, 0.5, delays={"feedback": 1}), ramp(6)).sampled["amplifier.y"]
+    assert np.isfinite(delayed).all()
+    assert np.isfinite(simulate(gain_loop(0.5, 0.5, jacobi=True), ramp(6)).applied["amplifier.y"]).all()
+
+
+def test_acceleration_feedback_is_an_algebraic_loop_and_position_feedback_is_none() -> None:
+    plant = on_reference(ModelComponent(sledge(2.0).block()), reference(joints=1), 1)
+    law = wrap_control(control.ss([], [], [], [[50.0, -50.0, -0.5]], inputs=["r", "q", "a"], outputs=["u"], dt=PERIOD))
+    wires = [
+        Connection("reference.q1", "law.r"),
+        Connection("plant.q1", "law.q"),
+        Connection("law.u", "plant.tau1"),
+    ]
+    motion = reference(joints=1)
+    simulate(System({"law": law, "plant": plant}, tuple(wires), ("law", "plant"), PERIOD), motion)
+    wires.append(Connection("plant.ddq1", "law.a"))
+    system = System({"law": law, "plant": plant}, tuple(wires), ("law", "plant"), PERIOD)
+    with pytest.raises(InputError, match=r"plant\.ddq1"):
+        simulate(system, motion)
+    solved = simulate(replace(system, algebraic_loops="iterate"), motion)
+    # u = 50 (r - q) - 0.5 a and 2 a + 2 v = u hold together at every tick.
+    u, a, v, q = (solved.applied[n] for n in ("law.u", "plant.ddq1", "plant.dq1", "plant.q1"))
+    np.testing.assert_allclose(u, 50 * (solved.applied["reference.q1"] - q) - 0.5 * a, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(2 * a + 2 * v, u, rtol=0, atol=1e-9)
+
+
+# ---- re-runs -----------------------------------------------------------------------------------------------------
+
+
+def test_a_pool_gives_instances_back_as_new() -> None:
+    plant, law = parts("fmu 2")
+    pool = InstancePool()
+    first = simulate(loop(plant, law, reference()), reference(), pool=pool)
+    changed = simulate(loop(plant.with_parameters({"ZZ2": 0.5}), law, reference()), reference(), pool=pool)
+    again = simulate(loop(plant, law, reference()), reference(), pool=pool)
+    assert_same(first, again)
+    assert np.abs(changed.applied["plant.q2"] - first.applied["plant.q2"]).max() > 1e-6
+    pool.close()
+
+
+def test_a_pool_closes_what_it_keeps() -> None:
+    class Counted(Mock):
+        def pool_key(self) -> Any:
+            return self.name
+
+    log: list[tuple[Any, ...]] = []
+    plant = Counted("plant", ports("u"), ports("y", causality="output"), lambda k, u: float(k), log)
+    system = System({"plant": plant}, (Connection("reference.r", "plant.u"),), ("plant",), PERIOD)
+    pool = InstancePool()
+    simulate(system, ramp(3), pool=pool)
+    assert plant.calls("close") == []
+    simulate(system, ramp(3), pool=pool)  # a mock cannot be restarted: closed, and a new one made
+    assert len(plant.calls("close")) == 1
+    pool.close()
+    assert len(plant.calls("close")) == 2
