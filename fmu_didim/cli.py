@@ -125,27 +125,9 @@ def _export(options: argparse.Namespace) -> int:
 
 def _fmu_info(options: argparse.Namespace) -> int:
     """Tell what an FMU is: version, interfaces, platforms, variables with units and start values."""
-    from fmu_didim.components.fmu import read_description
+    from fmu_didim.components.fmu import info_lines, read_description
 
-    fmu = read_description(options.file)
-    print(f"{fmu.name}: FMI {fmu.version}, by {fmu.tool or 'an unknown tool'}")
-    print(f"binaries: {', '.join(fmu.platforms) or 'none'}")
-    for interface in fmu.interfaces:
-        abilities = {
-            "saves its state": interface.has_state,
-            "gives derivatives": interface.has_derivatives,
-            "takes variable steps": interface.has_variable_step,
-            "only once in a process": interface.once_per_process,
-            "needs its tool": interface.needs_execution_tool,
-        }
-        print(f"{interface.kind}: {', '.join(name for name, has in abilities.items() if has) or 'nothing declared'}")
-    if fmu.state_count:
-        print(f"continuous states: {fmu.state_count}, event indicators: {fmu.indicator_count}")
-    for causality in ("input", "output", "parameter"):
-        found = [v for v in fmu.variables if v.causality == causality]
-        print(f"\n{causality}s: {len(found)}")
-        for v in found:
-            print(f"  {v.name:32} {v.type:9} {v.unit:12} {v.start or '':14} {v.description}".rstrip())
+    print("\n".join(info_lines(read_description(options.file))))
     return 0
 
 

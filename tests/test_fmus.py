@@ -47,11 +47,11 @@ def test_plant_in_model_exchange_agrees_with_dop853(name: str) -> None:
     """Constant torque, FMPy's CVode against SciPy's DOP853."""
     model = RobotModel(read_robot(Path("fmus") / name / "robot.yaml"))
     n, chi, shapes = model.joint_count, model.parameter_values, model.shape_values
-    torque = np.array([30.0, 0.5][:n])
+    torque = np.array([30.0, 0.5, 0.4, 0.3, 0.2, 0.1][:n])
     joints = range(1, n + 1)
     result = fmpy.simulate_fmu(
         str(build_fmu(model.block())), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10,
-        stop_time=0.5, output_interval=0.1, output=[f"q{j}" for j in joints],
+        stop_time=0.5, output_interval=0.005, output=[f"q{j}" for j in joints],
         start_values={f"tau{j}": torque[j - 1] for j in joints} | {f"dq_start{j}": 0.4 for j in joints},
     )  # fmt: skip
     expected = solve_ivp(

@@ -164,6 +164,7 @@ static int step_once(Part *p, double time, double size) {
 }
 
 static int step_part(Part *p, double time, double size) {
+    if (p->substeps == 1) return step_once(p, time, size);
     double piece = size / (double)p->substeps;
     for (int64_t i = 0; i < p->substeps; i++) {
         int status = step_once(p, time + (double)i * piece, piece);
@@ -223,7 +224,7 @@ static int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
 
 static int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
     Part *p = &l->parts[index];
-    if (p->after_step || tick % p->every != p->every - 1) return DONE;
+    if (p->after_step || (p->every > 1 && tick % p->every != p->every - 1)) return DONE;
     double size = l->step * (double)p->every;
     double begin = l->start + (double)(tick - p->every + 1) * l->step;
     double piece = p->part > 0 ? (1 - p->part) * size : size;
@@ -252,6 +253,9 @@ static void record(Loop *l, int64_t tick) {
     }
 }
 
+/* A division only where there is something to divide: it would cost as much as the rest of a cheap component. */
+static bool is_own_tick(const Part *p, int64_t tick) { return p->every == 1 || tick % p->every == 0; }
+
 static int outside(Loop *l, int64_t tick, double time) {
     for (int64_t i = 0; i < l->signal_count; i++)
         if (!(l->signals[i] >= l->lowest[i] && l->signals[i] <= l->highest[i])) {
@@ -268,19 +272,19 @@ EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
     for (int64_t tick = first; tick < last; tick++) {
         time = l->start + (double)tick * l->step;
         int64_t line = tick < l->table_rows ? tick : l->table_rows - 1;
-        memcpy(l->signals, l->table + line * l->table_columns, (size_t)l->table_columns * sizeof(double));
+        for (int64_t i = 0; i < l->table_columns; i++) l->signals[i] = l->table[line * l->table_columns + i];
         if (l->delayed && l->rows[tick] >= 0)
             memcpy(l->sampled + l->rows[tick] * n, l->signals, (size_t)n * sizeof(double));
         if (l->jacobi)
             for (int64_t i = 0; i < l->part_count; i++)
-                if (tick % l->parts[i].every == 0) gather(&l->parts[i], l->signals);
+                if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i], l->signals);
         for (int64_t i = 0; i < l->part_count; i++) {
-            if (tick % l->parts[i].every != 0) continue;
+            if (!is_own_tick(&l->parts[i], tick)) continue;
             if (!l->jacobi) gather(&l->parts[i], l->signals);
             int result = apply_part(l, i, tick, time);
             if (result) return result;
         }
-        record(l, tick);
+        if (l->delayed || l->rows[tick] >= 0) record(l, tick);
         if (tick % l->check_interval == 0 && outside(l, tick, time)) return OUT_OF_BOUNDS;
         for (int64_t i = 0; i < l->part_count; i++) {
             int result = advance_part(l, i, tick, time);

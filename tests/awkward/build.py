@@ -37,7 +37,7 @@ SLAVE = """<?xml version="1.0" encoding="UTF-8"?>
       <String start="single"/></ScalarVariable>
     <ScalarVariable name="twice_a" valueReference="9" causality="calculatedParameter" variability="fixed">
       <Real/></ScalarVariable>
-    <ScalarVariable name="internal" valueReference="10" initial="exact"><Real start="1"/></ScalarVariable>
+    <ScalarVariable name="internal" valueReference="10" initial="exact"><Real start="0"/></ScalarVariable>
   </ModelVariables>
   <ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure>
 </fmiModelDescription>

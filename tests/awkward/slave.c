@@ -2,7 +2,8 @@
  *
  * x' = -a x + u by explicit Euler, one step for each doStep; y = n (x + d u), negative if `flip` is true,
  * doubled if `label` is "double". The parameter `unused` has no effect.
- * Value references: Real u 0, y 1, a 2, d 3, unused 4; Integer n 5; Boolean flip 6; String label 7.
+ * Value references: Real u 0, y 1, a 2, d 3, unused 4, internal 10, the initial x; Integer n 5; Boolean flip 6;
+ * String label 7.
  */
 #include <math.h>
 #include <stddef.h>
@@ -22,7 +23,7 @@ typedef void (*Logger)(void *, const char *, Status, const char *, const char *,
 typedef struct { Logger logger; void *allocate; void *release; void *finished; void *environment; } Callbacks;
 
 typedef struct {
-    double u, a, d, unused, x, held;
+    double u, a, d, unused, x, held, acting_a, acting_d;
     int n, flip, twice, running, steps;
     const Callbacks *callbacks;
 } Slave;
@@ -94,13 +95,22 @@ EXPORT Status fmi2EnterInitializationMode(Component c) { return OK; }
 EXPORT Status fmi2ExitInitializationMode(Component c) {
     Slave *s = c;
     s->running = 1;
+    s->acting_a = s->a;
+    s->acting_d = s->d;
     s->held = output(s);
     return OK;
 }
 EXPORT Status fmi2Terminate(Component c) { return OK; }
 EXPORT Status fmi2Reset(Component c) {
     Slave *s = c;
-#ifdef RESET_KEEPS_STATE
+#ifdef CRASH_IN_RESET
+    *(volatile int *)NULL = 1;
+#endif
+#ifdef RESET_KEEPS_PARAMETERS
+    const double a = s->a;
+    defaults(s);
+    s->a = a;
+#elif defined(RESET_KEEPS_STATE)
     double x = X(s);
     defaults(s);
     X(s) = x;
@@ -119,8 +129,8 @@ EXPORT Status fmi2GetReal(Component c, const Reference r[], size_t n, double v[]
         const double y = output(s);
 #endif
         const double values[] = {s->u, y, s->a, s->d, s->unused};
-        if (r[i] > 4) return fail(s, ERROR, "no such Real variable");
-        v[i] = values[r[i]];
+        if (r[i] > 4 && r[i] != 10) return fail(s, ERROR, "no such Real variable");
+        v[i] = r[i] == 10 ? X(s) : values[r[i]];
     }
     return OK;
 }
@@ -129,6 +139,10 @@ EXPORT Status fmi2SetReal(Component c, const Reference r[], size_t n, const doub
     Slave *s = c;
     for (size_t i = 0; i < n; i++) {
         double *places[] = {&s->u, NULL, &s->a, &s->d, &s->unused};
+        if (r[i] == 10 && !s->running) {
+            X(s) = v[i];
+            continue;
+        }
         if (r[i] > 4 || !places[r[i]]) return fail(s, ERROR, "no such Real variable that can be set");
 #ifdef FIXED_PARAMETERS
         if (s->running && r[i] > 1) return fail(s, ERROR, "parameters are fixed after the initialisation");
@@ -168,6 +182,10 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
     if (h < 0.01) return fail(s, DISCARD, "only steps of 10 ms and more");
 #endif
     s->held = output(s);
+#ifdef TUNABLE_IGNORED
+    s->a = s->acting_a; /* what was set after the initialisation is forgotten */
+    s->d = s->acting_d;
+#endif
     X(s) += h * (s->u - s->a * X(s));
     s->steps++;
     return OK;

@@ -1,20 +1,23 @@
-"""FMUs in the loop: FMI 2.0 and 3.0, co-simulation and model exchange.
+"""FMUs in the loop: FMI 2.0 and 3.0 for co-simulation and model exchange, FMI 1.0 for co-simulation.
 
 ``component = load_fmu(path)`` is all most callers need; ``probe_fmu(component)`` tells how an FMU behaves.
 """
 
-from fmu_didim.components.fmu.component import RESET_STRATEGY, SUBSTEPS, FmuComponent, load_fmu
-from fmu_didim.components.fmu.description import FmuDescription, FmuVariable, Interface, read_description
+from fmu_didim.components.fmu.component import SUBSTEPS, FmuComponent
+from fmu_didim.components.fmu.description import FmuDescription, FmuVariable, Interface
+from fmu_didim.components.fmu.info import info_lines
+from fmu_didim.components.fmu.load import load_fmu
 from fmu_didim.components.fmu.probe import FmuProbe, probe_fmu
+from fmu_didim.components.fmu.reading import read_description
 
 __all__ = [
-    "RESET_STRATEGY",
     "SUBSTEPS",
     "FmuComponent",
     "FmuDescription",
     "FmuProbe",
     "FmuVariable",
     "Interface",
+    "info_lines",
     "load_fmu",
     "probe_fmu",
     "read_description",

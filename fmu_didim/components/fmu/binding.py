@@ -1,4 +1,4 @@
-"""FMI 2.0 and 3.0 behind one set of calls; each works on one instance of an FMU.
+"""All versions of FMI behind one set of calls; each binding works on one instance of an FMU.
 
 Where the loop spends its time (real values, steps, derivatives) a binding hands out the C function and its
 arguments, made once, so that nothing of this module is in the way.
@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.description import CO_SIMULATION, INTEGER_TYPES, FmuDescription, Interface
+from fmu_didim.components.fmu.description import CO_SIMULATION, REAL_TYPES, FmuDescription, Interface
 from fmu_didim.components.fmu.library import Function, Library, Messages
 from fmu_didim.errors import FmuError, SimulationError
 from fmu_didim.signals import Array
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+MAXIMUM_ITERATIONS = 1000
+"""Event iterations at one instant, and pieces of one step, before an FMU is said not to get on."""
 Call = tuple[Function, tuple[Any, ...]]
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
@@ -47,6 +49,16 @@ class EventResult:
     next_time: float | None
 
 
+@dataclass(frozen=True)
+class StepResult:
+    """What a step left: whether events wait, whether to stop, whether it came back early, and the time reached (s)."""
+
+    event: bool
+    terminate: bool
+    early: bool
+    time: float
+
+
 class Binding(ABC):
     """One instance of an FMU and the functions of its library.
 
@@ -55,9 +67,13 @@ class Binding(ABC):
     """
 
     major: int
+    array_types: Mapping[str, Any]
+    """Type of a variable -> numpy type of its values in C."""
 
-    def __init__(self, description: FmuDescription, interface: Interface, library: Library) -> None:
-        self.description, self.library = description, library
+    def __init__(
+        self, description: FmuDescription, interface: Interface, library: Library, *, event_mode: bool = False
+    ) -> None:
+        self.description, self.library, self.event_mode = description, library, event_mode
         self.co_simulation = interface.kind == CO_SIMULATION
         self.interface = interface
         self.messages = Messages()
@@ -108,11 +124,19 @@ class Binding(ABC):
     def close(self) -> None:
         """Free the saved states and the instance; may be called twice."""
         if self.c is not None:
-            for state in self._states:
-                self.library[self._state_function("Free")](self.c, ctypes.byref(state))
-            self._states.clear()
-            self.library[f"fmi{self.major}FreeInstance"](self.c)
+            self.forget_states()
+            self._free()
             self.c = None
+
+    def _free(self) -> None:
+        self.library[f"fmi{self.major}FreeInstance"](self.c)
+
+    def forget_states(self, keep: ctypes.c_void_p | None = None) -> None:
+        """Free the saved states, but for one."""
+        for state in self._states:
+            if state is not keep:
+                self.library[self._state_function("Free")](self.c, ctypes.byref(state))
+        self._states = [state for state in self._states if state is keep]
 
     def save_state(self) -> ctypes.c_void_p:
         """A copy of the complete state, freed with the instance."""
@@ -139,27 +163,47 @@ class Binding(ABC):
 
     def set_option(self, kind: str, reference: int, value: int | float | str | bool) -> None:
         """Set an Integer, Enumeration, Boolean or String variable."""
-        name, element, converted = self._option(kind, value)
         count = (1,) if self.major == 3 else ()
-        self.call(f"Set{name}", references([reference]), 1, (element * 1)(converted), *count)
+        if kind == "String":
+            text = (ctypes.c_char_p * 1)(str(value).encode())
+            self.call("SetString", references([reference]), 1, text, *count)
+        else:
+            function, arguments = self.typed_call("Set", kind, [reference], np.array([value], self.array_types[kind]))
+            self.check(f"fmi{self.major}Set{self.type_name(kind)}", function(*arguments))
+
+    def type_name(self, kind: str) -> str:
+        """How the functions for variables of a type are called."""
+        return kind
+
+    def typed_call(self, verb: str, kind: str, numbers: Sequence[int], values: Any) -> Call:
+        """The call that sets (``Set``) or gets (``Get``) variables of a type; ``values`` is of its array type."""
+        name = f"fmi{self.major}{verb}{self.type_name(kind)}"
+        function: Any = self.library.get(name)
+        if function is None:
+            raise FmuError(f"The FMU has no function {name}.", where=self.description.path.name)
+        count = (values.size,) if self.major == 3 else ()
+        place = values.ctypes.data_as(function.argtypes[3])
+        return function, (self.c, references(numbers), len(numbers), place, *count)
+
+    def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
+        """The call that sets (``Set``) or gets (``Get``) these real variables from or into the array."""
+        return self.typed_call(verb, REAL_TYPES[0] if self.major < 3 else REAL_TYPES[1], numbers, values)
 
     @abstractmethod
     def _instantiate(self) -> int | None: ...
 
-    @abstractmethod
-    def _option(self, kind: str, value: Any) -> tuple[str, Any, Any]: ...
-
-    @abstractmethod
-    def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
-        """The call that sets (``Set``) or gets (``Get``) these real variables from or into the array."""
+    @property
+    def gives_initial_outputs(self) -> bool:
+        """Whether outputs can be asked for while it is being initialised."""
+        return True
 
     @abstractmethod
     def step_call(self) -> tuple[Function, tuple[Any, ...]]:
         """The function that steps, and its arguments after (instance, time, size)."""
 
-    @abstractmethod
-    def stopped_early(self) -> bool:
-        """Whether the last step ended the simulation or came back early."""
+    def step_result(self) -> StepResult | None:
+        """What the last step left, of FMI 3.0; None if there was nothing special."""
+        return None
 
     @abstractmethod
     def enter_initialisation(self, time: float) -> None:
@@ -182,137 +226,10 @@ class Binding(ABC):
         """d unknowns / d known into ``result``, scalars only."""
 
 
-class Binding2(Binding):
-    """FMI 2.0."""
-
-    major = 2
-
-    def _instantiate(self) -> int | None:
-        d = self.description
-        name = self.interface.identifier.encode()
-        where = (d.folder / "resources").resolve().as_uri().encode()
-        kind = 1 if self.co_simulation else 0
-        callbacks = ctypes.byref(self.messages.callbacks)
-        address: int | None = self.library["fmi2Instantiate"](name, kind, d.token.encode(), where, callbacks, 0, 0)
-        return address
-
-    def _option(self, kind: str, value: Any) -> tuple[str, Any, Any]:
-        if kind == "String":
-            return "String", ctypes.c_char_p, str(value).encode()
-        return ("Boolean" if kind == "Boolean" else "Integer"), ctypes.c_int, int(value)
-
-    def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
-        return self.library[f"fmi2{verb}Real"], (self.c, references(numbers), len(numbers), pointer(values))
-
-    def step_call(self) -> tuple[Function, tuple[Any, ...]]:
-        return self.library["fmi2DoStep"], (1,)
-
-    def stopped_early(self) -> bool:
-        return False
-
-    def enter_initialisation(self, time: float) -> None:
-        self.call("SetupExperiment", 0, 0.0, time, 0, 0.0)
-        self.call("EnterInitializationMode")
-
-    def update_discrete_states(self) -> EventResult:
-        from fmpy.fmi2 import fmi2EventInfo
-
-        info = fmi2EventInfo()
-        for _ in range(_MAXIMUM_ITERATIONS):
-            self.call("NewDiscreteStates", ctypes.byref(info))
-            if not info.newDiscreteStatesNeeded or info.terminateSimulation:
-                break
-        else:
-            raise _endless(self)
-        return EventResult(bool(info.terminateSimulation), info.nextEventTime if info.nextEventTimeDefined else None)
-
-    def derivatives_call(self, values: Array) -> Call:
-        return self.exchange_call("GetDerivatives", values)
-
-    def directional_derivative(self, unknowns: Sequence[int], known: int, result: Array) -> None:
-        seed = (ctypes.c_double * 1)(1.0)
-        arguments = (references(unknowns), len(unknowns), references([known]), 1, seed, pointer(result))
-        self.call("GetDirectionalDerivative", *arguments)
-
-
-class Binding3(Binding):
-    """FMI 3.0."""
-
-    major = 3
-
-    def _instantiate(self) -> int | None:
-        d = self.description
-        self._flags = (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool())
-        self._last_time = ctypes.c_double()
-        name, token = self.interface.identifier.encode(), d.token.encode()
-        folder = d.folder / "resources"
-        where = f"{folder.resolve()}/".encode() if folder.is_dir() else None
-        address: int | None
-        if self.co_simulation:
-            from fmpy.fmi3 import fmi3IntermediateUpdateCallback
-
-            self._update = fmi3IntermediateUpdateCallback()
-            options = (False, False, False, False, references([]), 0, None, self.messages.callback_3, self._update)
-            address = self.library["fmi3InstantiateCoSimulation"](name, token, where, *options)
-        else:
-            more = (False, False, None, self.messages.callback_3)
-            address = self.library["fmi3InstantiateModelExchange"](name, token, where, *more)
-        return address
-
-    def _option(self, kind: str, value: Any) -> tuple[str, Any, Any]:
-        if kind == "String":
-            return kind, ctypes.c_char_p, str(value).encode()
-        if kind == "Boolean":
-            return kind, ctypes.c_bool, bool(value)
-        name = "Int64" if kind == "Enumeration" else kind
-        return name, getattr(ctypes, f"c_{name.lower()}"), int(value)
-
-    def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
-        arguments = (self.c, references(numbers), len(numbers), pointer(values), values.size)
-        return self.library[f"fmi3{verb}Float64"], arguments
-
-    def step_call(self) -> tuple[Function, tuple[Any, ...]]:
-        return self.library["fmi3DoStep"], (True, *(ctypes.byref(x) for x in (*self._flags, self._last_time)))
-
-    def stopped_early(self) -> bool:
-        _, terminate, early = self._flags
-        return bool(terminate.value or early.value)
-
-    def enter_initialisation(self, time: float) -> None:
-        self.call("EnterInitializationMode", False, 0.0, time, False, 0.0)
-
-    def update_discrete_states(self) -> EventResult:
-        need, terminate, nominals, values, defined = (ctypes.c_bool() for _ in range(5))
-        following = ctypes.c_double()
-        arguments = [ctypes.byref(x) for x in (need, terminate, nominals, values, defined, following)]
-        for _ in range(_MAXIMUM_ITERATIONS):
-            self.call("UpdateDiscreteStates", *arguments)
-            if not need.value or terminate.value:
-                break
-        else:
-            raise _endless(self)
-        return EventResult(terminate.value, following.value if defined.value else None)
-
-    def derivatives_call(self, values: Array) -> Call:
-        return self.exchange_call("GetContinuousStateDerivatives", values)
-
-    def directional_derivative(self, unknowns: Sequence[int], known: int, result: Array) -> None:
-        seed = np.ones(1)
-        head = (references(unknowns), len(unknowns), references([known]), 1)
-        self.call("GetDirectionalDerivative", *head, pointer(seed), 1, pointer(result), result.size)
-
-
-_MAXIMUM_ITERATIONS = 1000
-
-
-def _endless(binding: Binding) -> SimulationError:
+def endless(binding: Binding) -> SimulationError:
+    """The error of an event iteration without end."""
     return SimulationError(
         "The event iteration of the FMU does not end.",
         where=binding.description.path.name,
-        got=f"{_MAXIMUM_ITERATIONS} iterations at one instant",
+        got=f"{MAXIMUM_ITERATIONS} iterations at one instant",
     )
-
-
-def is_option(kind: str) -> bool:
-    """Whether values of this type are set as options."""
-    return kind in INTEGER_TYPES or kind in ("Boolean", "String")

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree as ET
 
-from fmu_didim.components.fmu.archive import DESCRIPTION, check_description, open_archive
-from fmu_didim.components.fmu.units import BASE_UNITS, UnitDefinition
+from fmu_didim.components.fmu.units import UnitDefinition
 from fmu_didim.errors import FmuError
 
 CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "co-simulation", "model-exchange", "scheduled-execution"
 REAL_TYPES = ("Real", "Float64")
 INTEGER_TYPES = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 OPTION_TYPES = (*INTEGER_TYPES, "Boolean", "String")
+FLOAT_TYPES = (*REAL_TYPES, "Float32")
+PORT_TYPES = (*FLOAT_TYPES, *INTEGER_TYPES, "Boolean")
+"""Types of variables whose values pass through the loop as numbers."""
+PERIODIC = ("constant", "fixed")
+"""Variabilities of the interval of clocks that tick at instants known beforehand."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class FmuVariable:
         unit: the FMU's own unit, from the variable or its declared type.
         start: text of the start value, elements of an array separated by blanks; None if there is none.
         shape: sizes of the dimensions of an array, () for a scalar.
+        clocks: value references of the clocks at whose ticks alone it has a value.
+        negated: whether it is minus the variable that its reference means (FMI 1.0).
     """
 
     name: str
@@ -42,6 +46,8 @@ class FmuVariable:
     start: str | None = None
     shape: tuple[int, ...] = ()
     description: str = ""
+    clocks: tuple[int, ...] = ()
+    negated: bool = False
 
     @property
     def size(self) -> int:
@@ -53,6 +59,20 @@ class FmuVariable:
         """Whether it is a parameter that may be set before the initialisation."""
         return self.causality == "parameter" and self.variability in ("fixed", "tunable")
 
+    @property
+    def is_start_value(self) -> bool:
+        """Whether it is no parameter, but its start value may be set before the initialisation.
+
+        Some tools write the name of a parameter as start value, which then is to be set instead.
+        """
+        return (
+            self.causality in ("local", "output")
+            and self.variability != "constant"
+            and self.initial == "exact"
+            and not self.clocks
+            and all(_is_number(text) for text in (self.start or "").split())
+        )
+
     def element_names(self) -> tuple[str, ...]:
         """Names of the elements in the order of FMI (last index fastest): ``x[1]``, ``A[2,1]``; a scalar's own."""
         if not self.shape:
@@ -63,11 +83,42 @@ class FmuVariable:
     def starts(self, path: Path | str) -> tuple[float, ...]:
         """Start values of the elements, 0 where there is none; raises FmuError for what is no number."""
         try:
-            numbers = [float(text) for text in (self.start or "").split()] or [0.0]
+            words = {"true": "1", "false": "0"} if self.type == "Boolean" else {}
+            numbers = [float(words.get(text, text)) for text in (self.start or "").split()] or [0.0]
         except ValueError as error:
             where = f"{path}, variable '{self.name}'"
             raise FmuError("A start value in the FMU is no number.", where=where, got=self.start) from error
         return tuple(numbers) if len(numbers) == self.size else (numbers[0],) * self.size
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class ClockVariable:
+    """A clock of FMI 3.0.
+
+    Attributes:
+        variability: of its interval: ``constant``, ``fixed``, ``tunable``, ``changing``, ``countdown``, ``triggered``.
+        interval, shift: in s; None if the file gives no interval.
+    """
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    interval: float | None = None
+    shift: float = 0.0
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether its ticks are known beforehand."""
+        return self.variability in PERIODIC and self.interval is not None and self.interval > 0
 
 
 @dataclass(frozen=True)
@@ -83,6 +134,8 @@ class Interface:
     has_derivatives: bool = False
     has_variable_step: bool = False
     needs_completed_step: bool = True
+    has_event_mode: bool = False
+    may_return_early: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,7 +150,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """An FMU as its file describes it; made by :func:`read_description`.
+    """An FMU as its file describes it; made by :func:`fmu_didim.components.fmu.reading.read_description`.
 
     Attributes:
         path: the ``.fmu`` file; folder: where it is extracted; digest: SHA-256 of the file.
@@ -105,6 +158,8 @@ class FmuDescription:
         platforms: folders of ``binaries/`` with at least one library.
         state_count, indicator_count: continuous states and event indicators.
         units: unit -> its definition, where the FMU has one.
+        dependencies: output -> inputs that it depends on at once, None where all; None where nothing is said at all.
+        clocks: of FMI 3.0.
     """
 
     path: Path
@@ -121,138 +176,18 @@ class FmuDescription:
     indicator_count: int = 0
     experiment: Experiment = Experiment()
     units: Mapping[str, UnitDefinition] = field(default_factory=dict)
+    dependencies: Mapping[str, tuple[str, ...] | None] | None = None
+    clocks: tuple[ClockVariable, ...] = ()
 
     @property
     def major(self) -> int:
-        """2 or 3."""
+        """1, 2 or 3."""
         return int(self.version.partition(".")[0])
 
     def interface(self, kind: str) -> Interface | None:
         """The interface of this kind, if there is one."""
         return next((i for i in self.interfaces if i.kind == kind), None)
 
-    def of_causality(self, causality: str, types: tuple[str, ...] = REAL_TYPES) -> tuple[FmuVariable, ...]:
+    def of_causality(self, causality: str, types: tuple[str, ...] = PORT_TYPES) -> tuple[FmuVariable, ...]:
         """The variables of a causality and of some types, in the order of the file."""
         return tuple(v for v in self.variables if v.causality == causality and v.type in types)
-
-
-def read_description(path: Path | str) -> FmuDescription:
-    """Read what an FMU says about itself, without loading its library. Its validation problems are not looked for.
-
-    Raises:
-        FmuError: the file is not a readable FMU, or of another FMI version than 2.0 and 3.0.
-    """
-    import fmpy
-
-    path = Path(path)
-    folder, digest = open_archive(path)
-    file = folder / DESCRIPTION
-    content = file.read_bytes()
-    check_description(content, path)
-    root = _checked_root(content, path)
-    try:
-        # The file, not the folder: FMPy would also parse other XML files, unchecked.
-        own = fmpy.read_model_description(str(file), validate=False)
-        return FmuDescription(
-            path=path,
-            folder=folder,
-            digest=digest,
-            version=own.fmiVersion,
-            name=own.modelName or path.stem,
-            token=own.guid or "",
-            tool=own.generationTool or "",
-            interfaces=tuple(_interfaces(own, root)),
-            platforms=_platforms(folder),
-            variables=tuple(_variable(v) for v in own.modelVariables),
-            state_count=own.numberOfContinuousStates,
-            indicator_count=own.numberOfEventIndicators,
-            experiment=_experiment(own.defaultExperiment),
-            units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
-        )
-    except Exception as error:
-        raise _unreadable(path, f"{type(error).__name__}: {error}") from error
-
-
-def _unreadable(path: Path, got: str) -> FmuError:
-    return FmuError(f"The file is not a readable FMU: its {DESCRIPTION} is wrong.", where=str(path), got=got)
-
-
-def _checked_root(content: bytes, path: Path) -> ET.Element:
-    try:
-        root = ET.fromstring(content)
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise _unreadable(path, str(error)) from error
-    version = root.get("fmiVersion", "")
-    if version == "1.0":
-        kind = "co-simulation" if root.find("Implementation") is not None else "model exchange only"
-        version = f"1.0, {kind}"
-    elif root.tag == "fmiModelDescription" and (version == "2.0" or version.startswith("3.")):
-        return root
-    raise FmuError(
-        "This FMI version is not supported.",
-        where=str(path),
-        got=version or f"no fmiVersion in <{root.tag}>",
-        valid="2.0, 3.0",
-        next_step="Export the FMU again for FMI 2.0 or 3.0.",
-    )
-
-
-def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
-    given = (
-        (CO_SIMULATION, own.coSimulation, "CoSimulation"),
-        (MODEL_EXCHANGE, own.modelExchange, "ModelExchange"),
-        (SCHEDULED_EXECUTION, own.scheduledExecution, "ScheduledExecution"),
-    )
-    for kind, found, tag in given:
-        if found is not None:
-            # FMPy knows the attribute by its name in FMI 2.0 only.
-            plural = root.find(tag + "[@providesDirectionalDerivatives='true']") is not None
-            completed = kind == MODEL_EXCHANGE and found.needsCompletedIntegratorStep
-            yield Interface(
-                kind=kind,
-                identifier=found.modelIdentifier or "",
-                needs_execution_tool=found.needsExecutionTool,
-                once_per_process=found.canBeInstantiatedOnlyOncePerProcess,
-                has_state=found.canGetAndSetFMUstate,
-                can_serialise_state=found.canSerializeFMUstate,
-                has_derivatives=plural or found.providesDirectionalDerivative,
-                has_variable_step=bool(getattr(found, "canHandleVariableCommunicationStepSize", False)),
-                needs_completed_step=completed,
-            )
-
-
-def _platforms(folder: Path) -> tuple[str, ...]:
-    suffixes = (".so", ".dll", ".dylib")
-    binaries = folder / "binaries"
-    if not binaries.is_dir():
-        return ()
-    folders = [d for d in binaries.iterdir() if d.is_dir() and any(f.suffix in suffixes for f in d.iterdir())]
-    return tuple(sorted(d.name for d in folders))
-
-
-def _variable(own: Any) -> FmuVariable:
-    return FmuVariable(
-        name=own.name,
-        reference=int(own.valueReference),
-        type=own.type,
-        causality=own.causality or "local",
-        variability=own.variability or "",
-        initial=own.initial or "",
-        unit=own.unit or (own.declaredType.unit if own.declaredType else "") or "",
-        start=own.start,
-        shape=tuple(own.shape or ()),
-        description=own.description or "",
-    )
-
-
-def _experiment(own: Any) -> Experiment:
-    def number(text: str | None) -> float | None:
-        return float(text) if text else None
-
-    if own is None:
-        return Experiment()
-    return Experiment(*(number(t) for t in (own.startTime, own.stopTime, own.tolerance, own.stepSize)))
-
-
-def _unit(own: Any) -> UnitDefinition:
-    return UnitDefinition(tuple(int(getattr(own, name)) for name in BASE_UNITS), float(own.factor), float(own.offset))

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fmu_didim.components.base import Instance, buffers
-from fmu_didim.components.fmu.binding import Binding, Binding2, Binding3, Call, address, references
+from fmu_didim.components.base import Component, Instance, buffers
+from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Binding, Call, address, references
+from fmu_didim.components.fmu.binding1 import Binding1
+from fmu_didim.components.fmu.bindings import Binding2, Binding3
+from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
+from fmu_didim.components.fmu.ports import MixedCall, are_plain
+from fmu_didim.components.fmu.rerun import RESET, STATE
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
 from fmu_didim.errors import SimulationError
@@ -45,6 +50,11 @@ def _nothing() -> int:
     return 0
 
 
+_BINDINGS: dict[int, type[Binding]] = {1: Binding1, 2: Binding2, 3: Binding3}
+TIME_TOLERANCE = 1e-9
+"""Two instants closer than this part of a step are one."""
+
+
 class FmuInstance(Instance):
     """An FMU in the loop; values pass by C calls whose arguments are made once.
 
@@ -52,15 +62,22 @@ class FmuInstance(Instance):
     once depends on the FMU, see :func:`fmu_didim.components.fmu.probe_fmu`.
     """
 
-    def __init__(self, component: FmuComponent) -> None:
-        self._component = component
+    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
         fmu, interface = component.fmu, component.interface
-        kind = Binding2 if fmu.major == 2 else Binding3
-        self._binding: Binding = kind(fmu, interface, load_library(fmu, interface))
+        library = load_library(fmu, interface)
+        self._binding: Binding = _BINDINGS[fmu.major](fmu, interface, library, event_mode=component.event_mode)
+        self._new_state = self._binding.save_state() if keep_new_state else None
+        self._take(component)
+
+    def _take(self, component: FmuComponent) -> None:
+        """Work for this component from now on."""
+        self._component = component
         self._input_scaling = _scaling(component.input_conversions)
         self._output_scaling = _scaling(component.output_conversions)
         self.input_names = tuple(v.name for v in component.inputs)
         self.output_names = tuple(v.name for v in component.outputs)
+        self._input_types = component.input_types
+        self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
         self.bind(*buffers(component.inputs, component.outputs))
 
     def bind(self, inputs: Array, outputs: Array) -> None:
@@ -68,21 +85,51 @@ class FmuInstance(Instance):
         component, scaled_in, scaled_out = self._component, self._input_scaling, self._output_scaling
         own_inputs = scaled_in.own if scaled_in else inputs
         own_outputs = scaled_out.own if scaled_out else outputs
-        self._set, self._set_arguments = self._real_call("Set", component.input_references, own_inputs)
-        self._get, self._get_arguments = self._real_call("Get", component.output_references, own_outputs)
+        self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), own_inputs)
+        self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), own_outputs)
 
-    def _real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
-        return self._binding.real_call(verb, numbers, values) if numbers else (_nothing, ())
+    def _port_call(self, verb: str, variables: Sequence[FmuVariable], values: Array) -> Call:
+        if not variables:
+            return _nothing, ()
+        if are_plain(variables):
+            return self._binding.real_call(verb, [v.reference for v in variables], values)
+        return MixedCall(self._binding, verb, variables, values, self._ticks), ()
+
+    def _ticks(self, clock: int) -> bool:
+        """Whether a clock ticks now."""
+        return False
+
+    def restart(self, component: Component) -> bool:
+        rerun = component.find_rerun()  # type: ignore[attr-defined]
+        return not rerun.isolated and self.restart_by(rerun.strategy, component)  # type: ignore[arg-type]
+
+    def restart_by(self, strategy: str, component: FmuComponent) -> bool:
+        """Become a new instance by reset or by the state of a new instance, all parameters at their start values."""
+        if strategy == RESET:
+            self._binding.forget_states(self._new_state)
+            self._binding.reset()
+        elif strategy == STATE and self._new_state is not None:
+            self._binding.forget_states(self._new_state)
+            self._binding.restore_state(self._new_state)
+        else:
+            return False
+        self._take(component)
+        return True
 
     def begin_initialisation(self, time: float) -> None:
         component = self._component
-        self._set_own({v.name: v.start for v in component.parameters if v.name in component.changed})
+        values = {**component.start_values, **component.parameter_values()}
+        self._set_own({name: values[name] for name in values if name in component.changed})
         for name, value in component.options.items():
             self._binding.set_option(component.option_types[name], component.references[name], value)
         self._binding.enter_initialisation(time)
+        if not self._binding.gives_initial_outputs:
+            self._get, self._get_arguments = _nothing, ()
 
     def end_initialisation(self) -> None:
         self._binding.exit_initialisation()
+        if not self._binding.gives_initial_outputs:
+            self.bind(self.inputs, self.outputs)
 
     def set(self) -> None:
         if self._input_scaling is not None:
@@ -104,17 +151,17 @@ class FmuInstance(Instance):
 
     @property
     def _real(self) -> str:
-        return "Real" if self._binding.major == 2 else "Float64"
+        return "Real" if self._binding.major < 3 else "Float64"
 
     def _set_own(self, values: Mapping[str, float]) -> None:
         """Set parameters given in the units shown; an array always as a whole."""
         component = self._component
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
-            reference = component.references[name]
+            reference = component.reference(name)
             siblings = component.arrays.get(name, (name,))
             if reference not in wanted or len(siblings) == 1:
-                known = component.parameter_values() if len(siblings) > 1 else {}
+                known = {**component.start_values, **component.parameter_values()} if len(siblings) > 1 else {}
                 wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
             wanted[reference][siblings.index(name)] = component.parameter_conversion(name).to_own(value)
         if wanted:
@@ -123,10 +170,11 @@ class FmuInstance(Instance):
             self._binding.check(f"{self._prefix}Set{self._real} of parameters", function(*arguments))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        fixed = [name for name in values if name in self._component.fixed]
+        component = self._component
+        fixed = [name for name in values if name in component.fixed or name in component.start_values]
         if fixed:
             raise SimulationError(
-                "A fixed parameter of the FMU cannot be changed while it runs.",
+                "A fixed parameter or a start value of the FMU cannot be changed while it runs.",
                 where=self._component.path.name,
                 got=", ".join(fixed),
                 next_step="Set it before the run (with_parameters).",
@@ -136,8 +184,15 @@ class FmuInstance(Instance):
     def derivatives(
         self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]
     ) -> tuple[Array, Array]:
-        component = self._component
-        if not component.has_derivatives:
+        component, types = self._component, self._input_types
+        smooth = [k for k, i in enumerate(inputs) if types[i] in FLOAT_TYPES]
+        if len(smooth) < len(inputs):  # nothing follows a small change of an integer
+            some, by_parameter = self.derivatives(outputs, [inputs[k] for k in smooth], parameters)
+            by_input = np.zeros((len(outputs), len(inputs)))
+            by_input[:, smooth] = some
+            return by_input, by_parameter
+        plain = all(types[i] in REAL_TYPES for i in inputs)
+        if not (component.has_derivatives and plain and all(self._output_types[i] in REAL_TYPES for i in outputs)):
             return super().derivatives(outputs, inputs, parameters)
         unknown = [component.output_references[i] for i in outputs]
         known = [component.input_references[i] for i in inputs] + [component.references[p] for p in parameters]
@@ -170,13 +225,17 @@ class FmuInstance(Instance):
 class CoSimulationInstance(FmuInstance):
     """An FMU that integrates itself."""
 
-    def __init__(self, component: FmuComponent) -> None:
-        super().__init__(component)
+    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+        super().__init__(component, keep_new_state=keep_new_state)
         self._do_step, self._tail = self._binding.step_call()
         self._c = self._binding.c
         self._may_stop = self._binding.major > 2
 
     def native(self) -> Native | None:
+        fmu, interface = self._component.fmu, self._component.interface
+        ports = (*fmu.of_causality("input"), *fmu.of_causality("output"))
+        if fmu.major < 2 or interface.may_return_early or not are_plain(ports):
+            return None
         scaled_in, scaled_out = self._input_scaling, self._output_scaling
         component = self._component
         return NativeFmu(
@@ -198,7 +257,30 @@ class CoSimulationInstance(FmuInstance):
         status = self._do_step(self._c, time, size, *self._tail)
         if status > 1:
             self._binding.check(f"{self._prefix}DoStep at t = {time:.6g} s", status)
-        if self._may_stop and self._binding.stopped_early():
-            raise SimulationError(
-                "The FMU ended the simulation.", where=self._component.path.name, got=f"step at t = {time:.6g} s"
-            )
+        if self._may_stop and self._binding.step_result() is not None:
+            self._go_on(time, time + size)
+
+    def _go_on(self, start: float, end: float) -> None:
+        """The rest of a step from which the FMU came back early."""
+        now = start
+        for _ in range(MAXIMUM_ITERATIONS):
+            result = self._binding.step_result()
+            if result is not None and result.terminate:
+                raise SimulationError(
+                    "The FMU ended the simulation.", where=self._component.path.name, got=f"step at t = {start:.6g} s"
+                )
+            if result is None or not result.early or end - result.time <= TIME_TOLERANCE * (end - start):
+                return
+            if not result.time > now:
+                break
+            now = result.time
+            status = self._do_step(self._c, now, end - now, *self._tail)
+            self._binding.check(f"{self._prefix}DoStep at t = {now:.6g} s", status)
+        raise no_progress(self._component, now)
+
+
+def no_progress(component: FmuComponent, time: float) -> SimulationError:
+    """The error of an FMU whose steps lead nowhere."""
+    return SimulationError(
+        "The FMU comes back early from its steps again and again.", where=component.path.name, got=f"t = {time:.6g} s"
+    )

@@ -18,11 +18,13 @@ import threading
 import time as clock
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from fmu_didim.components.base import Instance, buffers
+from fmu_didim.components.base import Component, Instance, buffers
+from fmu_didim.components.fmu.rerun import PROCESS
 from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
 from fmu_didim.signals import Array
 
@@ -54,6 +56,10 @@ def receive(stream: IO[bytes]) -> Any:
     if len(content) < size:
         raise EOFError
     return pickle.loads(content)  # from our own child
+
+
+class ProcessEndedError(SimulationError):
+    """The process of an FMU died or was stopped."""
 
 
 class Worker:
@@ -108,7 +114,7 @@ class Worker:
             raise _rebuilt(answer)
         return answer
 
-    def _died(self, call: str, allowed: float) -> SimulationError:
+    def _died(self, call: str, allowed: float) -> ProcessEndedError:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=5)
         code = self._process.poll()
@@ -127,7 +133,7 @@ class Worker:
             lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
             got += f"; its last words: {lines[-1][:300]}" if lines else ""
         self.close()
-        return SimulationError(what, where=self._where, got=got, next_step=advice)
+        return ProcessEndedError(what, where=self._where, got=got, next_step=advice)
 
     def close(self) -> None:
         """End the process; may be called twice."""
@@ -204,18 +210,30 @@ def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: s
 class IsolatedInstance(Instance):
     """The proxy of an FMU that runs in a process of its own."""
 
-    def __init__(self, component: FmuComponent, time_limit: float) -> None:
+    def __init__(self, component: FmuComponent, time_limit: float, *, keep_new_state: bool = False) -> None:
+        self._take(component)
+        self._worker = Worker(str(component.path), time_limit)
+        try:
+            self._worker.request("start", limit=START_LIMIT)
+            self._worker.request("instantiate", component, keep_new_state)
+        except BaseException:
+            self._worker.close()
+            raise
+
+    def _take(self, component: FmuComponent) -> None:
         self.input_names = tuple(v.name for v in component.inputs)
         self.output_names = tuple(v.name for v in component.outputs)
         self.bind(*buffers(component.inputs, component.outputs))
         self._changed = False
-        self._worker = Worker(str(component.path), time_limit)
-        try:
-            self._worker.request("start", limit=START_LIMIT)
-            self._worker.request("instantiate", component)
-        except BaseException:
-            self._worker.close()
-            raise
+
+    def restart(self, component: Component) -> bool:
+        rerun = component.find_rerun()  # type: ignore[attr-defined]
+        if rerun.strategy == PROCESS:
+            return False
+        own: FmuComponent = replace(component, isolated=False)  # type: ignore[type-var, assignment]
+        self._worker.request("restart", rerun.strategy, own)
+        self._take(own)
+        return True
 
     def _call(self, name: str, *arguments: Any) -> Any:
         inputs = self.inputs.tobytes() if self._changed else None
@@ -261,4 +279,4 @@ class IsolatedInstance(Instance):
         self._worker.close()
 
 
-__all__ = ["IsolatedInstance", "Worker", "receive", "run_in_fresh_process", "send", "told"]
+__all__ = ["IsolatedInstance", "ProcessEndedError", "Worker", "receive", "run_in_fresh_process", "send", "told"]

@@ -61,6 +61,15 @@ _EXCHANGE_3 = [
     "fmi3GetContinuousStates",
 ]
 REQUIRED = {
+    (1, True): (
+        "fmi1InstantiateSlave",
+        "fmi1InitializeSlave",
+        "fmi1TerminateSlave",
+        "fmi1FreeSlaveInstance",
+        "fmi1SetReal",
+        "fmi1GetReal",
+        "fmi1DoStep",
+    ),
     (2, True): (*_COMMON_2, "fmi2DoStep"),
     (2, False): (*_COMMON_2, *_EXCHANGE_2),
     (3, True): (*_COMMON_3, "fmi3InstantiateCoSimulation", "fmi3DoStep"),
@@ -135,11 +144,12 @@ def load_library(description: FmuDescription, interface: Interface) -> Library:
         FmuError: there is no library for this machine, it does not load, or a function is missing.
     """
     file = library_file(description, interface)
-    return _load(file, description.major, interface.kind == CO_SIMULATION, str(description.path))
+    prefix = f"{interface.identifier}_fmi" if description.major == 1 else ""  # the functions of FMI 1.0 bear its name
+    return _load(file, description.major, interface.kind == CO_SIMULATION, prefix, str(description.path))
 
 
 @lru_cache(maxsize=256)
-def _load(file: Path, major: int, co_simulation: bool, where: str) -> Library:
+def _load(file: Path, major: int, co_simulation: bool, prefix: str, where: str) -> Library:
     here = Path.cwd()
     try:
         os.chdir(file.parent)  # some libraries look there for those they depend on
@@ -155,7 +165,7 @@ def _load(file: Path, major: int, co_simulation: bool, where: str) -> Library:
         os.chdir(here)
     found: dict[str, Function] = {}
     for name, (arguments, result) in _signatures(major, co_simulation).items():
-        function = getattr(dll, name, None)
+        function = getattr(dll, name.replace("fmi1", prefix) if prefix else name, None)
         if function is not None:
             function.argtypes, function.restype = arguments, result
             found[name] = function
@@ -173,6 +183,8 @@ def _load(file: Path, major: int, co_simulation: bool, where: str) -> Library:
 @cache
 def _signatures(major: int, co_simulation: bool) -> dict[str, tuple[list[Any], Any]]:
     """Argument and result types of the functions of an interface."""
+    if major == 1:
+        return _signatures_1()
     from fmpy import fmi2, fmi3
 
     owner = {
@@ -190,11 +202,40 @@ def _signatures(major: int, co_simulation: bool) -> dict[str, tuple[list[Any], A
     return found
 
 
+def _signatures_1() -> dict[str, tuple[list[Any], Any]]:
+    """Those of FMI 1.0 co-simulation; FMPy's have wrong results."""
+    from fmpy.fmi1 import fmi1CallbackFunctions
+
+    number, truth, text, instance = ctypes.c_double, ctypes.c_char, ctypes.c_char_p, ctypes.c_void_p
+    status = ctypes.c_int
+    found: dict[str, tuple[list[Any], Any]] = {
+        "fmi1InstantiateSlave": (
+            [text, text, text, text, number, truth, truth, fmi1CallbackFunctions, truth],
+            instance,
+        ),
+        "fmi1InitializeSlave": ([instance, number, truth, number], status),
+        "fmi1TerminateSlave": ([instance], status),
+        "fmi1ResetSlave": ([instance], status),
+        "fmi1FreeSlaveInstance": ([instance], None),
+        "fmi1DoStep": ([instance, number, number, truth], status),
+    }
+    elements: dict[str, Any] = {
+        "Real": ctypes.c_double,
+        "Integer": ctypes.c_int,
+        "Boolean": ctypes.c_char,
+        "String": text,
+    }
+    for name, element in elements.items():
+        arguments = [instance, ctypes.POINTER(ctypes.c_uint), ctypes.c_size_t, ctypes.POINTER(element)]
+        found |= {f"fmi1{verb}{name}": (arguments, status) for verb in ("Get", "Set")}
+    return found
+
+
 class Messages:
     """What an FMU writes to its logger: the last lines, kept for error messages."""
 
     def __init__(self) -> None:
-        from fmpy import calloc, fmi2, fmi3, free
+        from fmpy import calloc, fmi1, fmi2, fmi3, free
 
         self.lines: list[str] = []
         callbacks = fmi2.fmi2CallbackFunctions()
@@ -202,6 +243,11 @@ class Messages:
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
         self.callbacks = callbacks
+        callbacks_1 = fmi1.fmi1CallbackFunctions()
+        callbacks_1.logger = fmi1.fmi1CallbackLoggerTYPE(self._log_2)
+        callbacks_1.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
+        callbacks_1.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
+        self.callbacks_1 = callbacks_1
         self.callback_3 = fmi3.fmi3LogMessageCallback(self._log_3)
 
     def _log_2(self, environment: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.instance import FmuInstance
+from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance
 from fmu_didim.errors import SimulationError
 
 if TYPE_CHECKING:
@@ -26,15 +26,13 @@ if TYPE_CHECKING:
 DEFAULT_SUBSTEPS = 10
 CVODE_TOLERANCE = 1e-8
 """Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""
-TIME_TOLERANCE = 1e-9
-"""Two instants closer than this part of a step are one."""
 
 
 class ModelExchangeInstance(FmuInstance):
     """An FMU in model exchange; ``solver`` of the component chooses how it is integrated."""
 
-    def __init__(self, component: FmuComponent) -> None:
-        super().__init__(component)
+    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+        super().__init__(component, keep_new_state=keep_new_state)
         fmu, binding = component.fmu, self._binding
         self._nx, self._nz = fmu.state_count, fmu.indicator_count
         self._x, self._dx, self._stage, self._sum = (np.zeros(self._nx) for _ in range(4))

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,12 +17,21 @@ import numpy as np
 from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
-from fmu_didim.components.fmu.isolate import run_in_fresh_process
-from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, RESTORES, STEPS, same
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.components.fmu.isolate import ProcessEndedError, run_in_fresh_process
+from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
+from fmu_didim.components.fmu.rerun import (
+    PROCESS,
+    RESET,
+    STATE,
+    ask_facts,
+    choose,
+    keep_rerun,
+    said,
+    step_of,
+    write_json,
+)
 
-RESET, STATE, AGAIN, PROCESS = "reset", "state", "re-instantiate", "fresh process"
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -37,11 +44,15 @@ class FmuProbe:
         deterministic: two new instances, one after the other in one process, give the same trajectory.
         reproducible: so do two new processes.
         independent: two instances side by side run as if alone; None if it allows only one.
-        reset, state: ``restores``, ``does not restore``, or why it could not be tried.
+        reset, new_state: whether a reset, or the state saved right after the instantiation, gives a new instance,
+            parameters changed in between included; state: whether a state saved in a run is restored:
+            ``restores``, ``does not restore``, or why it could not be tried.
         response: output -> when it first follows a change of the inputs: ``at once`` (between set and get),
             ``after a step``, ``later`` or ``never`` (within the probe).
         not_finite: outputs that became NaN or infinite.
-        acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) did.
+        acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) before the run did.
+        idle_in_a_run, refused_in_a_run: tunable parameters that act, but not when they are changed in a run, and those
+            whose change is refused then.
         strategy: how to run it again: ``reset``, ``state``, ``re-instantiate`` or ``fresh process``; reason: why.
     """
 
@@ -54,12 +65,15 @@ class FmuProbe:
     reproducible: bool = False
     independent: bool | None = None
     reset: str = ""
+    new_state: str = ""
     state: str = ""
     response: tuple[tuple[str, str], ...] = ()
     not_finite: tuple[str, ...] = ()
     acting: tuple[str, ...] = ()
     without_effect: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    idle_in_a_run: tuple[str, ...] = ()
+    refused_in_a_run: tuple[str, ...] = ()
     strategy: str = PROCESS
     reason: str = ""
 
@@ -76,6 +90,7 @@ class FmuProbe:
             f"new processes: {'the same' if self.reproducible else 'DIFFERENT'} trajectories",
             f"instances side by side: {side}",
             f"reset: {self.reset}",
+            f"state of a new instance: {self.new_state}",
             f"saved state: {self.state}",
         ]
         for when in (AT_ONCE, AFTER_A_STEP, LATER, NEVER):
@@ -87,6 +102,8 @@ class FmuProbe:
             ("parameters that act", self.acting),
             ("parameters WITHOUT EFFECT here", self.without_effect),
             ("parameters whose change is refused", self.refused),
+            ("tunable parameters WITHOUT EFFECT in a run", self.idle_in_a_run),
+            ("tunable parameters whose change is refused in a run", self.refused_in_a_run),
         )
         found += [f"{title}: {', '.join(names)}" for title, names in groups if names]
         return (*found, f"run it again by: {self.strategy} ({self.reason})")
@@ -105,18 +122,14 @@ def probe_fmu(
         fresh: ask again even if the answer is known.
     """
     component = replace(component, isolated=False)
-    h = step_size or component.sample_time or component.fmu.experiment.step or 1e-3
+    h = step_size or step_of(component)
     path = cache_directory() / "probes" / f"{_key(component, h)}.json"
     if not fresh and path.is_file():
         known = _read(path)
         if known is not None:
             return replace(known, file=component.path.name)
     found = _probe(component, h, time_limit_s)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        json.dump(asdict(found), stream)
-    Path(partial).replace(path)
+    write_json(path, asdict(found))
     return found
 
 
@@ -139,54 +152,51 @@ def _frozen(value: Any) -> Any:
 
 
 def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:
+    ended = []
+
     def ask(question: Callable[..., Any]) -> Any:
-        return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
-
-    def ask_safely(question: Callable[..., Any]) -> Any:
         try:
-            return ask(question)
-        except FmuDidimError as error:
-            return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
+            return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
+        except ProcessEndedError:
+            ended.append(question)
+            raise
 
+    facts = ask_facts(component, h, limit)
     blank = FmuProbe(component.path.name, component.digest, component.interface.kind, h)
-    try:
-        first, second = ask(questions.two_in_turn)
-        other = ask(questions.once)
-    except FmuDidimError as error:
-        failure = " ".join(str(error).split())
-        return replace(blank, failure=failure, reason="it does not run here")
-    reproducible = bool(same(first, other))
+    rerun = choose(facts)
+    if facts.first is None:
+        keep_rerun(component, rerun)
+        return replace(blank, failure=facts.failure, strategy=rerun.strategy, reason=rerun.reason)
     once = component.interface.once_per_process
-    side_by_side = None if once else ask_safely(questions.side_by_side)
-    steady = bool(same(first, second))
-    parameters = ask_safely(questions.parameters) if steady else ((), (), ())
-    acting, idle, refused = parameters if isinstance(parameters, tuple) else ((), (), (parameters,))
-    response = ask_safely(questions.response)
+    side_by_side = None if once else said(ask, questions.side_by_side)
+    nothing: tuple[tuple[str, ...], ...] = ((), (), ())
+    acting, idle, refused = _three(said(ask, questions.parameters)) if facts.deterministic else nothing
+    in_a_run = _three(said(ask, questions.tunable)) if facts.deterministic else nothing
+    response = said(ask, questions.response)
+    finite = [bool(np.isfinite(column).all()) for column in facts.first.T]
     found = replace(
         blank,
-        deterministic=steady,
-        reproducible=reproducible,
+        deterministic=facts.deterministic,
+        reproducible=facts.reproducible,
         independent=None if once else side_by_side is True,
-        reset=ask_safely(questions.reset),
-        state=ask_safely(questions.state),
+        reset=facts.reset,
+        new_state=facts.new_state,
+        state=said(ask, questions.state),
         response=response if isinstance(response, tuple) else (),
-        not_finite=tuple(v.name for v, c in zip(component.outputs, first.T, strict=True) if not np.isfinite(c).all()),
+        not_finite=tuple(v.name for v, fine in zip(component.outputs, finite, strict=True) if not fine),
         acting=acting,
         without_effect=idle,
         refused=refused,
+        idle_in_a_run=tuple(name for name in in_a_run[1] if name in acting),
+        refused_in_a_run=in_a_run[2],
     )
-    strategy, reason = _strategy(found)
-    return replace(found, strategy=strategy, reason=reason)
+    if ended:
+        rerun = choose(replace(facts, crashed=True))
+    keep_rerun(component, rerun)
+    alone = found.independent is False and rerun.strategy in (RESET, STATE)
+    reason = rerun.reason + ("; only one instance of it at a time in a process" if alone else "")
+    return replace(found, strategy=rerun.strategy, reason=reason)
 
 
-def _strategy(found: FmuProbe) -> tuple[str, str]:
-    if not found.deterministic:
-        if found.reproducible:
-            return PROCESS, "a second instance in one process differs from the first"
-        return AGAIN, "its runs differ even in new processes: it is not deterministic"
-    if found.reset == RESTORES:
-        alone = "; only one instance of it at a time in a process" if found.independent is False else ""
-        return RESET, f"after a reset it runs as a new instance{alone}"
-    if found.state == RESTORES:
-        return STATE, f"its reset is not to be relied on ({found.reset}), but its saved state is restored"
-    return AGAIN, f"neither its reset ({found.reset}) nor its saved state ({found.state}) is to be relied on"
+def _three(answer: Any) -> tuple[tuple[str, ...], ...]:
+    return answer if isinstance(answer, tuple) else ((), (), (answer,))

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.components.fmu.component import FmuComponent
+from fmu_didim.components.fmu.description import FLOAT_TYPES
+from fmu_didim.components.fmu.rerun import DIFFERS, RESET, RESTORES, STATE
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
@@ -17,7 +19,6 @@ STEPS = 50
 SEED = 20240131
 SAME = 1e-9
 """Trajectories that differ by less than this part of their largest value are the same."""
-RESTORES, DIFFERS = "restores", "does not restore"
 AT_ONCE, AFTER_A_STEP, LATER, NEVER = "at once", "after a step", "later", "never"
 
 
@@ -32,8 +33,22 @@ def same(a: Array, b: Array) -> bool:
 def _inputs(component: FmuComponent) -> Array:
     """Held inputs (STEPS, nu), pseudo-random, growing from 1 % to all of their usual size: limits come late."""
     scale = np.array([max(abs(v.start), 1.0) for v in component.inputs])
-    rows: Array = np.random.default_rng(SEED).uniform(-1, 1, (STEPS, scale.size)) * scale
-    return rows * np.geomspace(0.01, 1.0, STEPS)[:, None]
+    random = np.random.default_rng(SEED)
+    rows: Array = random.uniform(-1, 1, (STEPS, scale.size)) * scale
+    rows *= np.geomspace(0.01, 1.0, STEPS)[:, None]
+    for i, (kind, variable) in enumerate(zip(component.input_types, component.inputs, strict=True)):
+        if kind == "Boolean":
+            rows[:, i] = random.integers(0, 2, STEPS)
+        elif kind not in FLOAT_TYPES:
+            rows[:, i] = variable.start  # which other integers mean something, nobody says
+    return rows
+
+
+def _opposite(component: FmuComponent, u: Array) -> Array:
+    """Other inputs: the real ones with the opposite sign."""
+    signs = [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types]
+    other: Array = u * np.array(signs)
+    return other
 
 
 def _begin(instance: Any, component: FmuComponent) -> None:
@@ -57,7 +72,7 @@ def _advance(instance: Any, rows: Array, h: float, start: int = 0) -> Array:
 
 
 def _run(component: FmuComponent, u: Array, h: float) -> Array:
-    instance = component.instantiate()
+    instance = component.instantiate_here()
     try:
         _begin(instance, component)
         return _advance(instance, u, h)
@@ -78,14 +93,15 @@ def two_in_turn(component: FmuComponent, h: float) -> tuple[Array, Array]:
 def side_by_side(component: FmuComponent, h: float) -> bool:
     """Whether two instances at the same time, with opposite inputs, run as each alone."""
     u = _inputs(component)
-    alone = [_run(component, row, h) for row in (u, -u)]
-    pair = [component.instantiate() for _ in alone]
+    inputs = (u, _opposite(component, u))
+    alone = [_run(component, rows, h) for rows in inputs]
+    pair = [component.instantiate_here() for _ in alone]
     found: list[list[Array]] = [[], []]
     try:
         for instance in pair:
             _begin(instance, component)
         for k in range(STEPS):
-            for instance, rows, kept in zip(pair, (u, -u), found, strict=True):
+            for instance, rows, kept in zip(pair, inputs, found, strict=True):
                 kept.append(_advance(instance, rows[k : k + 1], h, k)[0])
     finally:
         for instance in pair:
@@ -93,22 +109,60 @@ def side_by_side(component: FmuComponent, h: float) -> bool:
     return all(same(np.array(a), b) for a, b in zip(found, alone, strict=True))
 
 
+def runs_again(component: FmuComponent, h: float) -> tuple[Array, Array, str, str]:
+    """Two new instances in turn, and whether reset and the state of a new instance give a new instance."""
+    found = []
+    first, second = two_in_turn(component, h)
+    for question in (reset, new_state):
+        try:
+            found.append(question(component, h))
+        except FmuDidimError as error:
+            found.append(error.what.rstrip(".") + (f" ({error.got})" if error.got else ""))
+    return first, second, found[0], found[1]
+
+
 def reset(component: FmuComponent, h: float) -> str:
-    """Whether a reset instance runs as before."""
-    u, instance = _inputs(component), component.instantiate()
-    try:
-        _begin(instance, component)
-        first = _advance(instance, u, h)
-        instance.reset()  # type: ignore[attr-defined]
-        _begin(instance, component)
-        return RESTORES if same(first, _advance(instance, u, h)) else DIFFERS
-    finally:
-        instance.close()
+    """Whether a reset instance runs as a new one, although all parameters had other values before."""
+    return _restarted(component, h, RESET)
+
+
+def new_state(component: FmuComponent, h: float) -> str:
+    """The same for the state saved before anything was set."""
+    return _restarted(component, h, STATE)
+
+
+def _restarted(component: FmuComponent, h: float, strategy: str) -> str:
+    u, wanted = _inputs(component), once(component, h)
+    for before in (_all_changed(component), component):
+        instance = before.instantiate_here(keep_new_state=strategy == STATE)
+        try:
+            try:
+                _begin(instance, before)
+                _advance(instance, u, h)
+            except FmuDidimError:
+                if before is component:
+                    raise
+                continue  # it does not stand these values; so with its own ones
+            instance.restart_by(strategy, component)  # type: ignore[attr-defined]
+            _begin(instance, component)
+            return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
+        finally:
+            instance.close()
+    return DIFFERS
+
+
+def _all_changed(component: FmuComponent) -> FmuComponent:
+    values = {**component.start_values, **component.parameter_values()}
+    return component.with_parameters({name: _other(value) for name, value in values.items()})
+
+
+def _other(value: float) -> float:
+    return value * 1.01 if value else 1e-3
 
 
 def state(component: FmuComponent, h: float) -> str:
     """Whether a restored state goes on as after it was saved."""
-    u, instance, half = _inputs(component), component.instantiate(), STEPS // 2
+    u, instance, half = _inputs(component), component.instantiate_here(), STEPS // 2
     try:
         _begin(instance, component)
         _advance(instance, u[:half], h)
@@ -124,10 +178,15 @@ def response(component: FmuComponent, h: float) -> tuple[tuple[str, str], ...]:
     """When each output first follows a change of all inputs after three steps."""
     u, lead = _inputs(component), 3
     other = u.copy()
-    other[lead:] *= np.linspace(1.3, 1.9, u.shape[1])  # not by the same amount: a controller may see a difference
+    factors = np.linspace(1.3, 1.9, u.shape[1])  # not by the same amount: a controller may see a difference
+    for i, kind in enumerate(component.input_types):
+        if kind == "Boolean":
+            other[lead:, i] = 1 - other[lead:, i]
+        elif kind in FLOAT_TYPES:
+            other[lead:, i] *= factors[i]
     at_once, trajectories = [], []
     for rows in (u, other):
-        instance = component.instantiate()
+        instance = component.instantiate_here()
         try:
             _begin(instance, component)
             _advance(instance, rows[:lead], h)
@@ -156,7 +215,7 @@ def parameters(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]
     idle: list[str] = []
     refused: list[str] = []
     for name, value in component.parameter_values().items():
-        changed = component.with_parameters({name: value * 1.01 if value else 1e-3})
+        changed = component.with_parameters({name: _other(value)})
         try:
             equal = np.array_equal(base, once(changed, h), equal_nan=True)
         except FmuDidimError:
@@ -164,3 +223,25 @@ def parameters(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]
         else:
             (idle if equal else acting).append(name)
     return tuple(acting), tuple(idle), tuple(refused)
+
+
+def tunable(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]:
+    """Tunable parameters that act when they are changed in a run, that do not, and whose change is refused then."""
+    u, half = _inputs(component), STEPS // 2
+    base = once(component, h)[half:]
+    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": []}
+    for name, value in component.parameter_values().items():
+        if name in component.fixed:
+            continue
+        instance = component.instantiate_here()
+        try:
+            _begin(instance, component)
+            _advance(instance, u[:half], h)
+            instance.set_parameters({name: _other(value)})
+            equal = np.array_equal(base, _advance(instance, u[half:], h, half), equal_nan=True)
+            groups["idle" if equal else "acting"].append(name)
+        except FmuDidimError:
+            groups["refused"].append(name)
+        finally:
+            instance.close()
+    return tuple(tuple(names) for names in groups.values())

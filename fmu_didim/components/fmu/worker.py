@@ -11,6 +11,7 @@ from typing import IO, Any
 import numpy as np
 
 from fmu_didim.components.fmu.isolate import receive, send, told
+from fmu_didim.components.fmu.rerun import STATE
 
 
 class _Server:
@@ -25,7 +26,10 @@ class _Server:
         if name == "start":
             return None
         if name == "instantiate":
-            self._instance = arguments[0].instantiate()
+            self._instance = arguments[0].instantiate_here(keep_new_state=arguments[1])
+            return None
+        if name == "restart":
+            self._restart(*arguments)
             return None
         if name == "function":
             self._job = (arguments[0], arguments[1])
@@ -46,6 +50,13 @@ class _Server:
             self._states.append(result)
             return len(self._states) - 1
         return result
+
+    def _restart(self, strategy: str, component: Any) -> None:
+        """Run again in this process, by a new instance where it must be."""
+        self._states.clear()
+        if not self._instance.restart_by(strategy, component):
+            self._instance.close()
+            self._instance = component.instantiate_here(keep_new_state=strategy == STATE)
 
     def _prepared(self, name: str, given: tuple[Any, ...]) -> tuple[Any, ...]:
         return (self._states[given[0]],) if name == "restore_state" else given

@@ -1,0 +1,144 @@
+"""FMUs from files to components."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from fmu_didim.components.fmu.component import FmuComponent
+from fmu_didim.components.fmu.description import (
+    CO_SIMULATION,
+    MODEL_EXCHANGE,
+    OPTION_TYPES,
+    REAL_TYPES,
+    FmuDescription,
+    FmuVariable,
+    Interface,
+)
+from fmu_didim.components.fmu.events import check_events, clock_period
+from fmu_didim.components.fmu.isolate import DEFAULT_TIME_LIMIT
+from fmu_didim.components.fmu.library import library_file
+from fmu_didim.components.fmu.reading import read_description
+from fmu_didim.components.fmu.rerun import AUTO, STATE, STRATEGIES
+from fmu_didim.components.fmu.units import Conversion, conversion
+from fmu_didim.errors import FmuError, InputError
+from fmu_didim.signals import Variable
+
+SOLVERS = ("rk4", "cvode")
+
+
+def load_fmu(
+    path: Path | str,
+    *,
+    interface: str | None = None,
+    solver: str = "rk4",
+    substeps: int | None = None,
+    si_units: bool = True,
+    isolated: bool = False,
+    time_limit_s: float = DEFAULT_TIME_LIMIT,
+    rerun: str = AUTO,
+    event_mode: bool = False,
+) -> FmuComponent:
+    """Read an FMU of FMI 2.0 or 3.0, or of FMI 1.0 for co-simulation; its variables keep their names.
+
+    Inputs and outputs are those of real, integer, Boolean and enumeration type; strings are left out.
+
+    Args:
+        interface: ``co-simulation`` or ``model-exchange``; by default co-simulation if there is one.
+        solver: of model exchange: ``rk4`` with equal substeps, or ``cvode`` (SUNDIALS, variable step).
+        substeps: of ``rk4`` in a communication step, 10 by default.
+        si_units: show values in SI where the FMU has multiples of SI units, such as deg, mm or rpm.
+        isolated: run it in a process of its own, which a crash or an endless loop of the FMU ends, and not this one.
+        time_limit_s: for each call of an isolated FMU.
+        rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
+            ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.
+        event_mode: handle the events of FMI 3.0 co-simulation; always done where the FMU has input clocks.
+
+    Raises:
+        FmuError: the file is not such an FMU, or holds no binary for this platform.
+        InputError: an option is not valid.
+    """
+    if interface not in (None, CO_SIMULATION, MODEL_EXCHANGE):
+        raise InputError("This interface is not known.", got=interface, valid=(CO_SIMULATION, MODEL_EXCHANGE))
+    if solver not in SOLVERS:
+        raise InputError("This solver is not known.", got=solver, valid=SOLVERS)
+    if substeps is not None and substeps < 1:
+        raise InputError("The number of substeps must be positive.", got=substeps)
+    if time_limit_s <= 0:
+        raise InputError("The time limit must be positive.", got=time_limit_s)
+    if rerun not in STRATEGIES:
+        raise InputError("This way to run an FMU again is not known.", got=rerun, valid=STRATEGIES)
+    fmu = read_description(path)
+    chosen = _interface(fmu, interface)
+    if rerun == STATE and not chosen.has_state:
+        raise InputError("The FMU cannot save its state.", where=str(fmu.path), got=f"rerun: {rerun}", valid=STRATEGIES)
+    clocked = check_events(fmu, chosen, wanted=event_mode)
+    library_file(fmu, chosen)
+    component = _component(fmu, chosen, si_units=si_units)
+    component = replace(
+        component,
+        solver=solver,
+        isolated=isolated,
+        time_limit_s=float(time_limit_s),
+        rerun=rerun,
+        event_mode=event_mode or clocked,
+        sample_time=clock_period(fmu) if clocked else None,
+    )
+    return component if substeps is None else component.with_substeps(substeps) or component
+
+
+def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:
+    for kind in (wanted,) if wanted else (CO_SIMULATION, MODEL_EXCHANGE):
+        found = fmu.interface(kind)
+        if found is not None:
+            return found
+    kinds = [i.kind for i in fmu.interfaces]
+    what = f"The FMU has no {wanted} interface." if wanted else "The FMU has no interface that can run in a loop."
+    raise FmuError(
+        what,
+        where=str(fmu.path),
+        got=f"{', '.join(kinds)} only" if kinds else "no interface at all",
+        valid=(CO_SIMULATION, MODEL_EXCHANGE),
+        next_step="Export it for co-simulation or model exchange.",
+    )
+
+
+def _component(fmu: FmuDescription, interface: Interface, *, si_units: bool) -> FmuComponent:
+    def scalars(own: FmuVariable) -> list[tuple[Variable, Conversion]]:
+        rule = conversion(own.unit, fmu.units) if si_units else Conversion(own.unit)
+        values = zip(own.element_names(), own.starts(fmu.path), strict=True)
+        shown = [
+            Variable(name, rule.unit, own.causality, rule.to_shown(start), own.description) for name, start in values
+        ]
+        if own.negated:
+            rule = Conversion(rule.unit, -rule.factor, rule.offset)
+        return [(variable, rule) for variable in shown]
+
+    groups = {c: fmu.of_causality(c) for c in ("input", "output")}
+    real = [v for v in fmu.variables if v.type in REAL_TYPES and v.is_settable]
+    options = [v for v in fmu.variables if v.type in OPTION_TYPES and v.is_settable and not v.shape]
+    starts = [v for v in fmu.variables if v.type in REAL_TYPES and v.is_start_value]
+    scalar_groups = {**groups, "parameter": tuple(real), "start": tuple(starts)}
+    pairs = {c: [p for v in group for p in scalars(v)] for c, group in scalar_groups.items()}
+    references = {v.name: v.reference for v in options}
+    references |= {name: v.reference for v in real for name in v.element_names()}
+    kept = tuple(dict.fromkeys((*groups["input"], *groups["output"], *real, *options, *starts)))
+    return FmuComponent(
+        fmu=replace(fmu, variables=kept),
+        interface=interface,
+        inputs=tuple(v for v, _ in pairs["input"]),
+        outputs=tuple(v for v, _ in pairs["output"]),
+        parameters=tuple(v for v, _ in pairs["parameter"]),
+        references=references,
+        input_references=tuple(v.reference for v in groups["input"]),
+        output_references=tuple(v.reference for v in groups["output"]),
+        input_conversions=tuple(c for _, c in pairs["input"]),
+        output_conversions=tuple(c for _, c in pairs["output"]),
+        parameter_conversions={v.name: c for v, c in (*pairs["parameter"], *pairs["start"]) if not c.is_identity},
+        start_values={v.name: v.start for v, _ in pairs["start"]},
+        start_references={name: v.reference for v in starts for name in v.element_names()},
+        arrays={name: v.element_names() for v in (*real, *starts) if v.shape for name in v.element_names()},
+        option_types={v.name: v.type for v in options},
+        fixed=frozenset(name for v in real if v.variability == "fixed" for name in v.element_names()),
+        has_derivatives=interface.has_derivatives and not any(v.shape for v in kept),
+    )

@@ -1,0 +1,186 @@
+"""How an FMU is run again: found out once for its content, then kept.
+
+Not every FMU is as new after ``fmiXReset``, so a reset is used only where it has been seen to work, with the values of
+all parameters changed before: then comes the state saved right after the instantiation, then a new instance, and where
+that differs from the first one a new process. An FMU that crashed or hung while it was tried out runs in a process of
+its own from then on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fmu_didim.cache import cache_directory
+from fmu_didim.errors import FmuDidimError
+from fmu_didim.signals import Array
+
+if TYPE_CHECKING:
+    from fmu_didim.components.fmu.component import FmuComponent
+
+AUTO, RESET, STATE, AGAIN, PROCESS = "auto", "reset", "state", "re-instantiate", "fresh process"
+STRATEGIES = (AUTO, RESET, STATE, AGAIN, PROCESS)
+RESTORES, DIFFERS = "restores", "does not restore"
+OWN_TOOL = "fmu_didim "
+"""How ``generationTool`` of the FMUs exported by this package begins; the tests prove that their reset is exact."""
+TIME_LIMIT = 30.0
+"""Seconds for each question put to an FMU."""
+_FORMAT = 1
+_lock = threading.Lock()
+_known: dict[Path, Rerun] = {}
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """How to run an FMU again, and why; isolated: only in a process of its own."""
+
+    strategy: str
+    reason: str
+    isolated: bool = False
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What runs of an FMU have shown.
+
+    Attributes:
+        failure: why it does not run; empty if it does; crashed: whether it took its process with it.
+        first, second: trajectories of two new instances in one process.
+        reproducible: whether a new process gives the same as the first.
+        reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
+    """
+
+    failure: str = ""
+    crashed: bool = False
+    first: Array | None = None
+    second: Array | None = None
+    deterministic: bool = False
+    reproducible: bool = False
+    reset: str = ""
+    new_state: str = ""
+
+
+def stated_rerun(component: FmuComponent) -> Rerun | None:
+    """How to run it again where that needs no trial."""
+    if component.rerun != AUTO:
+        return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
+    if component.fmu.tool.startswith(OWN_TOOL):
+        return Rerun(RESET, "exported by this package, whose reset is exact")
+    return None
+
+
+def known_rerun(component: FmuComponent) -> Rerun | None:
+    """How to run it again, None if that has not been found out yet."""
+    stated = stated_rerun(component)
+    if stated is not None:
+        return stated
+    path = _path(component)
+    found = _known.get(path)
+    if found is None and path.is_file():
+        try:
+            found = Rerun(**json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, TypeError):
+            return None  # from another version: ask again
+        _known[path] = found
+    return found
+
+
+def find_rerun(component: FmuComponent) -> Rerun:
+    """How to run it again; asks the FMU, in other processes, the first time."""
+    with _lock:
+        known = known_rerun(component)
+        if known is not None:
+            return known
+        return keep_rerun(component, choose(ask_facts(component, step_of(component), TIME_LIMIT)))
+
+
+def keep_rerun(component: FmuComponent, found: Rerun) -> Rerun:
+    """Remember how to run it again."""
+    path = _path(component)
+    write_json(path, asdict(found))
+    _known[path] = found
+    return found
+
+
+def _path(component: FmuComponent) -> Path:
+    """Its place in the cache, by content and interface but not by values: an identification changes those."""
+    what = [_FORMAT, component.digest, component.interface.kind, component.solver, component.event_mode]
+    key = hashlib.sha256(json.dumps(what).encode()).hexdigest()
+    return cache_directory() / "reruns" / f"{key}.json"
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a file as a whole; several processes may do so at the same time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
+    with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        json.dump(content, stream)
+    Path(partial).replace(path)
+
+
+def step_of(component: FmuComponent) -> float:
+    """Step in s to try an FMU with: its sample time, the one of its default experiment, or 1 ms."""
+    return component.sample_time or component.fmu.experiment.step or 1e-3
+
+
+def ask_facts(component: FmuComponent, h: float, limit: float) -> Facts:
+    """Try an FMU out: all in one process if it stands that, else one process for each question."""
+    from fmu_didim.components.fmu import questions
+    from fmu_didim.components.fmu.isolate import ProcessEndedError, run_in_fresh_process
+
+    def ask(question: Callable[..., Any]) -> Any:
+        return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
+
+    crashed = False
+    try:
+        first, second, reset, state = ask(questions.runs_again)
+    except ProcessEndedError:
+        crashed = True
+        try:
+            first, second = ask(questions.two_in_turn)
+        except FmuDidimError as error:
+            return Facts(failure=" ".join(str(error).split()), crashed=True)
+        reset, state = (said(ask, question) for question in (questions.reset, questions.new_state))
+    except FmuDidimError as error:
+        return Facts(failure=" ".join(str(error).split()))
+    alike = questions.same(first, second)
+    try:
+        reproducible = questions.same(first, ask(questions.once))
+    except FmuDidimError:
+        reproducible = False
+    return Facts("", crashed, first, second, alike, reproducible, reset, state)
+
+
+def said(ask: Callable[..., Any], question: Callable[..., Any]) -> Any:
+    """The answer to a question, or in words why there is none."""
+    try:
+        return ask(question)
+    except FmuDidimError as error:
+        return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
+
+
+def choose(facts: Facts) -> Rerun:
+    """The cheapest way that has been seen to give the same as a new instance."""
+    if facts.failure:
+        if facts.crashed:
+            return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
+        return Rerun(AGAIN, "it could not be tried: it does not run here")
+    alone = "; it crashed or hung when it was tried" if facts.crashed else ""
+    if not facts.deterministic:
+        if facts.reproducible:
+            return Rerun(PROCESS, "a second instance in one process differs from the first", isolated=True)
+        return Rerun(AGAIN, f"its runs differ even in new processes: it is not deterministic{alone}", facts.crashed)
+    if facts.reset == RESTORES:
+        return Rerun(RESET, f"after a reset it runs as a new instance{alone}", facts.crashed)
+    if facts.new_state == RESTORES:
+        reason = f"its reset is not to be relied on ({facts.reset}), but its saved state is restored{alone}"
+        return Rerun(STATE, reason, facts.crashed)
+    reason = f"neither its reset ({facts.reset}) nor its saved state ({facts.new_state}) is to be relied on{alone}"
+    return Rerun(AGAIN, reason, facts.crashed)

@@ -1,0 +1,33 @@
+"""The closed loop of the SCARA: two FMUs in our master against one C program."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fmu_didim.identification.problem import Problem
+from fmu_didim.master import Recording, simulate
+from tests.benchmarks import scara
+from tests.benchmarks.figure import Figure, Settings, interleaved
+
+
+def ours(problem: Problem, theta: np.ndarray, ticks: np.ndarray) -> Recording:
+    """One simulation."""
+    return simulate(problem.system_with(theta), problem.experiment.reference, ticks=ticks)
+
+
+def run(settings: Settings) -> list[Figure]:
+    """10 s at 200 Hz, every tick recorded, from parameters to recording."""
+    problem = scara.problem()
+    theta = problem.parameters.nominal()
+    ticks = np.arange(settings.size(problem.experiment.reference.time.size, 200), dtype=np.int64)
+    program = scara.program(theta).runner(ticks)
+    times = interleaved(
+        {"ours": lambda: ours(problem, theta, ticks), "c": program}, repeats=settings.size(4, 1) * settings.repeats
+    )
+    return [
+        Figure(
+            "SCARA loop, 200 Hz, 10 s / one C program", times.ratio("ours", "c"), 1.5, "at most",
+            {"ours_ms": 1e3 * times.median("ours"), "c_program_ms": 1e3 * times.median("c")},
+            f"{ticks.size} ticks, every one recorded; ours with the change of the parameters",
+        )
+    ]  # fmt: skip
