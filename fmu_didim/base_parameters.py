@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from fmu_didim.effects import DEFAULT_EFFECTS
 from fmu_didim.errors import InputError
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
@@ -124,9 +125,26 @@ def _random_rows(model: RobotModel) -> Array:
     count = 40 + 4 * len(model.parameters)
     rng = np.random.default_rng(SEED)
     q, dq, ddq = rng.uniform(-np.pi, np.pi, size=(3, count, model.joint_count))
-    # Shapes of order one: smoothed steps are told apart from offsets at both small and large speeds.
-    rows = model.regressor_rows(q, dq, ddq)
+    rows = model.regressor_rows(q, dq, ddq, observed=_random_observed(model, rng, count))
+    effects = {name for joint in model.description.joints for name in joint.effects}
+    if not effects <= set(DEFAULT_EFFECTS):
+        # Some effects show at small speeds only, where a smoothed step is not yet a sign.
+        slow = dq * 10.0 ** rng.uniform(-4, 0, size=dq.shape)
+        more = model.regressor_rows(q, slow, ddq, observed=_random_observed(model, rng, count))
+        rows = np.concatenate([rows, more])
     return rows.reshape(-1, rows.shape[2])
+
+
+def _random_observed(model: RobotModel, rng: np.random.Generator, count: int) -> Array | None:
+    """Random states, loads and times, (N, no); times lie where something happens by the shapes given in s."""
+    if not model.observed:
+        return None
+    values = rng.uniform(-1, 1, size=(count, len(model.observed)))
+    names = [v.name for v in model.observed]
+    if "clock" in names:
+        scales = [v.start for v in model.shapes if v.unit == "s" and v.start > 0] or [1.0]
+        values[:, names.index("clock")] = rng.choice(scales, count) * rng.uniform(0, 3, count)
+    return np.asarray(values)
 
 
 def _scaled(rows: Array, index: list[int]) -> Array:

@@ -49,8 +49,20 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
     two.add_argument("--experiment", default="train", choices=("train", "validation"), help="whose reference")
     two.set_defaults(run=_simulate)
-    three = commands.add_parser("export", help="build the FMU of a robot or controller description")
-    three.add_argument("description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller")
+    three = commands.add_parser(
+        "export",
+        help="build the FMU of a robot or controller description, or write the loop of a case as an SSP archive",
+        description=_export.__doc__,
+    )
+    three.add_argument(
+        "description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller; with --ssp a case"
+    )
+    three.add_argument(
+        "--ssp", type=Path, metavar="FILE.ssp", help="write the closed loop of a case, its FMUs and values"
+    )
+    three.add_argument(
+        "--result", type=Path, metavar="result.json", help="with --ssp: the identified values instead of the robot's"
+    )
     three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
     three.add_argument("--fmi", default="2.0", choices=("2.0", "3.0"), help="version of the standard (2.0)")
     three.add_argument(
@@ -109,6 +121,15 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
+    """Build the FMU of a robot or controller description; with --ssp, write the loop of a case as an SSP archive."""
+    if options.ssp is not None:
+        from fmu_didim.workflow import export_ssp
+
+        options.ssp.parent.mkdir(parents=True, exist_ok=True)
+        print(export_ssp(options.description, options.ssp, result=options.result))
+        return 0
+    if options.result is not None:
+        raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
     from fmu_didim.controllers import read_controller
     from fmu_didim.documents import load_yaml
     from fmu_didim.export import build_fmu

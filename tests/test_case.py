@@ -10,7 +10,10 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
+from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
+from fmu_didim.export import build_fmu
+from fmu_didim.report.numbers import loop_summary
 from fmu_didim.workflow import identify, simulate_case
 
 SCARA = Path("examples/scara/identify.yaml")
@@ -177,12 +180,35 @@ def test_simulation_takes_other_parameters() -> None:
         simulate_case(SCARA, parameters={"ZZ1": 1.0})
 
 
-@pytest.mark.parametrize("name", ["scara_pid", "scara_cascade", "scara_computed_torque"])
-def test_every_controller_of_the_scara_identifies_it(tmp_path: Path, name: str) -> None:
-    """One line exchanges the control law; the torque is then that law's own, so data are made with it."""
+@pytest.mark.parametrize(
+    ("name", "law", "form"),
+    [
+        ("scara_pd", "pd", "fmu"),
+        ("scara_pid", "pid", "fmu"),
+        ("scara_cascade", "cascade_ppi", "fmu"),
+        ("scara_computed_torque", "computed_torque", "fmu"),
+        ("scara_cascade", "cascade_ppi", "control"),
+        ("scara_cascade", "cascade_ppi", "FMI 3.0"),
+        ("scara_cascade", "", "vendor.fmu"),
+    ],
+)
+def test_every_controller_of_the_scara_identifies_it(tmp_path: Path, name: str, law: str, form: str) -> None:
+    """One line exchanges the controller; the torque is then its own. The report says which it was."""
     path = scara(tmp_path)
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    content["controller"] = {"kind": "fmu", "source": str(Path(f"controllers/{name}.yaml").resolve())}
+    description = Path(f"controllers/{name}.yaml").resolve()
+    content["controller"] = {"kind": "control" if form == "control" else "fmu", "source": str(description)}
+    shown = f"controller: {name}.yaml ({law}), FMI 2.0 co-simulation, run again by reset"
+    if form == "control":
+        shown = f"controller: {name}.yaml ({law}), python-control"
+    elif form == "FMI 3.0":
+        content["controller"]["fmi"] = "3.0"
+        shown = f"controller: {name}.yaml ({law}), FMI 3.0 co-simulation, run again by reset"
+    elif form == "vendor.fmu":
+        built = build_fmu(read_controller(description), directory=tmp_path).rename(tmp_path / "vendor.fmu")
+        content["controller"]["source"] = str(built)
+        content["loop"] = {"rate_hz": 200, "delay_samples": 0.5}
+        shown = "controller: vendor.fmu, FMI 2.0 co-simulation, run again by reset"
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     table = simulate_case(path)
     rows = slice(0, 2000, 20)
@@ -193,10 +219,19 @@ def test_every_controller_of_the_scara_identifies_it(tmp_path: Path, name: str) 
     content["train"]["torque"]["file"] = "torque.csv"
     del content["validation"]
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    outcome = identify(path)
+    outcome = identify(path, out=tmp_path / "out")
     truth = [3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137]
     assert outcome.document.status == "converged"
     assert (np.abs(outcome.estimate.value - truth) <= 3.5 * outcome.estimate.standard_deviation).all()
+    delay = "plant 0.5 samples" if form == "vendor.fmu" else "none"
+    lines = [
+        shown, "plant: robot.yaml, FMI 2.0 co-simulation, run again by reset",
+        f"200 Hz, Gauss-Seidel in this order, delay: {delay}",
+    ]  # fmt: skip
+    assert loop_summary(outcome.document) == lines
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for line in lines:
+        assert f"<li>{line}</li>" in page
 
 
 def test_python_control_definition_of_the_pd(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from fmu_didim.cli import main
 from fmu_didim.identification.result import result_schema
 from fmu_didim.signals import read_trajectory
+from fmu_didim.ssp import read_ssp
 
 
 def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,9 +64,24 @@ def test_export_builds_an_fmu(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         assert Path(capsys.readouterr().out.strip()).is_file()
 
 
+def test_export_writes_the_loop_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case, file = "examples/scara/identify.yaml", tmp_path / "new" / "loop.ssp"
+    assert main(["identify", case, "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["export", case, "--ssp", str(file), "--result", str(tmp_path / "out" / "result.json")]) == 0
+    assert capsys.readouterr().out.strip() == str(file)
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    values = read_ssp(file).components["plant"].parameter_values()
+    assert values["ZZ1"] == document["parameters"]["ZZ1R"]["value"]
+    assert main(["export", case, "--ssp", str(file)]) == 0
+    assert read_ssp(file).components["plant"].parameter_values()["ZZ1"] == 3.43
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
+        (["export", "fmus/scara/robot.yaml", "--result", "result.json"], "--result goes with --ssp"),
+        (["export", "examples/scara/identify.yaml", "--ssp", "x.ssp", "--result", "nowhere"], "There is no result"),
         (["identify", "nowhere.yaml"], "The file does not exist"),
         (["simulate", "examples/scara/identify.yaml", "--set", "Fc1"], "This is not an assignment"),
         (["simulate", "examples/scara/identify.yaml", "--set", "ZZ1=1"], "Did you mean 'ZZ1R'"),
@@ -113,14 +129,16 @@ def test_fmu_info_and_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["fmu", "info", "README.md"]) == 1
 
 
-def test_help_needs_no_heavy_import() -> None:
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["identify", "--help"], ["export", "--help"]])
+def test_help_needs_no_heavy_import(arguments: list[str]) -> None:
     code = (
         "import sys; from fmu_didim.cli import main\n"
-        "try: main(['--help'])\n"
+        f"try: main({arguments})\n"
         "except SystemExit: pass\n"
-        "heavy = {'casadi', 'control', 'numpy', 'scipy', 'fmpy', 'plotly', 'pydantic'} & set(sys.modules)\n"
+        "heavy = {'casadi', 'control', 'numpy', 'scipy', 'fmpy', 'plotly', 'pandas', 'pydantic', 'yaml', 'jinja2'}\n"
+        "heavy &= set(sys.modules)\n"
         "sys.exit(f'imported: {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "identify" in done.stdout
+    assert "fmu-didim" in done.stdout

@@ -10,6 +10,8 @@ import pytest
 
 from fmu_didim.errors import InputError
 from fmu_didim.identification.result import (
+    ColumnResult,
+    ConsistencyResult,
     ErrorResult,
     IterationResult,
     ParameterResult,
@@ -20,7 +22,7 @@ from fmu_didim.identification.result import (
 from fmu_didim.identification.validation import Validation
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.figures import decimated
-from fmu_didim.report.numbers import pretty_unit, rounding, significant
+from fmu_didim.report.numbers import loop_summary, pretty_unit, rounding, significant
 
 
 def document(**changes: object) -> ResultDocument:
@@ -110,6 +112,43 @@ Valid: converged in 2 + 3 iterations; M(q) positive definite; simulated torque 4
 
 def test_table_is_this_text() -> None:
     assert result_table(document()) == GOLDEN
+
+
+def consistency(**changes: object) -> ConsistencyResult:
+    column = ColumnResult(difference=3e-7, cosine=1.0, size=1.0, joint=1)
+    content = dict(
+        agrees=True, worst=3.2e-7, points=20, torque_difference=[1e-9], columns={"ZZ1R": column}, method="probed",
+        acceleration="output of the plant", warnings=[],
+    )  # fmt: skip
+    return ConsistencyResult.model_validate(content | changes)
+
+
+def test_table_tells_whether_the_plant_agrees() -> None:
+    text = result_table(document(consistency=consistency()))
+    assert "Plant's equations   the plant agrees with the robot description to 3.2e-07 (20 instants)" in text
+    unlike = consistency(agrees=False, worst=1.2, warnings=["Fc2: the column differs most at joint 2 (cosine 0.2)"])
+    lines = result_table(document(consistency=unlike)).splitlines()
+    place = lines.index("Plant against robot description")
+    assert lines[place + 1] == "  WARNING: the plant differs from the robot description, by up to 1.2 (20 instants)"
+    assert lines[place + 2] == "  Fc2: the column differs most at joint 2 (cosine 0.2)"
+    unknown = consistency(agrees=False, worst=None, points=0, columns={}, warnings=["The plant could not be compared"])
+    assert "the plant was not compared" in result_table(document(consistency=unknown))
+
+
+def test_loop_in_words() -> None:
+    components = {
+        "controller": {"kind": "control", "source": "mine.py:pd", "origin": "mine.py:pd", "law": None},
+        "plant": {"kind": "fmu", "source": "a/arm.fmu", "fmi_version": "3.0", "interface": "model-exchange",
+                  "solver": "cvode", "reset": "re-instantiate"},
+    }  # fmt: skip
+    loop = {"order": ["controller", "plant"], "step_size_s": 0.004, "algorithm": "Jacobi", "components": components,
+            "delay_samples": {"controller": 0.0, "plant": 1.25}}  # fmt: skip
+    assert loop_summary(document(loop=loop)) == [
+        "controller: mine.py:pd, python-control",
+        "plant: arm.fmu, FMI 3.0 model-exchange, integrated by cvode, run again by re-instantiate",
+        "250 Hz, Jacobi, delay: plant 1.25 samples",
+    ]
+    assert loop_summary(document()) == []
 
 
 def test_table_of_a_refusal_gives_reasons_and_no_values() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import zipfile
 from collections.abc import Mapping
@@ -13,18 +14,25 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+import yaml
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 from fmu_didim.block import Block
+from fmu_didim.case import load_case
 from fmu_didim.components import Component, FmuComponent, load_fmu, rename
+from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, FmuError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.master import Connection, System, simulate
+from fmu_didim.report.numbers import loop_summary
 from fmu_didim.signals import Trajectory, trajectory
 from fmu_didim.ssp import read_ssp, write_ssp
 from fmu_didim.ssp.transform import Unit, conversion
-from tests.helpers import PERIOD, ROOT, component, loop, on_reference, reference, scara, scara_pd
+from fmu_didim.workflow import export_ssp, identify, simulate_case
+from tests.awkward.build import awkward_fmu
+from tests.helpers import PERIOD, ROOT, component, drive, loop, on_reference, reference, scara, scara_pd
+from tests.test_case import scara as scara_case
 
 SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 HEAD = (
@@ -629,3 +637,153 @@ def test_jacobi_order_survives_the_round_trip(tmp_path: Path) -> None:
     parallel = replace(direct(), jacobi=True)
     assert read_ssp(write_ssp(parallel, tmp_path / "loop.ssp", name="loop")).jacobi
     assert not read_ssp(write_ssp(direct(), tmp_path / "other.ssp", name="loop")).jacobi
+
+
+# From a case and back to one
+
+
+def written(tmp_path: Path, **changes: Any) -> Path:
+    """The closed loop of a case as an archive."""
+    return export_ssp(scara_case(tmp_path, **changes), tmp_path / "loop.ssp")
+
+
+def case_of(archive: Path, folder: Path, **plant: Any) -> Path:
+    """The SCARA example whose loop is the archive."""
+    path = scara_case(folder)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del content["controller"]
+    content["system"] = archive.name
+    content["plant"] = plant
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def test_case_from_an_archive_gives_the_same_torque_and_the_same_result(tmp_path: Path) -> None:
+    path = case_of(written(tmp_path), tmp_path)
+    expected = simulate_case("examples/scara/identify.yaml")
+    table = simulate_case(path)
+    assert table.names == expected.names
+    assert np.abs(table.values - expected.values).max() <= 1e-12 * np.abs(expected.values).max()
+    found, wanted = identify(path), identify("examples/scara/identify.yaml")
+    np.testing.assert_allclose(found.estimate.value, wanted.estimate.value, rtol=1e-9)
+    np.testing.assert_allclose(found.estimate.standard_deviation, wanted.estimate.standard_deviation, rtol=1e-6)
+    assert found.document.consistency is not None
+    assert found.document.consistency.agrees
+    assert found.document.provenance["files"].keys() >= {"loop.ssp"}
+    assert loop_summary(found.document)[:2] == [
+        "controller: scara_pd.fmu in loop.ssp, FMI 2.0 co-simulation, run again by reset",
+        "plant: scara.fmu in loop.ssp, FMI 2.0 co-simulation, run again by reset",
+    ]
+
+
+def test_delay_of_an_archive_holds_unless_the_case_gives_another(tmp_path: Path) -> None:
+    path = case_of(written(tmp_path, loop={"delay_samples": 1.5}), tmp_path)
+    (tmp_path / "x").mkdir()
+    late = scara_case(tmp_path / "x", loop={"delay_samples": 1.5})
+    expected = simulate_case(late)
+    np.testing.assert_array_equal(simulate_case(path).values, expected.values)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["loop"] = {"delay_s": 0.0}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    np.testing.assert_array_equal(simulate_case(path).values, simulate_case("examples/scara/identify.yaml").values)
+
+
+def test_foreign_names_are_mapped(tmp_path: Path) -> None:
+    """An archive of another tool: other names of the component, its variables, and the inputs of the system."""
+    with zipfile.ZipFile(written(tmp_path)) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    root = ET.fromstring(files["SystemStructure.ssd"])
+    system = next(e for e in root if e.tag.endswith("}System"))
+    connectors = next(e for e in system if e.tag.endswith("}Connectors"))
+    next(c for c in connectors if c.get("name") == "dq1").set("name", "speed_wanted")
+    for element in root.iter():
+        for key in ("name", "startElement", "endElement"):
+            if element.get(key) == "plant":
+                element.set(key, "arm")
+        if element.get("startConnector") == "dq1" and element.get("startElement") is None:
+            element.set("startConnector", "speed_wanted")
+    files["SystemStructure.ssd"] = ET.tostring(root)
+    with zipfile.ZipFile(tmp_path / "foreign.ssp", "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    path = case_of(tmp_path / "foreign.ssp", tmp_path, component="arm")
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["system"] = {"source": "foreign.ssp", "inputs": {"dq1": "speed_wanted"}}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    expected = simulate_case("examples/scara/identify.yaml")
+    np.testing.assert_allclose(simulate_case(path).values, expected.values, rtol=0, atol=1e-12)
+    content["system"]["inputs"] = {"dq1": "speed"}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with pytest.raises(UnknownNameError, match="no input of the system named 'speed'"):
+        load_case(path)
+    content["plant"]["component"] = "robot"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with pytest.raises(UnknownNameError, match=r"no component named 'robot'(.|\n)*arm"):
+        load_case(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"controller": {"source": "x.yaml"}}, "not both"),
+        ({"plant": {"substeps": 3}}, "component, inputs, outputs, parameter_names, parameters only, not substeps"),
+        ({"loop": {"injections": {"command1": "x"}}}, "connect the test signal in the archive"),
+        ({"system": None}, "give controller: "),
+    ],
+)
+def test_what_an_archive_settles_is_not_taken_from_the_case(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    path = case_of(tmp_path / "loop.ssp", tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8")) | changes
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        load_case(path)
+
+
+def test_identified_values_and_delay_go_into_the_archive(tmp_path: Path) -> None:
+    case = scara_case(tmp_path, estimator={"estimate_delay": True})
+    outcome = identify(case, out=tmp_path / "out")
+    values = dict(zip(outcome.estimate.names, outcome.estimate.value, strict=True))
+    result = tmp_path / "out" / "result.json"
+    saved = json.loads(result.read_text(encoding="utf-8"))
+    values["delay"] = saved["parameters"]["delay"]["value"] = 0.75  # that of these data is not far from 0
+    result.write_text(json.dumps(saved), encoding="utf-8")
+    archive = export_ssp(case, tmp_path / "identified.ssp", result=result)
+    system = read_ssp(archive)
+    assert system.delays["plant"] == values["delay"]
+    parameters = system.components["plant"].parameter_values()
+    assert (parameters["ZZ1"], parameters["Fc2"]) == (values["ZZ1R"], values["Fc2"])
+    with zipfile.ZipFile(archive) as content:
+        (tmp_path / "plant.ssv").write_bytes(content.read("resources/plant.ssv"))
+    bound = {p.name: float(p.value) for p in read_ssv(str(tmp_path / "plant.ssv")).parameters}
+    assert bound["Fc2"] == values["Fc2"]
+    with pytest.raises(InputError, match="There is no result"):
+        export_ssp(case, tmp_path / "x.ssp", result=tmp_path)
+
+
+def test_timing_and_model_exchange_survive(tmp_path: Path) -> None:
+    own = load_fmu(plant().path, interface="model-exchange", substeps=6, si_units=False)
+    system = replace(
+        loop(own, controller(), motion()), every={"controller": 2}, substeps={"plant": 4},
+        after_step=frozenset({"controller"}), algebraic_loops="iterate",
+    )  # fmt: skip
+    again = read_ssp(write_ssp(system, tmp_path / "x.ssp", name="x"))
+    assert (again.every, again.substeps, again.after_step) == (system.every, system.substeps, system.after_step)
+    assert again.algebraic_loops == "iterate"
+    part = again.components["plant"]
+    assert isinstance(part, FmuComponent)
+    assert (part.interface.kind, part.solver, part.substeps) == ("model-exchange", "rk4", 6)
+    assert_same(outputs(again), outputs(system))
+
+
+def test_start_values_of_states_survive_under_their_own_names(tmp_path: Path) -> None:
+    fmu = load_fmu(awkward_fmu(tmp_path), si_units=False)
+    part = name_parameters(fmu, {"q_start1": "internal", "decay": "a"}).with_parameters({"q_start1": 0.5, "decay": 3.0})
+    system = System({"plant": part}, (), ("plant",), 0.01)
+    again = read_ssp(write_ssp(system, tmp_path / "x.ssp", name="x")).components["plant"]
+    assert isinstance(again, FmuComponent)
+    assert again.start_values["internal"] == 0.5
+    assert again.parameter_values()["a"] == 3.0
+    inputs = np.ones((4, 1))
+    np.testing.assert_array_equal(drive(again, inputs, 0.01), drive(part, inputs, 0.01))

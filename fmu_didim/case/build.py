@@ -11,8 +11,10 @@ import numpy as np
 
 from fmu_didim.base_parameters import base_parameters
 from fmu_didim.block import Block
+from fmu_didim.case.archive import loop_of_archive
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
+from fmu_didim.case.spliced import with_spliced_effects
 from fmu_didim.case.timing import communication_step, delay_in_samples, with_timing
 from fmu_didim.components import (
     Component,
@@ -24,6 +26,7 @@ from fmu_didim.components import (
     wrap_control,
 )
 from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
@@ -42,7 +45,9 @@ class Case:
 
     Attributes:
         document: what the file says; folder: where it lies.
-        parameters: what is identified; plant, controller: the components.
+        parameters: what is identified; plant, controller: the components; no controller where an archive gives the
+            whole loop.
+        base: that loop; step_size: communication step of the loop in s.
         problem: with the training experiment, None if the case has no torque log.
         validation: the other experiment, if there is one.
         estimator: with its options.
@@ -52,7 +57,9 @@ class Case:
     folder: Path
     parameters: Parameters
     plant: Component
-    controller: Component
+    controller: Component | None
+    base: System | None
+    step_size: float
     problem: Problem | None
     validation: Experiment | None
     estimator: Estimator
@@ -68,15 +75,38 @@ class Case:
         if source is None:
             raise InputError("The case has no such experiment.", where=self.name, got=which)
         return read_reference(
-            source.reference,
-            self.folder,
-            step=communication_step(self.document, self.controller),
-            joint_count=self.parameters.joint_count,
+            source.reference, self.folder, step=self.step_size, joint_count=self.parameters.joint_count
         )
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
-        return _system(self.document, self.parameters, self.plant, self.controller, reference)
+        system = self.base
+        if system is None:
+            assert self.controller is not None  # the document says so
+            system = _system(self.document, self.parameters, self.plant, self.controller, reference)
+        if self.document.robot is None:
+            return system
+        return with_spliced_effects(system, read_robot(self.folder / self.document.robot), plant=self.plant_name)
+
+    @property
+    def plant_name(self) -> str:
+        """Name of the plant in the loop."""
+        return self.document.plant.component if self.base is not None else "plant"
+
+    def problem_on(self, experiment: Experiment) -> Problem:
+        """The loop of the case with the data of an experiment."""
+        document = self.document
+        return Problem(
+            system=self.system(experiment.reference),
+            parameters=self.parameters,
+            experiment=experiment,
+            plant=self.plant_name,
+            torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
+            joint_weights=document.joint_weights,
+            low_pass=None
+            if document.low_pass is None
+            else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
+        )
 
 
 def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
@@ -91,11 +121,15 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
     """
     document, folder = read_case(path), Path(path).parent
     model = RobotModel(read_robot(folder / document.robot)) if document.robot is not None else None
-    controller = _component(document.controller, folder, _controller_block)
-    plant = _component(document.plant, folder, lambda path: _plant_block(model, path))
+    controller, base = None, None
+    if document.controller is not None:
+        controller = _component(document.controller, folder, _controller_block)
+        plant = _component(document.plant, folder, lambda path: _plant_block(model, path))
+        step = communication_step(document, controller)
+    else:
+        base = loop_of_archive(document, folder)
+        plant, step = base.components[document.plant.component], base.step_size
     parameters = _parameters(document, model, plant)
-    step = communication_step(document, controller)
-    estimator = make_estimator(document.estimator)
 
     def experiment(source: ExperimentSource, label: str) -> Experiment:
         return read_experiment(
@@ -107,20 +141,14 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
             label=label,
         )
 
+    case = Case(
+        document, folder, parameters, plant, controller, base, step,
+        problem=None, validation=None, estimator=make_estimator(document.estimator),
+    )  # fmt: skip
     problem = None
     if require_torque:
-        train = experiment(document.train, "train")
-        problem = Problem(
-            system=_system(document, parameters, plant, controller, train.reference),
-            parameters=parameters,
-            experiment=train,
-            torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
-            joint_weights=document.joint_weights,
-            low_pass=None
-            if document.low_pass is None
-            else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
-        )
-        _check(document, problem, estimator)
+        problem = case.problem_on(experiment(document.train, "train"))
+        _check(document, problem, case.estimator)
     validation = document.validation
     measured = require_torque and validation is not None and validation.torque is not None
     cross = experiment(validation, "validation") if measured and validation is not None else None
@@ -128,7 +156,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
     for name in document.loop.injections.values():
         if runs and not any(name in run.names for run in runs):
             raise UnknownNameError("column", name, runs[0].names, where="loop.injections: no reference has it")
-    return Case(document, folder, parameters, plant, controller, problem, cross, estimator)
+    return replace(case, problem=problem, validation=cross)
 
 
 def _system(
@@ -167,7 +195,7 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
         raise InputError(
             "The plant lacks parameters that are to be identified.", where="plant",
             got=", ".join(absent), valid=sorted(offered),
-            next_step="Name the parameters of the plant as the robot description does.",
+            next_step="Say what they are called there: plant: {parameter_names: {Fv1: name in the plant, ...}}.",
         )  # fmt: skip
 
 
@@ -245,6 +273,7 @@ def _component(source: ComponentSource, folder: Path, make_block: Any) -> Compon
         component = component.with_parameters(source.parameters)
     if source.substeps is not None:
         component = component.with_substeps(source.substeps) or component
+    component = name_parameters(component, source.parameter_names)
     return rename(component, inputs=source.inputs, outputs=source.outputs)
 
 

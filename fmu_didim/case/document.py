@@ -26,7 +26,11 @@ class ComponentSource(Strict):
             python-control system or of a function that returns one. A plant without source is the robot.
         inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
             ``q_ref1 - q1``) -> name in the component, where they differ.
-        parameters: values that replace those of the source.
+        parameter_names: name here -> name in the component, where they differ: of the identified parameters
+            (``Fv1``), and of what a plant starts from (``q_start1``, ``dq_start1``), which in an FMU may be the start
+            value of a state.
+        parameters: values that replace those of the source, by the component's own names.
+        component: name of the plant in the system, where the case has ``system``.
         substeps: integration substeps in a control period; chosen automatically by default.
         initial_state: of a python-control system.
         fmi: version of the standard of an FMU that is built from a description.
@@ -37,10 +41,12 @@ class ComponentSource(Strict):
         isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
     """
 
-    kind: Kind
+    kind: Kind = "fmu"
     source: str | None = None
+    component: str = "plant"
     inputs: Mapping[str, str] = Field(default_factory=dict)
     outputs: Mapping[str, str] = Field(default_factory=dict)
+    parameter_names: Mapping[str, str] = Field(default_factory=dict)
     parameters: Mapping[str, float] = Field(default_factory=dict)
     substeps: Annotated[int, Field(ge=1, le=1024)] | None = None
     initial_state: tuple[float, ...] = ()
@@ -62,7 +68,8 @@ class Loop(Strict):
         algorithm: ``gauss_seidel`` (controller first), or ``jacobi``: every component gets what the others gave at
             the end of the last step.
         algebraic_loops: ``refuse``, ``iterate`` at each tick, or take ``previous`` values.
-        drive_gains: g_t of tau = g_t command (eq. 21), one a joint.
+        drive_gains: g_t of tau = g_t command (eq. 21), one a joint; beside ``system``, which holds them already, only
+            for a log of the command.
         injections: ``command<j>`` -> column of the reference added to it.
     """
 
@@ -173,6 +180,27 @@ class LowPassSource(Strict):
     order: Annotated[int, Field(ge=1, le=10)] = 4
 
 
+class SystemSource(Strict):
+    """The whole loop from an SSP archive; written short as the path alone.
+
+    Attributes:
+        source: the ``.ssp`` file: components, connections, values, order, step and delay.
+        inputs: column of the reference (``q1``, ``dq1``) -> input of the system that it feeds, where they differ.
+    """
+
+    source: str
+    inputs: Mapping[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, value: Any) -> Any:
+        return {"source": value} if isinstance(value, str) else value
+
+
+OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
+"""Entries of the plant beside ``system``; all else is settled by the archive."""
+
+
 class CaseDocument(Strict):
     """A case file.
 
@@ -181,6 +209,8 @@ class CaseDocument(Strict):
         identify: name -> parameter of the plant that is identified, instead of the robot's base parameters; for
             the estimator ``clie``.
         plant, controller: what runs in the loop.
+        system: an SSP archive with both and their wiring, instead; ``plant`` then says which component carries the
+            parameters.
         train, validation: the experiments; cross validation is optional.
         estimator: ``{kind: didim, ...}`` with the options of that estimator.
         torque_std: known standard deviation of the torque noise, one a joint.
@@ -193,8 +223,9 @@ class CaseDocument(Strict):
     description: str = ""
     robot: str | None = None
     identify: Mapping[str, IdentifiedParameter] | None = None
-    plant: ComponentSource = ComponentSource(kind="fmu")
-    controller: ComponentSource
+    plant: ComponentSource = ComponentSource()
+    controller: ComponentSource | None = None
+    system: SystemSource | None = None
     loop: Loop = Loop()
     train: ExperimentSource
     validation: ExperimentSource | None = None
@@ -207,8 +238,23 @@ class CaseDocument(Strict):
     def _what_is_identified(self) -> CaseDocument:
         if self.robot is None and not self.identify:
             raise ValueError("give robot: (a description) or identify: (names of parameters of the plant)")
-        if self.robot is None and self.plant.source is None:
+        if self.robot is None and self.plant.source is None and self.system is None:
             raise ValueError("a plant without robot description needs a source")
+        return self
+
+    @model_validator(mode="after")
+    def _where_the_loop_is_from(self) -> CaseDocument:
+        if self.system is None:
+            if self.controller is None:
+                raise ValueError("give controller: (beside plant:) or system: (an .ssp file)")
+            return self
+        if self.controller is not None:
+            raise ValueError("give controller: or system: (an .ssp file, which holds the controller), not both")
+        other = sorted(self.plant.model_fields_set - set(OF_A_SYSTEM))
+        if other:
+            raise ValueError(f"beside system: the plant takes {', '.join(OF_A_SYSTEM)} only, not {', '.join(other)}")
+        if self.loop.injections:
+            raise ValueError("beside system: there are no injections; connect the test signal in the archive")
         return self
 
     @field_validator("estimator")

@@ -15,7 +15,8 @@ TOLERANCE = 1e-6
 
 def communication_step(document: CaseDocument, controller: Component) -> float:
     """Step h of the loop in s: ``loop.rate_hz``, else ``controller.rate_hz``, else the controller's sample time."""
-    for rate in (document.loop.rate_hz, document.controller.rate_hz):
+    own = None if document.controller is None else document.controller.rate_hz
+    for rate in (document.loop.rate_hz, own):
         if rate is not None:
             return 1.0 / rate
     if controller.sample_time is None:
@@ -42,6 +43,7 @@ def with_timing(system: System, document: CaseDocument) -> System:
     """
     every: dict[str, int] = {}
     substeps: dict[str, int] = {}
+    assert document.controller is not None  # else the loop is that of an archive, with its own timing
     sources = {"controller": document.controller, "plant": document.plant}
     for name, source in sources.items():
         if source.rate_hz is None:

@@ -38,6 +38,13 @@ class ComputedTorque(ControlLaw):
                 got=", ".join(types),
                 valid=", ".join(self.joints),
             )
+        if model.extra:
+            raise InputError(
+                "A controller cannot know the states of friction or the time of the plant.",
+                where=f"controller '{self.name}', robot {self.robot}",
+                got=", ".join(v.name for v in model.extra),
+                next_step="Give the controller a description without these effects.",
+            )
         q, dq, wanted = [], [], []
         for j in range(1, len(self.joints) + 1):
             signals = self.error_signals(equations, j)

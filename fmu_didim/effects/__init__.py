@@ -1,24 +1,181 @@
-"""Physical effects, one per file, and the table of their names."""
+"""Physical effects, one per file, and the table of their names.
+
+An effect says where it acts (``place``), what its parameters are, what it is confounded with and what would split
+it from those. Effects in the torque balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
+``effects: [motor_inertia, viscous, coulomb, stribeck]``, and become columns of the regressor and terms of the direct
+model, with their own states in the plant where they have any. A description also takes effects from outside the
+tree, ``package.module:Name``.
+
+Where a new one goes: one file here with one final class; the base class asks for what is missing. Its equation
+stands in ``columns`` (``rates`` for states), the step of the integration follows from ``damping``, ``stiffness`` and
+``own_rate``. Then a row in EFFECTS below. Names of its parameters must differ from those of all other effects that
+may be listed at the same joint; shape parameters that mean the same are shared (see ``steps.smoothing_velocity``).
+"""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
-from fmu_didim.effects.base import UNITS, JointMotion, JointType, JointUnits, TorqueEffect
+from fmu_didim.effects.actuator_lag import ActuatorLag
+from fmu_didim.effects.asymmetric_coulomb import AsymmetricCoulomb
+from fmu_didim.effects.asymmetric_viscous import AsymmetricViscous
+from fmu_didim.effects.backlash import Backlash
+from fmu_didim.effects.base import (
+    LINK_PARAMETERS,
+    NOMINAL_ACCELERATION,
+    NOMINAL_SPEED,
+    PAYLOAD,
+    UNITS,
+    Column,
+    Effect,
+    JointType,
+    JointUnits,
+    OperatingRange,
+    Place,
+    Search,
+    Surroundings,
+    TorqueEffect,
+)
+from fmu_didim.effects.base_tilt import BaseTilt
+from fmu_didim.effects.contact_stop import ContactStop
+from fmu_didim.effects.contact_stop_lower import ContactStopLower
+from fmu_didim.effects.controller_gain import ControllerGain
 from fmu_didim.effects.coulomb import Coulomb
+from fmu_didim.effects.coupling_friction import CouplingFriction
+from fmu_didim.effects.cubic_spring import CubicSpring
+from fmu_didim.effects.cubic_viscous import CubicViscous
+from fmu_didim.effects.current_ripple import CurrentRipple
+from fmu_didim.effects.dead_zone import DeadZone
+from fmu_didim.effects.delay import Delay
+from fmu_didim.effects.directional_efficiency import DirectionalEfficiency
+from fmu_didim.effects.drive_gain import DriveGain
+from fmu_didim.effects.encoder_eccentricity import EncoderEccentricity
+from fmu_didim.effects.external_force import ExternalForce
+from fmu_didim.effects.gravity_compensator import GravityCompensator
+from fmu_didim.effects.joint_elasticity import JointElasticity
+from fmu_didim.effects.load_dependent_friction import LoadDependentFriction
+from fmu_didim.effects.log_time_shift import LogTimeShift
+from fmu_didim.effects.lugre import LuGre
+from fmu_didim.effects.measurement import MeasurementEffect
 from fmu_didim.effects.motor_inertia import MotorInertia
+from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.payload_change import PayloadChange
+from fmu_didim.effects.position_dependent_friction import PositionDependentFriction
+from fmu_didim.effects.power_viscous import PowerViscous
+from fmu_didim.effects.presliding import Presliding
+from fmu_didim.effects.quadratic_viscous import QuadraticViscous
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.effects.spring import Spring
+from fmu_didim.effects.stribeck import Stribeck
+from fmu_didim.effects.structure import StructureEffect
+from fmu_didim.effects.thermal_friction_drift import ThermalFrictionDrift
+from fmu_didim.effects.torque_drift import TorqueDrift
 from fmu_didim.effects.torque_offset import TorqueOffset
+from fmu_didim.effects.torque_ripple import TorqueRipple
+from fmu_didim.effects.torque_saturation import TorqueSaturation
 from fmu_didim.effects.viscous import Viscous
+from fmu_didim.effects.wrist_friction import WristFriction
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.imports import import_object
 
-EFFECTS: Mapping[str, TorqueEffect] = {
-    effect.name: effect for effect in (MotorInertia(), Viscous(), Coulomb(), TorqueOffset())
-}
+_ALL: tuple[Effect, ...] = (
+    # torque balance
+    MotorInertia(),
+    Viscous(),
+    Coulomb(),
+    TorqueOffset(),
+    AsymmetricCoulomb(),
+    AsymmetricViscous(),
+    QuadraticViscous(),
+    CubicViscous(),
+    PowerViscous(),
+    Stribeck(),
+    Presliding(),
+    LuGre(),
+    LoadDependentFriction(),
+    DirectionalEfficiency(),
+    PositionDependentFriction(),
+    CouplingFriction(),
+    WristFriction(),
+    Spring(),
+    CubicSpring(),
+    GravityCompensator(),
+    TorqueRipple(),
+    CurrentRipple(),
+    ContactStop(),
+    ContactStopLower(),
+    ThermalFrictionDrift(),
+    TorqueDrift(),
+    ExternalForce(),
+    PayloadChange(),
+    # drive and sensor
+    ControllerGain(),
+    TorqueSaturation(),
+    DriveGain(),
+    DeadZone(),
+    Delay(),
+    ActuatorLag(),
+    EncoderEccentricity(),
+    # structure
+    JointElasticity(),
+    Backlash(),
+    BaseTilt(),
+    # measurement
+    LogTimeShift(),
+)
+EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ALL}
 DEFAULT_EFFECTS: tuple[str, ...] = ("motor_inertia", "viscous", "coulomb", "torque_offset")
+
+
+@cache
+def find_effect(name: str) -> Effect:
+    """The effect of this name, or ``package.module:Name`` for one outside the tree.
+
+    Raises:
+        UnknownNameError: there is no such effect; InputError: it is no effect.
+    """
+    found = EFFECTS.get(name)
+    if ":" in name:
+        found = import_object(name, where="effects of a joint")
+        found = found() if isinstance(found, type) and issubclass(found, Effect) else found
+    elif found is None:
+        raise UnknownNameError("effect", name, EFFECTS)
+    if not isinstance(found, TorqueEffect | NonlinearEffect):
+        raise InputError(f"'{name}' cannot be listed at a joint: it is no effect.", where="effects of a joint")
+    return found
+
+
+def torque_effect(name: str) -> TorqueEffect:
+    """Like :func:`find_effect`, for effects in the torque balance; raises InputError if it acts elsewhere."""
+    found = find_effect(name)
+    if not isinstance(found, TorqueEffect):
+        valid = [n for n, e in EFFECTS.items() if isinstance(e, TorqueEffect)]
+        raise InputError(f"The effect '{name}' acts in the place '{found.place}'.", got=name, valid=valid)
+    return found
+
 
 __all__ = [
     "DEFAULT_EFFECTS",
     "EFFECTS",
+    "LINK_PARAMETERS",
+    "NOMINAL_ACCELERATION",
+    "NOMINAL_SPEED",
+    "PAYLOAD",
     "UNITS",
-    "JointMotion",
+    "Column",
+    "Effect",
     "JointType",
     "JointUnits",
+    "MeasurementEffect",
+    "NonlinearEffect",
+    "OperatingRange",
+    "Place",
+    "Search",
+    "SplicedEffect",
+    "StructureEffect",
+    "Surroundings",
     "TorqueEffect",
+    "find_effect",
+    "torque_effect",
 ]

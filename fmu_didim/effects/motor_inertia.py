@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointMotion, JointType, TorqueEffect
+from fmu_didim.effects.base import UNITS, JointType, Surroundings, TorqueEffect
 from fmu_didim.signals import Variable
 
 
@@ -14,11 +14,15 @@ class MotorInertia(TorqueEffect):
     """tau_e = Ia * ddq, with Ia in kg.m2 (kg) on the joint's side of the gear."""
 
     name = "motor_inertia"
+    title = "Motor inertia"
     equation = "Ia*ddq"
+    class_name = "motor_inertia"
+    signature = "Residual in proportion to the acceleration of the joint, whatever the other joints do."
+    experiment = "Move the joint alone and together with the others, so that its inertia about the axis changes."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots, chapter 9"
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("Ia", UNITS[joint_type].inertia, "parameter", 0.0, "motor inertia at the joint"),)
 
-    def columns(self, motion: JointMotion, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
-        return (motion.ddq,)
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (at.ddq,)

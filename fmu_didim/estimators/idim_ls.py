@@ -18,6 +18,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
 from fmu_didim.identification.guard import physical_problem
 from fmu_didim.identification.problem import Problem
+from fmu_didim.identification.start import observed_on
 from fmu_didim.identification.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_paper, relative_error_percent
@@ -48,7 +49,12 @@ class IdimLs(Estimator):
     def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
         q, rate = self._positions(problem)
         q, dq, ddq = self._differentiate(q, rate)
-        columns, known = problem.parameters.regressor(q, dq, ddq, sharp=self.sharp_coulomb)
+
+        def rows(observed: Array) -> tuple[Array, Array]:
+            return problem.parameters.regressor(q, dq, ddq, sharp=self.sharp_coulomb, observed=observed)
+
+        torque = problem.experiment.torque
+        columns, known = rows(observed_on(problem, problem.experiment.time, (q, dq, ddq), torque, rows))
         kept = slice(self.skip, q.shape[0] - self.skip or None)
         target = self._decimate((problem.experiment.torque - known)[kept])
         columns = self._decimate(columns[kept])

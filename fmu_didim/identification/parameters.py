@@ -16,6 +16,7 @@ from fmu_didim.base_parameters import BaseParameters
 from fmu_didim.block import choose_substeps
 from fmu_didim.errors import InputError
 from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.robot.along import observed_along
 from fmu_didim.signals import Array
 
 FRICTION = ("Fv", "Fc")
@@ -76,11 +77,32 @@ class Parameters(ABC):
         """Whether the regressor is measured on the running plant (see :mod:`fmu_didim.identification.probing`)."""
         return False
 
-    def regressor(self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False) -> tuple[Array, Array]:
+    @property
+    def observed(self) -> tuple[str, ...]:
+        """Outputs of the plant, beyond the motion, that the regressor depends on: states of effects, time, loads."""
+        return ()
+
+    @property
+    def observes_load(self) -> bool:
+        """Whether they include transmitted torques, which follow from the parameters."""
+        return False
+
+    def observed_along(self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None) -> Array:
+        """Values (N, no) of :attr:`observed` along a motion (N, n) that was not simulated.
+
+        Args:
+            theta: (p,) parameters from which loads follow; zero without them.
+        """
+        return np.zeros((time.size, 0))
+
+    def regressor(
+        self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False, observed: Array | None = None
+    ) -> tuple[Array, Array]:
         """Regressor (N, n, p) and torque of all that is known (N, n) on a motion (N, n).
 
         Args:
             sharp: take sign(dq) for the smoothed step of Coulomb friction.
+            observed: (N, no) values of :attr:`observed`.
 
         Raises:
             InputError: the plant has no inverse model.
@@ -159,11 +181,25 @@ class RobotParameters(Parameters):
     def has_regressor(self) -> bool:
         return True
 
-    def regressor(self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False) -> tuple[Array, Array]:
+    @property
+    def observed(self) -> tuple[str, ...]:
+        return tuple(v.name for v in self.model.observed)
+
+    @property
+    def observes_load(self) -> bool:
+        return len(self.model.observed) > len(self.model.extra)
+
+    def observed_along(self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None) -> Array:
+        chi = None if theta is None else self.base.expand(theta)
+        return observed_along(self.model, time, q, dq, ddq, chi)
+
+    def regressor(
+        self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False, observed: Array | None = None
+    ) -> tuple[Array, Array]:
         shapes = self.model.shape_values
         if sharp:
             shapes = shapes * np.where([v.name.startswith("v0_") for v in self.model.shapes], 1e-9, 1.0)
-        return self.base.columns(self.model.regressor_rows(q, dq, ddq, shapes))
+        return self.base.columns(self.model.regressor_rows(q, dq, ddq, shapes, observed))
 
     def inertia_problem(self, q: Array, theta: Array) -> str:
         reason = super().inertia_problem(q, theta)
@@ -188,7 +224,9 @@ class RobotParameters(Parameters):
         return self.model.description.with_values({self.base.standard_names[i]: float(chi[i]) for i in touched})
 
     def substeps(self, theta: Array, starts: Mapping[str, float], step: float) -> int:
-        block = self.model.block({**self.values(theta), **starts})
+        block = self.model.block(self.values(theta))
+        offered = {v.name for v in block.parameters}
+        block = block.with_parameters({name: value for name, value in starts.items() if name in offered})
         p = block.parameter_values
         x = block.start(np.zeros(len(block.inputs)), p)
         assert block.rate_bound is not None

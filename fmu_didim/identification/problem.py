@@ -12,7 +12,7 @@ from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.identification.parameters import Parameters
 from fmu_didim.identification.probing import RegressorProbe
-from fmu_didim.master import InstancePool, Observer, Recording, SampleOperator, System, simulate
+from fmu_didim.master import InstancePool, Observer, Recording, SampleOperator, System, logged_torque, simulate
 from fmu_didim.signals import Array, Trajectory
 
 
@@ -123,7 +123,7 @@ class Problem:
     def _start_values(self) -> dict[str, float]:
         reference = self.experiment.reference
         first = dict(zip(reference.names, reference.values[0], strict=True))
-        result = {}
+        result = {"t_start": float(reference.time[0])}
         for j in range(1, self.joint_count + 1):
             if f"q{j}" in first:
                 result[f"q_start{j}"] = float(first[f"q{j}"])
@@ -189,12 +189,18 @@ def drive_torque(problem: Problem, recording: Recording) -> Array:
     return np.column_stack([recording.inputs[name] for name in names])
 
 
+def command_torque(problem: Problem, recording: Recording) -> Array:
+    """(K, n) torque that the log shows: that of the drives, or before it where a drive has a lag or the like."""
+    names = [logged_torque(problem.system, j, plant=problem.plant) for j in range(1, problem.joint_count + 1)]
+    return np.column_stack([recording.inputs[name] for name in names])
+
+
 def _predict_by_probing(problem: Problem, theta: Array) -> Prediction:
     """Torque and regressor where the regressor is measured on the running plant, tick by tick."""
     probe = RegressorProbe(problem.plant, problem.parameters, theta, problem.experiment.operator.ticks.size)
     torque, recording = predict_torque(problem, theta, observe=probe)
     operator = problem.experiment.operator
-    known = drive_torque(problem, recording) - probe.columns @ theta
+    known = command_torque(problem, recording) - probe.columns @ theta
     columns = problem.filtered(operator.apply(probe.columns))
     return Prediction(torque, columns, problem.filtered(operator.apply(known)), recording)
 
@@ -213,8 +219,10 @@ def _predict_by_differences(problem: Problem, theta: Array) -> Prediction:
     velocity = recording.table(joint_signals(problem, "dq"))
     position = recording.table(joint_signals(problem, "q"))
     acceleration = (velocity[high] - velocity[low]) / problem.system.step_size
-    torque = _finite(operator.apply(drive_torque(problem, recording)[here]), recording)
-    columns, known = sampled_regressor(problem, position[here], velocity[here], acceleration)
+    torque = _finite(operator.apply(command_torque(problem, recording)[here]), recording)
+    observed = _observed(problem, recording)[here]
+    columns, known = sampled_regressor(problem, position[here], velocity[here], acceleration, observed)
+    known = known + problem.filtered(operator.apply(_lost(problem, recording)[here]))
     return Prediction(problem.filtered(torque), columns, known, recording)
 
 
@@ -242,7 +250,7 @@ def predict_torque(problem: Problem, theta: Array, *, observe: Observer | None =
     """
     operator = problem.experiment.operator
     recording = _simulate(problem, theta, operator.ticks, observe)
-    torque = _finite(operator.apply(drive_torque(problem, recording)), recording)
+    torque = _finite(operator.apply(command_torque(problem, recording)), recording)
     return problem.filtered(torque), recording
 
 
@@ -255,13 +263,31 @@ def predict(problem: Problem, theta: Array) -> Prediction:
     torque, recording = predict_torque(problem, theta)
     if not problem.parameters.has_regressor:
         return Prediction(torque, None, None, recording)
-    motion = [recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq")]
-    columns, known = sampled_regressor(problem, *motion)
+    q, dq, ddq = (recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq"))
+    columns, known = sampled_regressor(problem, q, dq, ddq, _observed(problem, recording))
+    known = known + problem.filtered(problem.experiment.operator.apply(_lost(problem, recording)))
     return Prediction(torque, columns, known, recording)
 
 
-def sampled_regressor(problem: Problem, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
-    """W (N, n, p) and the known torque (N, n) at the samples, from the motion at the operator's ticks (K, n)."""
-    columns, known = problem.parameters.regressor(q, dq, ddq)
+def _lost(problem: Problem, recording: Recording) -> Array:
+    """(K, n) torque that the log shows but the plant does not get, because of effects in the drives."""
+    return command_torque(problem, recording) - drive_torque(problem, recording)
+
+
+def _observed(problem: Problem, recording: Recording) -> Array:
+    """(K, no) states of effects, time and loads at the recorded ticks, as far as the regressor depends on them."""
+    names = [f"{problem.plant}.{name}" for name in problem.parameters.observed]
+    return recording.table(names) if names else np.zeros((recording.time.size, 0))
+
+
+def sampled_regressor(
+    problem: Problem, q: Array, dq: Array, ddq: Array, observed: Array | None = None
+) -> tuple[Array, Array]:
+    """W (N, n, p) and the known torque (N, n) at the samples, from the motion at the operator's ticks (K, n).
+
+    Args:
+        observed: (K, no) what the regressor depends on beyond the motion.
+    """
+    columns, known = problem.parameters.regressor(q, dq, ddq, observed=observed)
     operator = problem.experiment.operator
     return problem.filtered(operator.apply(columns)), problem.filtered(operator.apply(known))

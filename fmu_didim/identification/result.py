@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from fmu_didim.errors import InputError
+from fmu_didim.identification.consistency import Consistency
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Status
 from fmu_didim.identification.problem import Problem
 from fmu_didim.identification.validation import Validation
@@ -73,6 +74,28 @@ class IterationResult(_Document):
     note: str
 
 
+class ColumnResult(_Document):
+    """A column of the regressor, from the plant against from the robot description."""
+
+    difference: float = Field(description="relative")
+    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
+    size: float = Field(description="norm in the plant over norm by the description")
+    joint: int = Field(description="where they differ most")
+
+
+class ConsistencyResult(_Document):
+    """Whether a plant that was given apart from the robot description agrees with it."""
+
+    agrees: bool
+    worst: Number = Field(description="largest of all relative differences")
+    points: int = Field(description="instants compared")
+    torque_difference: list[float] = Field(description="relative, per joint")
+    columns: dict[str, ColumnResult] = Field(description="of the parameters that the motion excites")
+    method: str = Field(description="how the plant's columns were found")
+    acceleration: Literal["output of the plant", "difference of velocities"]
+    warnings: list[str]
+
+
 class ResultDocument(_Document):
     """The content of ``result.json``."""
 
@@ -98,7 +121,28 @@ class ResultDocument(_Document):
     signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
     checks: list[str] = Field(default=[], description="what the values have been checked for")
     remarks: list[str]
+    consistency: ConsistencyResult | None = Field(
+        default=None, description="of plant and robot description; null where one is built from the other"
+    )
     provenance: dict[str, Any]
+
+
+def consistency_result(found: Consistency) -> ConsistencyResult:
+    """The comparison of plant and robot description as it is saved."""
+    warnings = found.warnings()
+    return ConsistencyResult(
+        agrees=not warnings,
+        worst=found.worst,
+        points=found.points,
+        torque_difference=list(found.torque),
+        columns={
+            name: ColumnResult(difference=c.difference, cosine=c.cosine, size=c.size, joint=c.joint)
+            for name, c in (found.columns or {}).items()
+        },
+        method=found.method,
+        acceleration="difference of velocities" if found.by_differences else "output of the plant",
+        warnings=warnings,
+    )
 
 
 def result_schema() -> dict[str, Any]:

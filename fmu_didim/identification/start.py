@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +49,46 @@ def from_reference(problem: Problem) -> Array:
 
     Needs no initial values at all: a controller that tracks well makes q = q_ref nearly true.
     """
-    ticks = problem.experiment.operator.ticks
-    columns, known = sampled_regressor(
-        problem, *reference_motion(problem.experiment.reference, problem.joint_count, ticks)
-    )
+    reference, ticks = problem.experiment.reference, problem.experiment.operator.ticks
+    whole = reference_motion(reference, problem.joint_count, np.arange(reference.time.size))
+    q, dq, ddq = (values[ticks] for values in whole)
+
+    def rows(observed: Array) -> tuple[Array, Array]:
+        return sampled_regressor(problem, q, dq, ddq, observed[ticks])
+
+    columns, known = rows(observed_on(problem, reference.time, whole, problem.measured, rows))
     count = problem.parameters.count
     target = (problem.measured - known).reshape(-1)
     return least_squares(columns.reshape(-1, count), target, names=problem.parameters.names).solution
+
+
+def observed_on(
+    problem: Problem,
+    time: Array,
+    motion: tuple[Array, Array, Array],
+    torque: Array,
+    rows: Callable[[Array], tuple[Array, Array]],
+) -> Array:
+    """What the regressor depends on beyond a motion that was not simulated, (K, no).
+
+    Loads follow from a least squares fit without the effects that depend on them.
+
+    Args:
+        time: (K,) in s; motion: q, dq, ddq, (K, n) each.
+        torque: (N, n) measured; rows: regressor (N, n, p) and known torque (N, n) at its samples for observed (K, no).
+    """
+    parameters = problem.parameters
+    observed = parameters.observed_along(time, *motion)
+    if not parameters.observes_load:
+        return observed
+    columns, known = rows(observed)
+    flat = columns.reshape(-1, parameters.count)
+    # Without loads the columns of those effects are zero.
+    kept = np.flatnonzero(np.abs(flat).max(axis=0))
+    theta = np.zeros(parameters.count)
+    names = tuple(parameters.names[i] for i in kept)
+    theta[kept] = least_squares(flat[:, kept], (torque - known).reshape(-1), names=names).solution
+    return parameters.observed_along(time, *motion, theta)
 
 
 def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -97,6 +97,27 @@ def sample_operator(
     return SampleOperator(support.astype(np.int64), matrix)
 
 
+def interpolating_operator(times: Array, *, start: float, step: float, tick_count: int) -> SampleOperator:
+    """Point samples of the command interpolated linearly between its values at neighbouring ticks.
+
+    A point sample of a held command jumps as its instant passes a tick; this one is continuous in ``times`` and
+    equals it at the ticks, so that a shift of the log can be searched for. Instants beyond the first or the last tick
+    count as those.
+
+    Args:
+        times: (N,) instants in s; start, step: instant of tick 0 and control period, s.
+        tick_count: number of ticks of the reference, at least 2.
+    """
+    position = np.clip((times - start) / step, 0.0, tick_count - 1.0)
+    low = np.minimum(np.floor(position).astype(np.int64), tick_count - 2)
+    part = position - low
+    rows = np.concatenate([np.arange(times.size)] * 2)
+    support, place = np.unique(np.concatenate([low, low + 1]), return_inverse=True)
+    weights = np.concatenate([1 - part, part])
+    matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
+    return SampleOperator(support.astype(np.int64), matrix)
+
+
 def _length(times: Array, window_s: float | None) -> float:
     if window_s is not None:
         return window_s

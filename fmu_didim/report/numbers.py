@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from fmu_didim.identification.result import ParameterResult, ResultDocument
 
@@ -187,6 +188,9 @@ def verdict(document: ResultDocument) -> Verdict:
     if failed:
         parts.append(f"the simulation failed on {', '.join(failed)}")
         return Verdict("doubtful", "NOT VALIDATED", "; ".join(parts))
+    if document.consistency is not None and document.consistency.points and not document.consistency.agrees:
+        parts.append("but the plant differs from the robot description: see the warning")
+        return Verdict("doubtful", "DOUBTFUL", "; ".join(parts))
     return Verdict("good", "Valid", "; ".join(parts))
 
 
@@ -194,3 +198,46 @@ def iteration_count(document: ResultDocument) -> str:
     """Iterations of the main stage, and of the efficient finish if there was one."""
     finish = document.finish_iterations
     return f"{document.iterations} + {finish}" if finish else str(document.iterations)
+
+
+def consistency_line(document: ResultDocument) -> str:
+    """Whether the plant agrees with the robot description, in words; empty where one is built from the other."""
+    found = document.consistency
+    if found is None:
+        return ""
+    if not found.points:
+        return "the plant was not compared with the robot description"
+    worst = significant(found.worst, 2)
+    if found.agrees:
+        return f"the plant agrees with the robot description to {worst} ({found.points} instants)"
+    return f"the plant differs from the robot description, by up to {worst} ({found.points} instants)"
+
+
+def component_line(name: str, told: Mapping[str, Any]) -> str:
+    """A component of the loop in a few words: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
+    source = str(told.get("source") or told.get("origin") or told.get("file") or told.get("name") or "")
+    law = f" ({told['law']})" if told.get("law") else ""
+    kinds = {"control": "python-control", "model": "CasADi model"}
+    kind = kinds.get(str(told.get("kind")), str(told.get("kind")))
+    archive = f" in {told['archive']}" if told.get("archive") else ""
+    parts = [source.rpartition("/")[2] + law + archive, kind]
+    if told.get("kind") == "fmu":
+        parts[1] = f"FMI {told.get('fmi_version')} {told.get('interface')}"
+        if told.get("solver"):
+            parts.append(f"integrated by {told['solver']}")
+        parts.append(f"run again by {told['reset']}" if told.get("reset") != "auto" else "")
+    return f"{name}: {', '.join(part for part in parts if part)}"
+
+
+def loop_summary(document: ResultDocument) -> list[str]:
+    """The loop in words, a line a component in their order and one for rate, order and delay; empty if unknown."""
+    loop = document.loop
+    components = loop.get("components")
+    if not isinstance(components, Mapping):
+        return []
+    lines = [component_line(name, components[name]) for name in loop.get("order", components)]
+    step = loop.get("step_size_s")
+    delays = {name: samples for name, samples in dict(loop.get("delay_samples") or {}).items() if samples}
+    delay = ", ".join(f"{name} {samples:.6g} samples" for name, samples in delays.items()) or "none"
+    rate = f"{1 / step:.6g} Hz, " if isinstance(step, int | float) else ""
+    return [*lines, f"{rate}{loop.get('algorithm', '')}, delay: {delay}".strip(", ")]

@@ -18,11 +18,13 @@ from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
     Rounding,
+    consistency_line,
     decimal_aligned,
     iteration_count,
     label_title,
     loop_line,
     loop_parameters,
+    loop_summary,
     parameter_text,
     percentage,
     pretty_unit,
@@ -97,6 +99,9 @@ def write_report(directory: Path) -> Path:
         history_values=_history_values(document),
         history_figure=history,
         correlations=_correlation_table(document),
+        loop_summary=loop_summary(document),
+        consistency_line=consistency_line(document),
+        plant_columns=_column_table(document),
         components=_mapping(document.loop.get("components")),
         delays=_mapping(document.loop.get("delay_samples")),
         wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
@@ -242,6 +247,19 @@ def _six(value: float | None) -> str:
 def _correlation_table(document: ResultDocument) -> Table | None:
     rows = tuple((f"{a} – {b}", f"{value:+.3f}") for a, b, value in document.correlations)
     return Table(("pair", "correlation"), rows) if rows else None
+
+
+def _column_table(document: ResultDocument) -> Table | None:
+    """The columns of the regressor, from the plant against from the robot description."""
+    found = document.consistency
+    if found is None or not found.columns:
+        return None
+    rows = tuple(
+        (name, significant(c.difference, 2), significant(c.cosine, 6), significant(c.size, 4), str(c.joint))
+        for name, c in found.columns.items()
+    )
+    heads = ("parameter", "difference", "cosine", "size in the plant", "joint")
+    return Table(heads, rows)
 
 
 def _aligned(table: Table) -> Table:

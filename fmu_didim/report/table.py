@@ -9,6 +9,7 @@ from fmu_didim.identification.result import ResultDocument
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
+    consistency_line,
     decimal_aligned,
     iteration_count,
     label_title,
@@ -37,6 +38,7 @@ def result_table(document: ResultDocument) -> str:
         _figures(document),
         _listing("Regrouping", document.regrouping),
         _listing("Notes of the iterations", _notes(document)),
+        _listing("Plant against robot description", _plant_warnings(document)),
         _listing("Remarks", document.remarks),
         _validity(document),
     ]
@@ -137,8 +139,18 @@ def _figures(document: ResultDocument) -> list[str]:
     ]
     if document.integration_error is not None:
         lines.append(("Integration error", percentage(100 * document.integration_error) + " of the torque"))
+    if document.consistency is not None and document.consistency.agrees:
+        lines.append(("Plant's equations", consistency_line(document)))
     width = max(len(head) for head, _ in lines)
     return [line for head, text in lines for line in _wrapped(text, head.ljust(width) + GAP, " " * (width + 2))]
+
+
+def _plant_warnings(document: ResultDocument) -> list[str]:
+    found = document.consistency
+    if found is None or found.agrees:
+        return []
+    line = consistency_line(document)
+    return [f"WARNING: {line}", *found.warnings]
 
 
 def _notes(document: ResultDocument) -> list[str]:

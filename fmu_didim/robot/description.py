@@ -10,22 +10,22 @@ import yaml
 from pydantic import Field, field_validator, model_validator
 
 from fmu_didim.documents import Angle, Strict, read_document
-from fmu_didim.effects import DEFAULT_EFFECTS, EFFECTS, JointType, TorqueEffect
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.effects import (
+    DEFAULT_EFFECTS,
+    LINK_PARAMETERS,
+    Effect,
+    JointType,
+    MeasurementEffect,
+    NonlinearEffect,
+    SplicedEffect,
+    StructureEffect,
+    TorqueEffect,
+    find_effect,
+)
+from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.signals import Variable
 
-INERTIAL: tuple[tuple[str, str, str], ...] = (
-    ("XX", "kg.m2", "inertia about the x axis of the link frame"),
-    ("XY", "kg.m2", "product of inertia"),
-    ("XZ", "kg.m2", "product of inertia"),
-    ("YY", "kg.m2", "inertia about the y axis of the link frame"),
-    ("YZ", "kg.m2", "product of inertia"),
-    ("ZZ", "kg.m2", "inertia about the z axis of the link frame"),
-    ("MX", "kg.m", "first moment along x"),
-    ("MY", "kg.m", "first moment along y"),
-    ("MZ", "kg.m", "first moment along z"),
-    ("M", "kg", "mass of the link"),
-)
+INERTIAL: tuple[tuple[str, str, str], ...] = tuple((v.name, v.unit, v.description) for v in LINK_PARAMETERS)
 """Name, unit and meaning of the ten inertial parameters of a link, about the origin of its frame."""
 
 
@@ -48,34 +48,82 @@ class Joint(Strict):
     @field_validator("effects")
     @classmethod
     def _known_effects(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        unknown = [name for name in value if name not in EFFECTS]
-        if unknown:
-            raise ValueError(f"unknown effects {', '.join(unknown)}; valid: {', '.join(EFFECTS)}")
+        problems = []
+        for name in value:
+            try:
+                found = find_effect(name)
+            except InputError as error:
+                problems.append(str(error))
+                continue
+            if isinstance(found, MeasurementEffect):
+                problems.append(f"{name} belongs to the log, not to the robot: use torque: offset_s in the case")
+        doubled = sorted({name for name in value if value.count(name) > 1})
+        problems += [f"effect {name} is listed twice" for name in doubled]
+        if problems:
+            raise ValueError("; ".join(problems))
         return value
 
     @model_validator(mode="after")
     def _known_parameters(self) -> Joint:
-        names = [v.name for v in (*self.linear_parameters(), *self.shapes())]
+        names = [v.name for v in (*self.linear_parameters(), *self.shapes(), *self.outside_parameters())]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise ValueError(f"several effects have different parameters named {', '.join(doubled)}")
         unknown = [name for name in self.parameters if name not in names]
         if unknown:
             raise ValueError(f"unknown parameters {', '.join(unknown)}; valid: {', '.join(names)}")
-        zero = [v.name for v in self.shapes() if not self.parameters.get(v.name, v.start) > 0]
+        signed = {name for effect in self.all_effects() for name in effect.signed}
+        positive = [v for v in self.shapes() if v.name not in signed]
+        zero = [v.name for v in positive if not self.parameters.get(v.name, v.start) > 0]
         if zero:
             raise ValueError(f"{', '.join(zero)} must be greater than 0")
+        for effect in self.all_effects():
+            if isinstance(effect, NonlinearEffect):
+                outside = effect.outside_limits(self.parameters)
+                if outside:
+                    raise ValueError(outside)
         return self
 
+    def all_effects(self) -> tuple[Effect, ...]:
+        """The effects of this joint, wherever they act."""
+        return tuple(find_effect(name) for name in self.effects)
+
     def effect_objects(self) -> tuple[TorqueEffect, ...]:
-        """The effects of this joint."""
-        return tuple(EFFECTS[name] for name in self.effects)
+        """Those of its effects that act in the torque balance."""
+        return tuple(effect for effect in self.all_effects() if isinstance(effect, TorqueEffect))
+
+    def outside_effects(self) -> tuple[SplicedEffect, ...]:
+        """Those that act outside the plant, in drive or sensor; the plant's equations lack them, the loop has them."""
+        return tuple(effect for effect in self.all_effects() if isinstance(effect, SplicedEffect))
+
+    def outside_parameters(self) -> tuple[Variable, ...]:
+        """The parameters of these, without the joint number."""
+        return tuple(dict.fromkeys(v for e in self.outside_effects() for v in _variables(e, self.type)))
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether its gear gives way."""
+        return any(isinstance(effect, StructureEffect) and effect.elastic for effect in self.all_effects())
 
     def linear_parameters(self) -> tuple[Variable, ...]:
         """The parameters that are linear in the torque, without the joint number."""
-        inertial = [Variable(name, unit, "parameter", 0.0, text) for name, unit, text in INERTIAL]
-        return (*inertial, *(v for effect in self.effect_objects() for v in effect.parameters(self.type)))
+        return (*LINK_PARAMETERS, *(v for effect in self.effect_objects() for v in effect.parameters(self.type)))
 
     def shapes(self) -> tuple[Variable, ...]:
-        """The shape parameters of its effects, without the joint number."""
-        return tuple(v for effect in self.effect_objects() for v in effect.shapes(self.type))
+        """All parameters of the plant not linear in the torque, without the joint number; equal ones are shared.
+
+        The shapes of the effects in the torque balance, and all parameters of those in the structure.
+        """
+        shapes = [v for effect in self.effect_objects() for v in effect.shapes(self.type)]
+        structure = [e for e in self.all_effects() if isinstance(e, StructureEffect)]
+        shapes += [v for effect in structure for v in _variables(effect, self.type)]
+        if "motor_inertia" in self.effects and self.parameters.get("Ia", 0.0) != 0:
+            shapes = [v for v in shapes if v.name != "motor_share"]  # the motor's inertia is known by its own name
+        return tuple(dict.fromkeys(shapes))
+
+
+def _variables(effect: Effect, joint_type: JointType) -> tuple[Variable, ...]:
+    return (*effect.parameters(joint_type), *effect.shapes(joint_type))
 
 
 class RobotDescription(Strict):
@@ -97,6 +145,20 @@ class RobotDescription(Strict):
     known: tuple[str, ...] = ()
 
     @model_validator(mode="after")
+    def _joints_in_reach(self) -> RobotDescription:
+        problems = [
+            f"effect {effect.name} at joint {j} needs {effect.reach} more joint(s) after it"
+            for j, joint in enumerate(self.joints, start=1)
+            for effect in joint.effect_objects()
+            if j + effect.reach > len(self.joints)
+        ]
+        if problems:
+            raise ValueError("; ".join(problems))
+        if any("base_tilt" in joint.effects for joint in self.joints[1:]):
+            raise ValueError("base_tilt belongs to joint 1")
+        return self
+
+    @model_validator(mode="after")
     def _known_names(self) -> RobotDescription:
         names = [v.name for v in self.standard_parameters()]
         used = list(self.known)
@@ -109,6 +171,10 @@ class RobotDescription(Strict):
         if unknown:
             raise ValueError(f"unknown standard parameters {', '.join(unknown)}; valid: {', '.join(names)}")
         return self
+
+    def elastic_joints(self) -> tuple[int, ...]:
+        """Joints whose gears give way, from 0."""
+        return tuple(j for j, joint in enumerate(self.joints) if joint.is_elastic)
 
     def standard_parameters(self) -> tuple[Variable, ...]:
         """All parameters that are linear in the torque, named with the joint number, with their values."""
@@ -130,14 +196,14 @@ class RobotDescription(Strict):
         """The same robot with other values of standard or shape parameters; raises UnknownNameError.
 
         Args:
-            values: by name with the joint number (``ZZ1``, ``v0_2``).
+            values: by name with the joint number (``ZZ1``, ``v0_2``; ``T_2`` of a lag in the drive).
         """
         places = {
             name: (j, own)
             for j, joint in enumerate(self.joints)
             for name, own in (
                 *((f"{v.name}{j + 1}", v.name) for v in joint.linear_parameters()),
-                *((f"{v.name}_{j + 1}", v.name) for v in joint.shapes()),
+                *((f"{v.name}_{j + 1}", v.name) for v in (*joint.shapes(), *joint.outside_parameters())),
             )
         }
         changed: list[dict[str, float]] = [dict(joint.parameters) for joint in self.joints]

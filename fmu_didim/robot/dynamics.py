@@ -8,35 +8,37 @@ in all inertial parameters.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from fmu_didim.effects import JointMotion
+from fmu_didim.effects import PAYLOAD, Surroundings, TorqueEffect
 from fmu_didim.robot.description import RobotDescription
 
 
-def inverse_dynamics(
+def rigid_body_torque(
     robot: RobotDescription,
     q: ca.SX,
     dq: ca.SX,
     ddq: ca.SX,
     parameters: Mapping[str, ca.SX],
-    shapes: Mapping[str, ca.SX],
+    *,
+    gravity: ca.SX | None = None,
 ) -> ca.SX:
-    """Joint torques tau = M(q) ddq + N(q, dq), shape (n,).
+    """Torques of the links alone, gravity, inertia and Coriolis terms, shape (n,).
 
     Args:
-        robot: geometry and effects.
+        robot: geometry.
         q, dq, ddq: (n,) joint positions, velocities, accelerations (rad or m, ...).
-        parameters: standard parameters by name (``ZZ1``, ``Fv1``, ...).
-        shapes: shape parameters by name (``v0_1``, ...).
+        parameters: inertial parameters by name (``ZZ1``, ``M1``, ...).
+        gravity: (3,) in m/s2; that of the description by default.
     """
     rotations, offsets = _geometry(robot, q)
     axis = ca.SX([0.0, 0.0, 1.0])
     omega, domega = ca.SX(3, 1), ca.SX(3, 1)
     # Gravity enters as an acceleration of the base.
-    acceleration = -ca.SX(robot.gravity)
+    acceleration = -(ca.SX(robot.gravity) if gravity is None else gravity)
     spread = ca.SX(3, 3)
     forces: list[ca.SX] = []
     moments: list[ca.SX] = []
@@ -55,11 +57,7 @@ def inverse_dynamics(
         inertia, first, mass = _inertial(parameters, j + 1)
         forces.append(mass * acceleration + spread @ first)
         moments.append(inertia @ domega + ca.cross(omega, inertia @ omega) + ca.cross(first, acceleration))
-    return _balance(robot, rotations, offsets, forces, moments, _motions(q, dq, ddq), parameters, shapes)
-
-
-def _motions(q: ca.SX, dq: ca.SX, ddq: ca.SX) -> list[JointMotion]:
-    return [JointMotion(q[j], dq[j], ddq[j]) for j in range(q.numel())]
+    return _balance(robot, rotations, offsets, forces, moments)
 
 
 def _geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -102,25 +100,85 @@ def _balance(
     offsets: Sequence[ca.SX],
     forces: list[ca.SX],
     moments: list[ca.SX],
-    motions: Sequence[JointMotion],
-    parameters: Mapping[str, ca.SX],
-    shapes: Mapping[str, ca.SX],
 ) -> ca.SX:
-    """Backward recursion: force and moment at each joint, projected on its axis, plus the effects."""
+    """Backward recursion: force and moment at each joint, projected on its axis."""
     force, moment = ca.SX(3, 1), ca.SX(3, 1)
     torques: list[ca.SX] = []
     for j in reversed(range(len(robot.joints))):
-        joint = robot.joints[j]
         force = forces[j] + force
         moment = moments[j] + moment
-        torque = moment[2] if joint.type == "revolute" else force[2]
-        own_shapes = {v.name: shapes[f"{v.name}_{j + 1}"] for v in joint.shapes()}
-        for effect in joint.effect_objects():
-            columns = effect.columns(motions[j], own_shapes)
-            names = [v.name for v in effect.parameters(joint.type)]
-            for name, column in zip(names, columns, strict=True):
-                torque = torque + parameters[f"{name}{j + 1}"] * column
-        torques.append(torque)
+        torques.append(moment[2] if robot.joints[j].type == "revolute" else force[2])
         force = rotations[j] @ force
         moment = rotations[j] @ moment + ca.cross(offsets[j], force)
     return ca.vertcat(*reversed(torques))
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """A torque effect at its joint.
+
+    Attributes:
+        effect: what acts; joint: number of its joint, from 0; states: places of its states in z.
+    """
+
+    effect: TorqueEffect
+    joint: int
+    states: slice
+
+    def surroundings(
+        self,
+        robot: RobotDescription,
+        motion: tuple[ca.SX, ca.SX, ca.SX],
+        time: ca.SX,
+        z: ca.SX,
+        load: ca.SX,
+        link: Mapping[str, ca.SX],
+    ) -> Surroundings:
+        """What it sees; z are the states of all effects."""
+        own = tuple(z[i] for i in range(self.states.start, self.states.stop))
+        kind = robot.joints[self.joint].type
+        return Surroundings(self.joint, kind, *motion, load=load, time=time, state=own, link=link)
+
+
+def placed_effects(robot: RobotDescription) -> list[PlacedEffect]:
+    """All effects of a robot, joint by joint, with the places of their states."""
+    result, begin = [], 0
+    for j, joint in enumerate(robot.joints):
+        for effect in joint.effect_objects():
+            end = begin + len(effect.states(joint.type))
+            result.append(PlacedEffect(effect, j, slice(begin, end)))
+            begin = end
+    return result
+
+
+def own_parameters(
+    robot: RobotDescription, placed: PlacedEffect, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX]
+) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+    """Amplitudes and shapes of an effect, named without the joint number."""
+    joint, number = robot.joints[placed.joint], placed.joint + 1
+    return (
+        {v.name: parameters[f"{v.name}{number}"] for v in placed.effect.parameters(joint.type)},
+        {v.name: shapes[f"{v.name}_{number}"] for v in placed.effect.shapes(joint.type)},
+    )
+
+
+def add_effect(
+    torque: list[ca.SX],
+    placed: PlacedEffect,
+    at: Surroundings,
+    amplitudes: Mapping[str, ca.SX],
+    shapes: Mapping[str, ca.SX],
+) -> None:
+    """Add the torque of an effect to the rows (n) that it acts on."""
+    columns = placed.effect.columns(at, shapes)
+    for amplitude, column in zip(amplitudes.values(), columns, strict=True):
+        rows = column if isinstance(column, Mapping) else {placed.joint: column}
+        for row, entry in rows.items():
+            torque[row] = torque[row] + amplitude * entry
+
+
+def link_columns(
+    rigid: ca.SX, joint: int, parameters: Mapping[str, ca.SX], names: Sequence[str] = PAYLOAD
+) -> dict[str, ca.SX]:
+    """Columns (n,) of the rigid-body regressor for some inertial parameters of a link, joint from 0."""
+    return {name: ca.jacobian(rigid, parameters[f"{name}{joint + 1}"]) for name in names}

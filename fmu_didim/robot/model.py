@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import casadi as ca
@@ -12,8 +13,23 @@ from fmu_didim.block import Block
 from fmu_didim.effects import UNITS
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.robot.description import RobotDescription
-from fmu_didim.robot.dynamics import inverse_dynamics
+from fmu_didim.robot.elastic import ElasticEquations
+from fmu_didim.robot.equations import Equations
 from fmu_didim.signals import Array, Variable
+
+LONG = 1e9
+"""A time in s that lies after, and with the other sign before, all that happens in a run."""
+_SIGNALS: Mapping[str, tuple[str, str, str]] = {
+    "tau{}": ("torque", "input", "joint torque"),
+    "q{}": ("position", "output", "joint position"),
+    "dq{}": ("velocity", "output", "joint velocity"),
+    "ddq{}": ("acceleration", "output", "joint acceleration"),
+    "x_q{}": ("position", "local", ""),
+    "x_dq{}": ("velocity", "local", ""),
+    "q_start{}": ("position", "parameter", "initial position"),
+    "dq_start{}": ("velocity", "parameter", "initial velocity"),
+}
+"""Variables of each joint of a plant: what they are, their causality and their description."""
 
 
 class RobotModel:
@@ -22,26 +38,40 @@ class RobotModel:
         tau = inverse(q, dq, ddq, chi, s) = regressor(q, dq, ddq, s) chi = M(q) ddq + N(q, dq)
         ddq = direct(q, dq, tau, chi, s) = M^-1 (tau - N), by LDL^T
 
-    All arguments are column vectors; s are the shape parameters (smoothing velocities and the like).
+    All arguments are column vectors; s are the shape parameters (smoothing velocities and the like). Where effects
+    have states or depend on time, ``extra`` names these ne variables, and inverse, bias and direct take them as a last
+    argument e (ne,). Where friction depends on the transmitted torque, that is linear in chi only for a given load:
+    the last argument of the regressor is ``observed``, e and the loads; ddq then follows by Newton's method.
+    Where gears give way, q is the motors' side; the links' own positions and velocities are part of e, their
+    accelerations of ``observed``.
 
     Attributes:
         description: the robot.
         parameters: the ns standard parameters, with values and units.
         shapes: the shape parameters, with values and units.
+        links: ``q_link<j>`` and ``dq_link<j>`` of the elastic joints.
+        extra: states of the effects, then ``clock`` (time in s), if anything needs them, then ``links``.
+        observed: ``extra``, then ``load<j>`` (the transmitted torque) of the joints whose effects need it, then
+            ``ddq_link<j>`` of the elastic joints.
     """
 
     def __init__(self, description: RobotDescription) -> None:
         self.description = description
         self.parameters: tuple[Variable, ...] = description.standard_parameters()
         self.shapes: tuple[Variable, ...] = description.shape_parameters()
-        n = len(description.joints)
-        self._q, self._dq, self._ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-        self._tau = ca.SX.sym("tau", n)
-        self._chi = ca.SX.sym("chi", len(self.parameters))
-        self._s = ca.SX.sym("s", len(self.shapes))
-        by_name = {v.name: self._chi[i] for i, v in enumerate(self.parameters)}
-        by_shape = {v.name: self._s[i] for i, v in enumerate(self.shapes)}
-        self._torque = inverse_dynamics(description, self._q, self._dq, self._ddq, by_name, by_shape)
+        self._equations = equations = (ElasticEquations if description.elastic_joints() else Equations)(description)
+        clock = (Variable("clock", "s", "local", 0.0, "time of the loop"),) if equations.uses_clock else ()
+        loads = (
+            Variable(f"load{j + 1}", UNITS[description.joints[j].type].torque, "local", 0.0, "transmitted torque")
+            for j in equations.loaded
+        )
+        self.links: tuple[Variable, ...] = equations.links
+        self.extra: tuple[Variable, ...] = (*equations.states, *clock, *self.links)
+        self.observed: tuple[Variable, ...] = (*self.extra, *loads, *equations.link_accelerations)
+        self._q, self._dq, self._ddq, self._tau = equations.q, equations.dq, equations.ddq, equations.tau
+        self._chi, self._s = equations.chi, equations.s
+        self._e = ca.vertcat(equations.z, equations.clock) if equations.uses_clock else equations.z
+        self._e = ca.vertcat(self._e, equations.link)
 
     @property
     def joint_count(self) -> int:
@@ -67,48 +97,71 @@ class RobotModel:
 
     @cached_property
     def inverse(self) -> ca.Function:
-        """(q, dq, ddq, chi, s) -> tau, (n,)."""
-        return self._function("inverse", [self._q, self._dq, self._ddq, self._chi, self._s], self._torque)
+        """(q, dq, ddq, chi, s[, e]) -> tau, (n,)."""
+        return self._function(
+            "inverse", [self._q, self._dq, self._ddq, self._chi, self._s, *self._extra], self._equations.inverse
+        )
+
+    @property
+    def _extra(self) -> list[ca.SX]:
+        """The argument e, if there is one."""
+        return [self._e] if self.extra else []
 
     @cached_property
     def regressor(self) -> ca.Function:
-        """(q, dq, ddq, s) -> W, (n, ns): the derivative of tau by chi, exact because tau is linear in chi."""
-        return self._function(
-            "regressor", [self._q, self._dq, self._ddq, self._s], ca.jacobian(self._torque, self._chi)
-        )
+        """(q, dq, ddq, s[, observed]) -> W, (n, ns): the derivative of tau by chi, exact because it is linear."""
+        loads = [self._equations.load[j] for j in self._equations.loaded]
+        given = [ca.vertcat(self._e, *loads, self._equations.link_ddq)] if self.observed else []
+        return self._function("regressor", [self._q, self._dq, self._ddq, self._s, *given], self._columns)
 
     @cached_property
-    def _mass_expression(self) -> ca.SX:
-        return ca.jacobian(self._torque, self._ddq)
+    def _columns(self) -> ca.SX:
+        return ca.jacobian(self._equations.torque, self._chi)
+
+    @cached_property
+    def transmitted(self) -> ca.Function:
+        """(q, dq, ddq, chi) -> load, (n,): the torque of the links alone: gravity, inertia and Coriolis terms."""
+        arguments = [self._q, self._dq, self._ddq, self._chi]
+        return self._function("transmitted", arguments, self._equations.locked(self._equations.rigid))
+
+    @cached_property
+    def rates(self) -> ca.Function:
+        """(q, dq, e, s) -> de/dt, (ne,); e without ``links``, which are taken to follow their motors."""
+        equations = self._equations
+        clock = [ca.SX(1)] if equations.uses_clock else []
+        own = self._e[: len(self.extra) - len(self.links)]
+        rates = equations.locked(ca.vertcat(equations.rates, *clock))
+        return self._function("rates", [self._q, self._dq, own, self._s], rates)
+
+    @cached_property
+    def _mass_changes(self) -> bool:
+        return bool(ca.depends_on(self._equations.mass, ca.vertcat(self._e, self._s)))
 
     @cached_property
     def mass_matrix(self) -> ca.Function:
-        """(q, chi) -> M, (n, n): symmetric, positive definite for a physical robot."""
-        return self._function("mass_matrix", [self._q, self._chi], self._mass_expression)
+        """(q, chi) -> M, (n, n): symmetric, positive definite for a physical robot.
+
+        (q, chi, s, e) -> M where an effect changes the inertia during the run. What depends on the load is left out.
+        """
+        varying = [self._s, self._e] if self._mass_changes else []
+        return self._function("mass_matrix", [self._q, self._chi, *varying], self._equations.mass)
 
     @cached_property
     def bias(self) -> ca.Function:
-        """(q, dq, chi, s) -> N, (n,): centrifugal, Coriolis, gravity and friction torques."""
-        return self._function("bias", [self._q, self._dq, self._chi, self._s], self._bias_expression)
-
-    @cached_property
-    def _bias_expression(self) -> ca.SX:
-        return ca.substitute(self._torque, self._ddq, ca.SX.zeros(self.joint_count))
-
-    @cached_property
-    def _acceleration(self) -> ca.SX:
-        factors = ca.ldl(self._mass_expression)
-        return ca.ldl_solve(self._tau - self._bias_expression, *factors)
+        """(q, dq, chi, s[, e]) -> N, (n,): centrifugal, Coriolis, gravity and friction torques."""
+        rest = self._equations.at_rest(self._equations.inverse)
+        return self._function("bias", [self._q, self._dq, self._chi, self._s, *self._extra], rest)
 
     @cached_property
     def direct(self) -> ca.Function:
-        """(q, dq, tau, chi, s) -> ddq, (n,)."""
-        return self._function("direct", [self._q, self._dq, self._tau, self._chi, self._s], self._acceleration)
+        """(q, dq, tau, chi, s[, e]) -> ddq, (n,)."""
+        arguments = [self._q, self._dq, self._tau, self._chi, self._s, *self._extra]
+        return self._function("direct", arguments, self._equations.acceleration)
 
     @cached_property
     def active(self) -> tuple[int, ...]:
         """Indices of the standard parameters that have an effect on some torque."""
-        pattern = ca.jacobian(self._torque, self._chi).sparsity()
+        pattern = self._columns.sparsity()
         columns = np.array(ca.DM(pattern, 1).full()).sum(axis=0)
         return tuple(int(i) for i in np.flatnonzero(columns))
 
@@ -122,90 +175,112 @@ class RobotModel:
             generator.add(function)
         return str(generator.dump())
 
-    def regressor_rows(self, q: Array, dq: Array, ddq: Array, shapes: Array | None = None) -> Array:
-        """W over N samples: (N, n, ns) from (N, n) positions, velocities and accelerations."""
+    def regressor_rows(
+        self, q: Array, dq: Array, ddq: Array, shapes: Array | None = None, observed: Array | None = None
+    ) -> Array:
+        """W over N samples: (N, n, ns) from (N, n) positions, velocities and accelerations.
+
+        Args:
+            observed: (N, no) values of ``self.observed``; zero where not given.
+        """
         count, n = q.shape
         s = self.shape_values if shapes is None else shapes
-        flat = self.regressor(q.T, dq.T, ddq.T, np.repeat(s[:, None], count, axis=1)).full()
+        given = np.zeros((count, len(self.observed))) if observed is None else observed
+        arguments = [q.T, dq.T, ddq.T, np.repeat(s[:, None], count, axis=1)]
+        flat = self.regressor(*arguments, *([given.T] if self.observed else [])).full()
         return np.ascontiguousarray(flat.reshape(n, count, len(self.parameters)).transpose(1, 0, 2))
 
     def minimum_inertia(self, q: Array, chi: Array) -> float:
         """Smallest eigenvalue of D^-1/2 M(q) D^-1/2, D = diag|M|, over positions (N, n): > 0 means
         positive definite. Negative or zero diagonal elements give a value <= 0."""
-        count, n = q.shape
-        flat = self.mass_matrix(q.T, np.repeat(chi[:, None], count, axis=1)).full()
-        mass = flat.reshape(n, count, n).transpose(1, 0, 2)
-        diagonal = np.einsum("kii->ki", mass)
-        if not np.isfinite(mass).all() or (diagonal <= 0).any():
-            return float(min(0.0, diagonal.min())) if np.isfinite(mass).all() else -1.0
-        scale = 1.0 / np.sqrt(diagonal)
-        return float(np.linalg.eigvalsh(mass * scale[:, :, None] * scale[:, None, :]).min())
+        if not self._mass_changes:
+            return _smallest_eigenvalue(self.mass_matrix(q.T, np.repeat(chi[:, None], q.shape[0], axis=1)), *q.shape)
+        # Before and after whatever changes with time.
+        found = []
+        for time in (-LONG, LONG):
+            e = np.array([time if v.name == "clock" else v.start for v in self.extra])
+            columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in (chi, self.shape_values, e)]
+            found.append(_smallest_eigenvalue(self.mass_matrix(q.T, *columns), *q.shape))
+        return min(found)
 
     def block(self, values: Mapping[str, float] | None = None) -> Block:
-        """The plant: dx/dt = (dq, direct(...)), x = (q, dq), u = tau, y = (q, dq, ddq).
+        """The plant: dx/dt = (dq, direct(...), de/dt), x = (q, dq, e), u = tau, y = (q, dq, ddq, observed).
 
-        Its parameters are the active standard parameters and the shapes (tunable) and the start
-        values ``q_start<j>``, ``dq_start<j>`` (fixed).
+        Its parameters are the active standard parameters and the shapes (tunable), the start values
+        ``q_start<j>``, ``dq_start<j>`` (fixed) and, where anything depends on time, the time ``t_start`` of the
+        start (fixed).
 
         Args:
             values: parameter values that replace those of the description.
         """
-        robot, n = self.description, self.joint_count
-        units = [UNITS[joint.type] for joint in robot.joints]
-        numbers = range(1, n + 1)
+        robot, n, states = self.description, self.joint_count, self._equations.states
         standard = [self.parameters[i] for i in self.active]
-        starts = [Variable(f"q_start{j}", units[j - 1].position, "parameter", 0.0, "initial position") for j in numbers]
-        starts += [
-            Variable(f"dq_start{j}", units[j - 1].velocity, "parameter", 0.0, "initial velocity") for j in numbers
-        ]
-        p = ca.SX.sym("p", len(standard) + len(self.shapes) + 2 * n)
+        starts = list(self._motion_variables("q_start{}", "dq_start{}"))
+        timed = self._equations.uses_clock
+        if timed:
+            starts.append(Variable("t_start", "s", "parameter", 0.0, "time at the start"))
+        p = ca.SX.sym("p", len(standard) + len(self.shapes) + len(starts))
         chi = ca.SX.zeros(len(self.parameters))
         for k, i in enumerate(self.active):
             chi[i] = p[k]
         shapes = p[len(standard) : len(standard) + len(self.shapes)]
-        acceleration = ca.substitute([self._acceleration], [self._chi, self._s], [chi, shapes])[0]
-        x = ca.vertcat(self._q, self._dq)
+        first = p[len(standard) + len(self.shapes) :]
+        acceleration, rates, loads = self._plant(chi, shapes)
+        x = ca.vertcat(self._q, self._dq, self._e)
         arguments = [x, self._tau, p]
+        begin = ca.vertcat(first[: 2 * n], *(v.start for v in states), *([first[2 * n]] if timed else []))
+        elastic = robot.elastic_joints()  # their gears start without twist
+        begin = ca.vertcat(begin, *(first[j] for j in elastic), *(first[n + j] for j in elastic))
         block = Block(
             name=robot.name,
             description=robot.description,
-            inputs=tuple(Variable(f"tau{j}", units[j - 1].torque, "input", 0.0, "joint torque") for j in numbers),
-            outputs=(
-                *(Variable(f"q{j}", units[j - 1].position, "output", 0.0, "joint position") for j in numbers),
-                *(Variable(f"dq{j}", units[j - 1].velocity, "output", 0.0, "joint velocity") for j in numbers),
-                *(Variable(f"ddq{j}", units[j - 1].acceleration, "output", 0.0, "joint acceleration") for j in numbers),
-            ),
-            states=(
-                *(Variable(f"x_q{j}", units[j - 1].position, "local") for j in numbers),
-                *(Variable(f"x_dq{j}", units[j - 1].velocity, "local") for j in numbers),
-            ),
+            inputs=self._motion_variables("tau{}"),
+            outputs=(*self._motion_variables("q{}", "dq{}", "ddq{}"), *_with(self.observed, "output")),
+            states=(*self._motion_variables("x_q{}", "x_dq{}"), *_with(self.extra, "local", "x_")),
             parameters=(*standard, *self.shapes, *starts),
-            update=ca.Function("update", arguments, [ca.densify(ca.vertcat(self._dq, acceleration))]),
-            output=ca.Function("output", arguments, [ca.densify(ca.vertcat(x, acceleration))]),
-            start=ca.Function("start", [self._tau, p], [ca.densify(p[-2 * n :])]),
+            update=ca.Function("update", arguments, [ca.densify(ca.vertcat(self._dq, acceleration, rates))]),
+            output=ca.Function("output", arguments, [ca.densify(ca.vertcat(x[: 2 * n], acceleration, self._e, loads))]),
+            start=ca.Function("start", [self._tau, p], [ca.densify(begin)]),
             rate_bound=ca.Function("rate_bound", [x, p], [ca.densify(self._rate(chi, shapes))]),
             fixed=frozenset(v.name for v in starts),
         )
         return block.with_parameters(dict(values or {}))
 
+    def _plant(self, chi: ca.SX, shapes: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Acceleration, de/dt, observed loads and accelerations of links, for parameters that are expressions."""
+        equations = self._equations
+        load = equations.transmitted(equations.acceleration) if equations.loaded else ca.SX(0, 1)
+        rates = ca.vertcat(equations.rates, ca.SX(1)) if equations.uses_clock else equations.rates
+        count = len(self.links) // 2
+        rates = ca.vertcat(rates, equations.link[count:], equations.link_acceleration)
+        loads = ca.vertcat(ca.SX(0, 1), *(load[j] for j in equations.loaded), equations.link_acceleration)
+        result = ca.substitute([equations.acceleration, rates, loads], [self._chi, self._s], [chi, shapes])
+        return result[0], result[1], result[2]
+
+    def _motion_variables(self, *patterns: str) -> tuple[Variable, ...]:
+        """Variables of all joints, such as ``q1``, ``q2`` for ``q{}``, with the causality of the block."""
+        return tuple(
+            Variable(pattern.format(j), getattr(UNITS[joint.type], kind), causality, 0.0, text)
+            for pattern in patterns
+            for kind, causality, text in [_SIGNALS[pattern]]
+            for j, joint in enumerate(self.description.joints, start=1)
+        )
+
     def _rate(self, chi: ca.SX, shapes: ca.SX) -> ca.SX:
-        """Bound of the fastest rate: the infinity norm of |M^-1| diag(damping at rest), in 1/s."""
-        by_name = {v.name: chi[i] for i, v in enumerate(self.parameters)}
-        by_shape = {v.name: shapes[i] for i, v in enumerate(self.shapes)}
-        mass = ca.substitute([self._mass_expression], [self._chi], [chi])[0]
-        inverse = ca.fabs(ca.ldl_solve(ca.SX.eye(self.joint_count), *ca.ldl(mass)))
-        total = ca.SX(0)
-        damping = []
-        for j, joint in enumerate(self.description.joints, start=1):
-            value = ca.SX(0)
-            for effect in joint.effect_objects():
-                own = {v.name: by_name[f"{v.name}{j}"] for v in effect.parameters(joint.type)}
-                own_shapes = {v.name: by_shape[f"{v.name}_{j}"] for v in effect.shapes(joint.type)}
-                value = value + effect.damping(own, own_shapes)
-            damping.append(value)
-        for i in range(self.joint_count):
-            row = ca.SX(0)
-            for j in range(self.joint_count):
-                row = row + inverse[i, j] * damping[j]
-            total = ca.fmax(total, row)
-        return total
+        """Bound of the fastest rate, 1/s."""
+        mass = ca.substitute([self._equations.mass], [self._chi, self._s], [chi, shapes])[0]
+        return self._equations.rate(mass, chi, shapes)
+
+
+def _with(variables: Sequence[Variable], causality: str, prefix: str = "") -> list[Variable]:
+    return [replace(v, name=prefix + v.name, causality=causality) for v in variables]
+
+
+def _smallest_eigenvalue(flat: ca.DM, count: int, n: int) -> float:
+    """Smallest eigenvalue of scaled inertia matrices (n, count n), over all of them."""
+    mass = flat.full().reshape(n, count, n).transpose(1, 0, 2)
+    diagonal = np.einsum("kii->ki", mass)
+    if not np.isfinite(mass).all() or (diagonal <= 0).any():
+        return float(min(0.0, diagonal.min())) if np.isfinite(mass).all() else -1.0
+    scale = 1.0 / np.sqrt(diagonal)
+    return float(np.linalg.eigvalsh(mass * scale[:, :, None] * scale[:, None, :]).min())

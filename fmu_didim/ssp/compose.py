@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fmu_didim.components import FmuComponent, load_fmu
+from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.errors import InputError
 from fmu_didim.master import Connection, System
 from fmu_didim.master.system import REFERENCE
@@ -65,7 +66,10 @@ def parts(system: System) -> dict[str, Part]:
                 valid="fmu",
                 next_step=f"Give '{name}' as kind fmu in the case, or load_fmu(build_fmu(block)).",
             )
-        own = load_fmu(component.path, si_units=False)
+        own = load_fmu(
+            component.path, si_units=False, interface=component.interface.kind, solver=component.solver,
+            substeps=component.substeps if component.interface.kind == MODEL_EXCHANGE else None,
+        )  # fmt: skip
         shown = [*component.parameter_conversions.values(), *component.input_conversions, *component.output_conversions]
         if not all(rule.is_identity for rule in shown):
             raise InputError(
@@ -82,9 +86,13 @@ def parts(system: System) -> dict[str, Part]:
 def _part(own: FmuComponent, component: FmuComponent) -> Part:
     values: dict[str, float] = {}
     roles: dict[str, str] = {}
-    for before, after in zip(own.parameters, component.parameters, strict=True):
+    # Parameters may have other names in the loop; start values of states that were named stand behind them.
+    for before, after in zip(own.parameters, component.parameters, strict=False):
         if after.start != before.start:
             values[before.name] = after.start
+    starts = {v.name: v.start for v in component.parameters[len(own.parameters) :]} | dict(component.start_values)
+    now = {_place(component, name): value for name, value in starts.items()}
+    values |= {n: now[_place(own, n)] for n, v in own.start_values.items() if now[_place(own, n)] != v}
     groups: tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...] = (
         (own.inputs, component.inputs),
         (own.outputs, component.outputs),
@@ -95,8 +103,15 @@ def _part(own: FmuComponent, component: FmuComponent) -> Part:
     for before, after in zip(own.inputs, component.inputs, strict=True):
         if after.start != before.start:
             values[before.name] = after.start
-    options = {n: v for n, v in component.options.items() if own.options.get(n) != v}
+    names = dict(zip(component.option_types, own.option_types, strict=True))
+    set_now = {names[n]: v for n, v in component.options.items()}
+    options = {n: v for n, v in set_now.items() if own.options.get(n) != v}
     return Part(own, {**values, **options}, options, roles, fmu_facts(own.path)[0])
+
+
+def _place(fmu: FmuComponent, name: str) -> tuple[int, int]:
+    """Value reference of a start value and its place in an array, whatever it is called."""
+    return fmu.reference(name), fmu.arrays.get(name, (name,)).index(name)
 
 
 def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:

@@ -13,6 +13,8 @@ SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSM = "http://ssp-standard.org/SSP1/SystemStructureParameterMapping"
 STRUCTURE = "SystemStructure.ssd"
 FMU_TYPE = "application/x-fmu-sharedlibrary"
+INTERFACES = {"any": None, "CoSimulation": "co-simulation", "ModelExchange": "model-exchange"}
+"""``implementation`` of a component -> interface of the FMU."""
 LOOP_TYPE = "org.fmu-didim.loop"
 LOOP = "urn:fmu-didim:loop:1"
 """Type of the annotation with what SSP cannot say, and the namespace of its content."""
@@ -70,12 +72,13 @@ class Binding:
 
 @dataclass(frozen=True)
 class ComponentElement:
-    """An FMU of the archive."""
+    """An FMU of the archive; interface: how it is run, None if that is left open."""
 
     name: str
     source: str
     connectors: tuple[Connector, ...]
     bindings: tuple[Binding, ...]
+    interface: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,8 @@ class Loop:
         delays: name -> delay of the inputs in samples.
         roles: (component, variable of the FMU) -> its name in the loop.
         jacobi: whether all components get the outputs of the last step.
+        every, substeps, after_step, algebraic_loops: as in :class:`fmu_didim.master.System`.
+        solvers: component in model exchange -> solver and its substeps, None for the default.
     """
 
     step_size: float
@@ -106,6 +111,11 @@ class Loop:
     delays: Mapping[str, float] = field(default_factory=dict)
     roles: Mapping[tuple[str, str], str] = field(default_factory=dict)
     jacobi: bool = False
+    every: Mapping[str, int] = field(default_factory=dict)
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    after_step: frozenset[str] = frozenset()
+    algebraic_loops: str = "refuse"
+    solvers: Mapping[str, tuple[str, int | None]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

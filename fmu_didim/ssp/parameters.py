@@ -124,5 +124,5 @@ def _entries(binding: Binding, *, strict: bool) -> Iterator[_Bound]:
 
 
 def _variables(fmu: FmuComponent) -> set[str]:
-    """Names of what can be given a value before the start: parameters, Integer ones too, and inputs."""
-    return {*(v.name for v in (*fmu.parameters, *fmu.inputs)), *fmu.references}
+    """Names of what can be given a value before the start: parameters, Integer ones too, start values and inputs."""
+    return {*(v.name for v in (*fmu.parameters, *fmu.inputs)), *fmu.references, *fmu.start_values}

@@ -13,6 +13,7 @@ from fmu_didim.errors import InputError
 from fmu_didim.ssp.archive import Archive, check_root, parse_xml, read_fmu_entry
 from fmu_didim.ssp.document import (
     FMU_TYPE,
+    INTERFACES,
     LOOP,
     LOOP_TYPE,
     SSD,
@@ -115,11 +116,13 @@ class _Reader:
         kind = element.get("type", FMU_TYPE)
         if kind != FMU_TYPE:
             raise InputError("Only FMUs are supported as components.", where=where, got=kind, valid=FMU_TYPE)
-        if element.get("implementation", "any") == "ModelExchange":
-            raise InputError("Model exchange is not supported.", where=where, valid="any, CoSimulation")
+        implementation = element.get("implementation", "any")
+        if implementation not in INTERFACES:
+            raise InputError("This implementation is not known.", where=where, got=implementation, valid=INTERFACES)
         source = _required(element, "source", where=where)
         return ComponentElement(
-            path[-1], source, self._connectors(element, where), self._bindings(element, where)
+            path[-1], source, self._connectors(element, where), self._bindings(element, where),
+            INTERFACES[implementation],
         )  # fmt: skip
 
     def _connectors(self, element: ET.Element, where: str) -> tuple[Connector, ...]:
@@ -216,6 +219,15 @@ class _Reader:
                 for role in _children(c, "role")
             },
             own.get("algorithm") == "jacobi",
+            _counts(parts, "every", where),
+            _counts(parts, "substeps", where),
+            frozenset(name for name, c in parts.items() if c.get("after_step") == "true"),
+            own.get("algebraic_loops", "refuse"),
+            {
+                name: (c.get("solver", "rk4"), _counts({name: c}, "solver_substeps", where).get(name))
+                for name, c in parts.items()
+                if c.get("solver")
+            },
         )
 
 
@@ -236,6 +248,14 @@ def _required(element: ET.Element, key: str, *, where: str) -> str:
     if not value:
         raise InputError(f"A {_local(element)} lacks the attribute '{key}'.", where=where)
     return value
+
+
+def _counts(parts: Mapping[str, ET.Element], key: str, where: str) -> dict[str, int]:
+    found = {name: _number(c, key, 1.0, where=where) for name, c in parts.items() if c.get(key)}
+    for name, value in found.items():
+        if value != int(value):
+            raise InputError("This must be a whole number.", where=f"{where}, {name}, {key}", got=value)
+    return {name: int(value) for name, value in found.items()}
 
 
 def _number(element: ET.Element, key: str, default: float, *, where: str) -> float:

@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import cast, get_args
 
 from fmu_didim.components import Component, FmuComponent, load_fmu
 from fmu_didim.errors import FmuError, InputError, UnknownNameError
 from fmu_didim.master import Connection, System
-from fmu_didim.master.system import REFERENCE
+from fmu_didim.master.system import REFERENCE, LoopTreatment
 from fmu_didim.signals import Variable
 from fmu_didim.ssp.archive import Archive, open_archive
 from fmu_didim.ssp.document import STRUCTURE, ComponentElement, Loop, Structure, SystemElement
@@ -50,6 +51,7 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
     archive = open_archive(Path(path))
     structure = parse_structure(archive)
     where = f"{archive.path}: {STRUCTURE}"
+    solvers = structure.loop.solvers if structure.loop is not None else {}
     fmus: dict[Place, FmuComponent] = {}
     units: dict[Node, Unit | None] = {}
     steps: dict[str, float] = {}
@@ -58,7 +60,8 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
         if name == REFERENCE or name in map(flat_name, fmus):
             raise InputError("This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}")
         file = archive.file(element.source, where=f"Component {'.'.join(own)}")
-        fmus[own] = _load(archive, element, own, file)
+        solver, substeps = solvers.get(name, ("rk4", None))
+        fmus[own] = _load(archive, element, own, file, solver=solver, substeps=substeps)
         known, step = fmu_facts(file)
         scope = {**structure.units, **known}
         for v in (*fmus[own].inputs, *fmus[own].outputs, *fmus[own].parameters):
@@ -81,9 +84,11 @@ def _components(system: SystemElement, path: Place) -> Iterable[tuple[Place, Com
         yield from _components(inner, (*path, inner.name))
 
 
-def _load(archive: Archive, element: ComponentElement, path: Place, file: Path) -> FmuComponent:
-    try:
-        return load_fmu(file, si_units=False)  # values and units of an SSP are those of the FMU
+def _load(
+    archive: Archive, element: ComponentElement, path: Place, file: Path, *, solver: str, substeps: int | None
+) -> FmuComponent:
+    try:  # values and units of an SSP are those of the FMU
+        return load_fmu(file, si_units=False, interface=element.interface, solver=solver, substeps=substeps)
     except FmuError as error:
         raise FmuError(
             error.what,
@@ -98,17 +103,21 @@ def _check_connectors(net: Net, fmus: Mapping[Place, FmuComponent]) -> None:
     """Each Real connector of a component must be a variable of its FMU."""
     for (path, name), port in net.ports.items():
         if path in fmus and port.type == "Real":
-            groups = {"input": fmus[path].inputs, "output": fmus[path].outputs, "parameter": fmus[path].parameters}
-            where = f"{net.where}, Component {'.'.join(path)}"
-            if port.kind in groups and name not in {v.name for v in groups[port.kind]}:
-                valid = [v.name for v in groups[port.kind]]
+            fmu, where = fmus[path], f"{net.where}, Component {'.'.join(path)}"
+            groups = {
+                "input": [v.name for v in fmu.inputs],
+                "output": [v.name for v in fmu.outputs],
+                "parameter": [*(v.name for v in fmu.parameters), *fmu.start_values],
+            }
+            if port.kind in groups and name not in groups[port.kind]:
+                valid = groups[port.kind]
                 raise UnknownNameError(f"{port.kind} of the FMU", name, valid, where=f"{where}, Connector '{name}'")
             if port.kind == "inout":
                 raise InputError("A component has no connectors of kind inout.", where=where, got=name)
 
 
 def _with_values(fmu: FmuComponent, values: Mapping[str, float], net: Net) -> FmuComponent:
-    parameters = {v.name for v in fmu.parameters}
+    parameters = {*(v.name for v in fmu.parameters), *fmu.start_values}
     inputs = {v.name for v in fmu.inputs}
     fmu = fmu.with_parameters({name: value for name, value in values.items() if name in parameters})
     started = tuple(replace(v, start=values.get(v.name, v.start)) for v in fmu.inputs)
@@ -166,7 +175,15 @@ def _system(
             "The archive does not say at which step the loop runs.", where=where, next_step="Give step_size."
         )
     order = tuple(part for name in loop.order for part in (*before[name], name))
-    system = System({**components, **inserted}, tuple(connections), order, size, loop.delays, loop.jacobi)
+    if loop.algebraic_loops not in get_args(LoopTreatment):
+        raise InputError(
+            "The annotation of the loop treats algebraic loops in an unknown way.", where=where,
+            got=loop.algebraic_loops, valid=get_args(LoopTreatment),
+        )  # fmt: skip
+    system = System(
+        {**components, **inserted}, tuple(connections), order, size, loop.delays, loop.jacobi,
+        loop.every, loop.substeps, loop.after_step, cast(LoopTreatment, loop.algebraic_loops),
+    )  # fmt: skip
     return _with_roles(system, loop, where)
 
 
@@ -217,14 +234,11 @@ def _with_roles(system: System, loop: Loop, where: str) -> System:
         for owner, variable in loop.roles:
             if owner == name and variable not in known:
                 raise UnknownNameError("variable", variable, known, where=f"{where}, annotation of the loop")
-    return System(
-        {n: c.with_names(renamed(n, c.inputs), renamed(n, c.outputs)) for n, c in system.components.items()},
-        tuple(
+    return replace(
+        system,
+        components={n: c.with_names(renamed(n, c.inputs), renamed(n, c.outputs)) for n, c in system.components.items()},
+        connections=tuple(
             replace(c, source=roles.get(c.source, c.source), target=roles.get(c.target, c.target))
             for c in system.connections
         ),
-        system.order,
-        system.step_size,
-        system.delays,
-        system.jacobi,
     )

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 import fmu_didim
+from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.master import System
 from fmu_didim.ssp.compose import Part, Route
 from fmu_didim.ssp.document import FMU_TYPE, LOOP, LOOP_TYPE, SSC, SSD, SSV
@@ -87,9 +88,8 @@ def _stated(part: Part, variable: str, known: Mapping[str, Unit]) -> Unit | None
 def _component(
     elements: ET.Element, name: str, part: Part, source: str, binding: str | None, known: Mapping[str, Unit]
 ) -> None:
-    element = ET.SubElement(
-        elements, "ssd:Component", name=name, type=FMU_TYPE, source=source, implementation="CoSimulation"
-    )
+    kind = "ModelExchange" if part.fmu.interface.kind == MODEL_EXCHANGE else "CoSimulation"
+    element = ET.SubElement(elements, "ssd:Component", name=name, type=FMU_TYPE, source=source, implementation=kind)
     rows = [(v.name, "input", "Real", _stated(part, v.name, known)) for v in part.fmu.inputs]
     rows += [(v.name, "output", "Real", _stated(part, v.name, known)) for v in part.fmu.outputs]
     inputs = {v.name for v in part.fmu.inputs}
@@ -148,10 +148,21 @@ def _loop(top: ET.Element, system: System, parts: Mapping[str, Part]) -> None:
     loop = ET.SubElement(annotation, "loop", {"xmlns": LOOP, "step_size": _number(system.step_size)})
     if system.jacobi:
         loop.set("algorithm", "jacobi")
+    if system.algebraic_loops != "refuse":
+        loop.set("algebraic_loops", system.algebraic_loops)
     for name, part in parts.items():
         element = ET.SubElement(loop, "component", name=name)
         if system.delays.get(name):
             element.set("delay", _number(system.delays[name]))
+        for key, counts in (("every", system.every), ("substeps", system.substeps)):
+            if counts.get(name, 1) != 1:
+                element.set(key, str(counts[name]))
+        if part.fmu.interface.kind == MODEL_EXCHANGE:
+            element.set("solver", part.fmu.solver)
+            if part.fmu.substeps is not None:
+                element.set("solver_substeps", str(part.fmu.substeps))
+        if name in system.after_step:
+            element.set("after_step", "true")
         for variable, role in part.roles.items():
             ET.SubElement(element, "role", variable=variable, name=role)
 

@@ -1,0 +1,35 @@
+"""Tilt of the base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.structure import StructureEffect
+from fmu_didim.signals import Variable
+
+
+class BaseTilt(StructureEffect):
+    """Gravity in the frame of the base is Rx(tilt_x) Ry(tilt_y) g, with the angles in rad. Listed at joint 1."""
+
+    name = "base_tilt"
+    title = "Tilt of the base"
+    equation = "g -> Rx(tilt_x)*Ry(tilt_y)*g"
+    class_name = "base_tilt"
+    confounded_with = ("torque_offset", "spring")
+    signature = "Residual like gravity on all joints; that of a first vertical joint is taken for its MX and MY."
+    experiment = "A wide range of all joints, or a spirit level on the base."
+    source = "rotation of the gravity vector; Khalil and Dombre, Modeling, Identification and Control of Robots, ch. 9"
+    signed = frozenset({"tilt_x", "tilt_y"})
+    neutral: ClassVar[Mapping[str, float]] = {"tilt_x": 0.0, "tilt_y": 0.0}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tilt_x": (-3.2, 3.2), "tilt_y": (-3.2, 3.2)}
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (
+            Variable("tilt_x", "rad", "parameter", 0.0, "rotation of gravity about the x axis of the base"),
+            Variable("tilt_y", "rad", "parameter", 0.0, "rotation of gravity about the y axis of the base"),
+        )
+
+    def search(self, joint_type: JointType) -> Mapping[str, Search]:
+        return {name: Search(-0.1, 0.1, 3, logarithmic=False) for name in ("tilt_x", "tilt_y")}

@@ -1,0 +1,61 @@
+"""Friction of a motor shared by two wrist joints, as in TX40 models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import UNITS, Column, JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.steps import smoothing_velocity
+from fmu_didim.signals import Variable
+
+
+class CouplingFriction(TorqueEffect):
+    """tau_e on joint j: Fvm dq_k + Fcm s(dq_k); on the next joint k = j + 1: Fvm dq_j + Fcm s(dq_j).
+
+    Listed at joint j of the pair; s(dq) = tanh(dq/v0) with the v0 of joint j. The motor whose friction follows both
+    velocities at once is ``wrist_friction``.
+    """
+
+    name = "coupling_friction"
+    title = "Coupling friction between two joints"
+    equation = "joint j: Fvm*dq_k + Fcm*tanh(dq_k/v0); joint k = j+1: Fvm*dq_j + Fcm*tanh(dq_j/v0)"
+    class_name = "wrist coupling"
+    confounded_with = ("wrist_friction",)
+    signature = "Residual of one joint that follows the velocity of its neighbour."
+    experiment = "Move each of the two joints alone, then both in the same and in opposite directions."
+    source = (
+        "Leboutet, Roux, Janot, Guadarrama-Olvera, Cheng: Inertial parameter identification in robotics: a "
+        "survey, 2021 (BIRDy, TX40)"
+    )
+    needs = frozenset({"other joints"})
+    reach = 1
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (
+            Variable(
+                "Fvm",
+                UNITS[joint_type].viscous,
+                "parameter",
+                0.0,
+                "viscous friction by the velocity of the other joint",
+            ),
+            Variable(
+                "Fcm", UNITS[joint_type].torque, "parameter", 0.0, "Coulomb friction by the velocity of the other joint"
+            ),
+        )
+
+    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (smoothing_velocity(joint_type),)
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+        here, there = at.joint, at.joint + 1
+        own, other = at.all_dq[here], at.all_dq[there]
+        return (
+            {here: other, there: own},
+            {here: ca.tanh(other / shapes["v0"]), there: ca.tanh(own / shapes["v0"])},
+        )
+
+    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+        return ca.fabs(parameters["Fvm"]) + ca.fabs(parameters["Fcm"]) / shapes["v0"]

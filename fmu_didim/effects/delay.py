@@ -1,0 +1,60 @@
+"""Delay of the command of one joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import casadi as ca
+
+from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.signals import Variable
+
+LONGEST = 8
+"""Longest delay in control periods."""
+
+
+class Delay(SplicedEffect):
+    """tau(t) = command(t - delay), with the delay in s, from 0 to 8 control periods h.
+
+    For n = delay/h periods the mean over a period of the delayed, held command is
+
+        y[k] = sum_i w_i u[k - i],    w_i = max(0, 1 - |n - i|),    i = 0..8
+
+    Whole periods shift the command exactly; a fraction acts with its exact impulse. Longer delays act as 8 h.
+    """
+
+    name = "delay"
+    title = "Delay of the command"
+    equation = "tau(t) = command(t - delay)"
+    place = "drive"
+    class_name = "lag"
+    confounded_with = ("actuator_lag", "log_time_shift")
+    signature = "Residual proportional to the rate of change of the torque, the larger the faster the motion."
+    experiment = "A step of the command, or the same path at twice the speed with positions logged."
+    source = "held command of a sampled loop: Astrom and Wittenmark, Computer-Controlled Systems, section 2.3"
+    rank = 30
+    neutral: ClassVar[Mapping[str, float]] = {"delay": 0.0}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (0.0, 1.0)}
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (Variable("delay", "s", "parameter", 0.0, "delay of the command"),)
+
+    def search(self, joint_type: JointType) -> Mapping[str, Search]:
+        return {"delay": Search(5e-4, 0.032, 7)}
+
+    def state_count(self) -> int:
+        return LONGEST
+
+    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+        periods = values["delay"] / step
+        # c_i is how much of the command i + 1 periods ago has replaced that of i periods ago.
+        passed = [ca.SX(1), *(ca.fmin(ca.fmax(periods - i, 0), 1) for i in range(LONGEST)), ca.SX(0)]
+        result = (passed[0] - passed[1]) * u
+        for i in range(LONGEST):
+            result = result + (passed[i + 1] - passed[i + 2]) * x[i]
+        return result
+
+    def following(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+        return ca.vertcat(u, x[:-1])

@@ -1,0 +1,65 @@
+"""Change of the load of a link during the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import (
+    PAYLOAD,
+    Column,
+    JointType,
+    OperatingRange,
+    Search,
+    Surroundings,
+    TorqueEffect,
+)
+from fmu_didim.effects.steps import rise
+from fmu_didim.signals import Variable
+
+
+class PayloadChange(TorqueEffect):
+    """tau_e = r(t; t_load) (W_M dM + W_MX dMX + W_MY dMY + W_MZ dMZ): a mass joins the link around t = t_load.
+
+    W_p (n,) is the column of p in the rigid-body regressor of all joints; r(t; t1) = (1 + tanh((t - t1)/w_load))/2 with
+    the time t of the loop in s; dM in kg, the first moments in kg.m. The moments of inertia of the load about the
+    link's frame are left out. Listed at the joint that carries the load, as a rule the last one. A load that is there
+    all the time is part of the link and cannot be told from it.
+    """
+
+    name = "payload_change"
+    title = "Change of payload"
+    equation = "(t > t_load)*(W_M*dM + W_MX*dMX + W_MY*dMY + W_MZ*dMZ)"
+    class_name = "payload_change"
+    confounded_with = ("external_force",)
+    signature = "Residual like gravity and inertia on all joints below the load, from one instant on."
+    experiment = "Repeat the path with and without the load."
+    source = (
+        "Khalil, Gautier, Lemoine: Identification of the payload inertial parameters of industrial manipulators, "
+        "ICRA 2007"
+    )
+    needs = frozenset({"time", "other joints"})
+    signed = frozenset({"t_load"})
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return tuple(
+            Variable(f"d{name}", "kg" if name == "M" else "kg.m", "parameter", 0.0, f"change of {name} of the link")
+            for name in PAYLOAD
+        )
+
+    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (
+            Variable("t_load", "s", "parameter", 1.0, "instant at which the load changes"),
+            Variable("w_load", "s", "parameter", 0.02, "width of that step"),
+        )
+
+    def search(self, joint_type: JointType) -> Mapping[str, Search]:
+        return {"t_load": Search(0.0, 60.0, 121, logarithmic=False)}
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+        step = rise(at.time, shapes["t_load"], shapes["w_load"])
+        return tuple({i: step * at.link[name][i] for i in range(at.all_q.numel())} for name in PAYLOAD)
+
+    def own_rate(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+        return 1 / shapes["w_load"]

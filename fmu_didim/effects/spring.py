@@ -1,0 +1,32 @@
+"""Linear spring, stiffness of cables and hoses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.signals import Variable
+
+
+class Spring(TorqueEffect):
+    """tau_e = k q, with k in N.m/rad (N/m). A rest position q0 adds the constant -k q0: a ``torque_offset``."""
+
+    name = "spring"
+    title = "Spring or cable stiffness"
+    equation = "k*q"
+    class_name = "position-dependent load"
+    confounded_with = ("cubic_spring", "gravity_compensator", "torque_offset", "contact_stop", "contact_stop_lower")
+    signature = "Residual that grows with the position and does not depend on speed; gravity absorbs most of it."
+    experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
+    source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (Variable("k", UNITS[joint_type].stiffness, "parameter", 0.0, "stiffness"),)
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (at.q,)
+
+    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+        return ca.fabs(parameters["k"])

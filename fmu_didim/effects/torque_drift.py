@@ -1,0 +1,31 @@
+"""Torque offset that drifts with time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from fmu_didim.effects.base import JointType, Surroundings, TorqueEffect
+from fmu_didim.signals import Variable
+
+
+class TorqueDrift(TorqueEffect):
+    """tau_e = drift t, in N.m/s (N/s), with the time t of the loop: drift of the amplifier or of a sensor."""
+
+    name = "torque_drift"
+    title = "Drift of the torque offset"
+    equation = "drift*t"
+    class_name = "torque_drift"
+    confounded_with = ("thermal_friction_drift", "torque_offset")
+    signature = "Residual whose mean grows from one period of the same path to the next."
+    experiment = "Repeat the path many times; rest at the same position before and after."
+    source = "torque_offset (Gautier, Janot, Vandanjon: DIDIM, section 2), made a function of time"
+    needs = frozenset({"time"})
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        unit = "N.m/s" if joint_type == "revolute" else "N/s"
+        return (Variable("drift", unit, "parameter", 0.0, "drift of the torque offset"),)
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (at.time,)

@@ -1,0 +1,99 @@
+"""Command line.
+
+python -m tests.blind make FOLDER --seeds 20 --rates 100 20     make cases
+python -m tests.blind FOLDER --out FILE [--score]               run discovery on cases, and score it
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+# Several cases run at once: threads of the linear algebra would only get into each other's way.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tests.blind.campaign import PAIRS, make_campaign
+from tests.blind.harness import case_folders, evaluate, read_lines
+from tests.blind.score import read_truth, score, text
+from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0: done, and every bar is reached if scored; 1: a bar is missed; 2: wrong usage."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given[:1] == ["make"]:
+        return _make(given[1:])
+    parser = argparse.ArgumentParser(prog="python -m tests.blind", description="Run discovery on blind cases.")
+    parser.add_argument("folder", type=Path, help="folder of case folders")
+    parser.add_argument("--out", type=Path, required=True, help="file of JSON lines, one a case")
+    parser.add_argument("--work", type=Path, help="keep translated cases and results there")
+    parser.add_argument("--only", nargs="+", default=[], metavar="CASE", help="only these cases")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
+    parser.add_argument("--plant", choices=("model", "fmu"), default="model", help="how plant and controller run")
+    parser.add_argument("--score", action="store_true", help="compare with the truth afterwards")
+    parser.add_argument("--no-run", action="store_true", help="score the lines that --out already holds")
+    options = parser.parse_args(given)
+    try:
+        folders = case_folders(options.folder, options.only)
+    except FileNotFoundError as error:
+        parser.error(str(error))
+    if options.no_run:
+        lines = read_lines(options.out)
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            lines = evaluate(
+                folders, options.out, options.work or Path(scratch),
+                jobs=options.jobs, plant=options.plant, progress=_progress,
+            )  # fmt: skip
+    if not options.score:
+        return 0
+    truths = {folder.name: read_truth(folder) for folder in folders}
+    found = score([line for line in lines if line["case"] in truths], truths)
+    print(text(found))
+    return 0 if found.passed else 1
+
+
+def _make(given: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind make", description="Make blind cases.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seeds", type=int, default=20, help="cases of each effect (20)")
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--rates", type=int, nargs="+", default=[100, 20], help="torque rates in Hz (100 20)")
+    parser.add_argument("--effects", nargs="+", metavar="EFFECT", default=[*EFFECTS, *UNKNOWN, *PAIRS],
+                        help="effects, or two of them as one+other (all of them, and a choice of pairs)")  # fmt: skip
+    parser.add_argument(
+        "--level", type=float, default=2.0, help="gap after refitting the base, in noise deviations (2)"
+    )
+    parser.add_argument(
+        "--clean", type=int, default=20, help="cases that hide nothing, half of them without clutter (20)"
+    )
+    parser.add_argument("--robots", choices=("varied", "development"), default="varied")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args(given)
+    unknown = [e for name in options.effects for e in name.split("+") if e not in EFFECTS and e not in UNKNOWN]
+    if unknown:
+        parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join([*EFFECTS, *UNKNOWN])}")
+    count = make_campaign(
+        options.folder, options.effects, seeds=range(options.first_seed, options.first_seed + options.seeds),
+        rates=options.rates, level=options.level, clean=options.clean, robots=options.robots, jobs=options.jobs,
+    )  # fmt: skip
+    print(f"{count} cases in {options.folder}")
+    return 0
+
+
+def _progress(done: int, count: int, line: Mapping[str, Any]) -> None:
+    named = ", ".join(f"{f['effect']}@{f['joint']}" for f in line["findings"])
+    print(
+        f"{done}/{count} {line['case']}: {line['verdict']} {named} ({line['seconds']:.1f} s)",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,114 @@
+"""Runs discovery on folders of blind cases; it never opens what they hide."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from tests.blind.translate import CASE_FILE, translate
+
+Discover = Callable[[Path, Path], Mapping[str, Any]]
+"""(case file, folder for the results) -> verdict, findings and gap, as in ``findings.json``."""
+VERDICTS = ("nothing", "named", "named_with_remainder", "unknown")
+
+
+def project_discover(case: Path, out: Path) -> Mapping[str, Any]:
+    """The project's ``discover``; what it wrote to ``findings.json`` is what counts."""
+    from fmu_didim.workflow import discover  # not there while the method is under construction
+
+    discover(case, out)
+    found: Mapping[str, Any] = json.loads((out / "findings.json").read_text(encoding="utf-8"))
+    return found
+
+
+def case_folders(folder: Path, only: Sequence[str] = ()) -> list[Path]:
+    """The folders below ``folder`` that hold a case, by name.
+
+    Raises:
+        FileNotFoundError: there is none, or one of ``only`` is absent.
+    """
+    found = sorted(path.parent for path in folder.glob(f"*/{CASE_FILE}"))
+    missing = set(only) - {path.name for path in found}
+    if missing or not found:
+        raise FileNotFoundError(f"no case {', '.join(sorted(missing)) or '*'} in {folder}")
+    return [path for path in found if not only or path.name in only]
+
+
+def run_case(
+    folder: Path, work: Path, discover: Discover = project_discover, *, plant: str = "model"
+) -> dict[str, Any]:
+    """One case: translated, discovered, and reduced to its JSON line. A failure is a line with ``error``."""
+    begin = time.monotonic()
+    line: dict[str, Any] = {"case": folder.name}
+    try:
+        case = translate(folder, work / folder.name / "input", plant=plant)
+        line |= reduced(discover(case, work / folder.name / "result"))
+    except Exception as error:  # noqa: BLE001 - one bad case must not end the evaluation; it is counted as failed
+        line |= {"verdict": "error", "findings": [], "gap": {}, "error": f"{type(error).__name__}: {error}"}
+    line["seconds"] = round(time.monotonic() - begin, 3)
+    return line
+
+
+def reduced(found: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of the JSON line; raises ValueError where they do not have the agreed form."""
+    if found.get("verdict") not in VERDICTS:
+        raise ValueError(f"verdict {found.get('verdict')!r} is none of {', '.join(VERDICTS)}")
+    keys = ("effect", "class", "joint", "ambiguous")
+    findings = [{key: item.get(key) for key in keys} for item in found.get("findings", ())]
+    for item in findings:
+        if not isinstance(item["effect"], str):
+            raise ValueError(f"a finding without effect: {item}")
+    gap = found.get("gap", {})
+    return {
+        "verdict": found["verdict"],
+        "findings": findings,
+        "gap": {key: gap.get(key) for key in ("train", "test", "ratio_interval")},
+    }
+
+
+def evaluate(
+    folders: Sequence[Path],
+    out: Path,
+    work: Path,
+    discover: Discover = project_discover,
+    *,
+    jobs: int = 1,
+    plant: str = "model",
+    progress: Callable[[int, int, Mapping[str, Any]], None] = lambda done, count, line: None,
+) -> list[dict[str, Any]]:
+    """All cases; lines go to ``out`` as they come, sorted by case at the end.
+
+    Args:
+        jobs: processes; with more than one, ``discover`` must be importable.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    lines: list[dict[str, Any]] = []
+    with out.open("w", encoding="utf-8") as stream:
+
+        def note(line: dict[str, Any]) -> None:
+            lines.append(line)
+            stream.write(json.dumps(line) + "\n")
+            stream.flush()
+            progress(len(lines), len(folders), line)
+
+        if jobs == 1:
+            for folder in folders:
+                note(run_case(folder, work, discover, plant=plant))
+        else:
+            with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+                waiting = [pool.submit(run_case, folder, work, discover, plant=plant) for folder in folders]
+                for ready in as_completed(waiting):
+                    note(ready.result())
+    lines.sort(key=lambda line: line["case"])
+    out.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    return lines
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The lines of an earlier evaluation."""
+    return [json.loads(row) for row in path.read_text(encoding="utf-8").splitlines() if row.strip()]
