@@ -13,6 +13,7 @@ _HOMES = {
     "load_case": "fmu_didim.case",
     "identify": "fmu_didim.workflow",
     "simulate_case": "fmu_didim.workflow",
+    "discover": "fmu_didim.workflow",
     "export_ssp": "fmu_didim.workflow",
     "build_fmu": "fmu_didim.export",
     "load_fmu": "fmu_didim.components",

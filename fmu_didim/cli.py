@@ -49,6 +49,18 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
     two.add_argument("--experiment", default="train", choices=("train", "validation"), help="whose reference")
     two.set_defaults(run=_simulate)
+    found = commands.add_parser(
+        "discover", help="find, name and add the physical effects that the model lacks", description=_discover.__doc__
+    )
+    found.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file; its validation is held out")
+    found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
+    found.add_argument("--forbid", action="append", default=[], metavar="EFFECT", help="never propose this effect")
+    found.add_argument("--prefer", action="append", default=[], metavar="EFFECT", help="take it first where it fits")
+    found.add_argument("--effect", action="append", default=[], metavar="PACKAGE.MODULE:NAME", help="a further effect")
+    found.add_argument("--rounds", type=int, default=5, metavar="N", help="largest number of effects (5)")
+    found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
+    found.add_argument("--quiet", action="store_true", help="print the table only")
+    found.set_defaults(run=_discover)
     three = commands.add_parser(
         "export",
         help="build the FMU of a robot or controller description, or write the loop of a case as an SSP archive",
@@ -105,6 +117,30 @@ def _identify(options: argparse.Namespace) -> int:
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
     return 0 if outcome.document.status == "converged" else EXIT_NOT_SETTLED
+
+
+def _discover(options: argparse.Namespace) -> int:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink."""
+    from fmu_didim.report.discovery_table import discovery_table
+    from fmu_didim.workflow import discover
+
+    out = options.out or Path("results") / f"{_stem(options.case)}_discover"
+    started = time.perf_counter()
+
+    def progress(text: str) -> None:
+        _say(f"  {time.perf_counter() - started:6.1f} s  {text}")
+
+    say = _silent if options.quiet else progress
+    say(f"reading {options.case}")
+    document = discover(
+        options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
+        rounds=options.rounds, seed=options.seed, progress=say,
+    )  # fmt: skip
+    print()
+    print(discovery_table(document))
+    took = f"({time.perf_counter() - started:.1f} s)"
+    print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
+    return 0
 
 
 def _simulate(options: argparse.Namespace) -> int:

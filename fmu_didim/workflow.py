@@ -1,4 +1,4 @@
-"""The verbs of the Python API: identify and simulate a case."""
+"""The verbs of the Python API: identify, simulate and export a case; ``discover`` has a module of its own."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim import discovering
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import resolve
 from fmu_didim.case.document import ExperimentSource, SignalFile
+from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.documents import load_yaml
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Progress, no_progress
@@ -99,6 +101,12 @@ def identify(case: Case | Path | str, *, out: Path | str | None = None, progress
         if described is not None:
             write_robot(described, Path(out) / ROBOT_FILE)
     return Outcome(document, estimate, tuple(validations))
+
+
+def discover(case: Case | Path | str, out: Path | str | None = None, **options: Any) -> FindingsDocument:
+    """Find the physical effects that the model of a case lacks: see :func:`fmu_didim.discovering.discover`."""
+    case = case if isinstance(case, Case) else load_case(case)
+    return discovering.discover(case, out, files=_files(case), **options)
 
 
 def simulate_case(

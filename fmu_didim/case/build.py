@@ -44,7 +44,7 @@ class Case:
     """A case that is ready to run; made by :func:`load_case`.
 
     Attributes:
-        document: what the file says; folder: where it lies.
+        document: what the file says; path: the file; folder: where it lies.
         parameters: what is identified; plant, controller: the components; no controller where an archive gives the
             whole loop.
         base: that loop; step_size: communication step of the loop in s.
@@ -63,6 +63,7 @@ class Case:
     problem: Problem | None
     validation: Experiment | None
     estimator: Estimator
+    path: Path = Path()
 
     @property
     def name(self) -> str:
@@ -143,7 +144,7 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
 
     case = Case(
         document, folder, parameters, plant, controller, base, step,
-        problem=None, validation=None, estimator=make_estimator(document.estimator),
+        problem=None, validation=None, estimator=make_estimator(document.estimator), path=Path(path),
     )  # fmt: skip
     problem = None
     if require_torque:

@@ -19,11 +19,13 @@ VERDICTS = ("nothing", "named", "named_with_remainder", "unknown")
 
 def project_discover(case: Path, out: Path) -> Mapping[str, Any]:
     """The project's ``discover``; what it wrote to ``findings.json`` is what counts."""
-    from fmu_didim.workflow import discover  # not there while the method is under construction
+    from fmu_didim.workflow import discover
 
     discover(case, out)
-    found: Mapping[str, Any] = json.loads((out / "findings.json").read_text(encoding="utf-8"))
-    return found
+    found: dict[str, Any] = json.loads((out / "findings.json").read_text(encoding="utf-8"))
+    gap = {label: [pair["before"], pair["after"]] for label, pair in found["gap"].items()}
+    findings = [{**item, "ambiguous": [rival["effect"] for rival in item["ambiguous"]]} for item in found["findings"]]
+    return {**found, "findings": findings, "gap": {**gap, "ratio_interval": found["ratio_interval"]}}
 
 
 def case_folders(folder: Path, only: Sequence[str] = ()) -> list[Path]:

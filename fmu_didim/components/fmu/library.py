@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import os
+import threading
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -145,7 +146,11 @@ def load_library(description: FmuDescription, interface: Interface) -> Library:
     """
     file = library_file(description, interface)
     prefix = f"{interface.identifier}_fmi" if description.major == 1 else ""  # the functions of FMI 1.0 bear its name
-    return _load(file, description.major, interface.kind == CO_SIMULATION, prefix, str(description.path))
+    with _one_at_a_time:  # the working directory, which is changed for a moment, belongs to all threads
+        return _load(file, description.major, interface.kind == CO_SIMULATION, prefix, str(description.path))
+
+
+_one_at_a_time = threading.Lock()
 
 
 @lru_cache(maxsize=256)

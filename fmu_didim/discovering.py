@@ -1,0 +1,240 @@
+"""The verb ``discover``: a case in; what its model lacks and the augmented model out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fmu_didim.case import Case, load_case
+from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.findings import FindingsDocument, save_findings
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.loop_model import BASE, PLANT, LoopModel
+from fmu_didim.discovery.rounds import HELD_OUT, Options
+from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.run import discover as discover_problem
+from fmu_didim.documents import load_yaml
+from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.errors import InputError, SimulationError, UnknownNameError
+from fmu_didim.export import build_fmu
+from fmu_didim.identification.problem import Problem, predict_torque
+from fmu_didim.identification.provenance import provenance
+from fmu_didim.imports import import_object
+from fmu_didim.robot import RobotDescription, RobotModel, write_robot
+from fmu_didim.signals import trajectory, write_csv
+
+ROBOT_FILE = "robot_augmented.yaml"
+CASE_FILE = "case_augmented.yaml"
+_PATH_KEYS = ("robot", "source", "file", "system")
+
+
+def discover(
+    case: Case | Path | str,
+    out: Path | str | None = None,
+    *,
+    forbid: Sequence[str] = (),
+    prefer: Sequence[str] = (),
+    effects: Sequence[str] = (),
+    rounds: int = 5,
+    seed: int = 0,
+    files: Mapping[str, str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> FindingsDocument:
+    """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
+
+    Args:
+        case: a loaded case or the path of its file; its validation experiment is the held-out data.
+        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
+        forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
+        effects: further effects, ``package.module:Name``.
+        rounds: largest number of effects; seed: of the bootstrap.
+        files: name -> SHA-256 of the files of the case, for the provenance.
+        progress: called with a line about each piece of work.
+
+    Raises:
+        InputError, UnknownNameError: the case or a name is wrong; SimulationError: the base model cannot be simulated.
+    """
+    say = progress or (lambda text: None)
+    case = case if isinstance(case, Case) else load_case(case)
+    problem = case.problem
+    assert problem is not None
+    catalogue = _catalogue(effects)
+    for name in (*forbid, *prefer):
+        if name not in catalogue:
+            raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
+    held_out = None
+    if case.validation is not None:
+        held_out = replace(problem.on(case.validation), system=case.system(case.validation.reference))
+    description = _description(case)
+    record = provenance(problem, {"name": "discover"}, validation=case.validation, files=files or {})
+    found = discover_problem(
+        problem,
+        held_out,
+        description=description,
+        name=case.name,
+        effects=catalogue,
+        options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
+        provenance={**record, "loop": problem.system.describe()},
+        say=say,
+    )
+    return found.document if out is None else _saved(case, found, description, Path(out), say)
+
+
+def _catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
+    catalogue = dict(EFFECTS)
+    for name in further:
+        effect = import_object(name, where="effects")
+        effect = effect() if isinstance(effect, type) else effect
+        if not isinstance(effect, Effect):
+            raise InputError("This is no effect.", where=name, got=type(effect).__name__, valid="a class of Effect")
+        catalogue[name] = effect
+    return catalogue
+
+
+def _description(case: Case) -> RobotDescription | None:
+    """The robot, if the plant is built from it: to any other plant effects can only be added from outside."""
+    source = case.document.plant.source
+    if source is not None and not source.endswith((".yaml", ".yml")):
+        return None
+    model = getattr(case.parameters, "model", None)
+    return model.description if isinstance(model, RobotModel) else None
+
+
+def _saved(
+    case: Case, found: Found, description: RobotDescription | None, out: Path, say: Callable[[str], None]
+) -> FindingsDocument:
+    """Everything written to the folder, and the document that names it."""
+    from fmu_didim.report.discovery_page import write_discovery_report
+
+    out.mkdir(parents=True, exist_ok=True)
+    files = _write_signals(found, out)
+    notes = list(found.document.notes)
+    final = found.discovery.final
+    if final.model.additions:
+        say("writing the augmented model")
+        files |= _write_parts(found.workshop, final, out)
+        if description is not None:
+            files |= _write_robot(found.workshop, final, case, out)
+            notes.append(_rerun(out / CASE_FILE, final, found))
+    document = found.document.model_copy(update={"files": files, "notes": notes})
+    save_findings(document, out)
+    write_discovery_report(out)
+    return document
+
+
+def _write_signals(found: Found, out: Path) -> dict[str, str]:
+    files = {}
+    base, final = found.discovery.base, found.discovery.final
+    for label, run in final.model.runs.items():
+        experiment, joints = run.problem.experiment, range(1, final.model.joint_count + 1)
+        columns = {f"measured{j}": run.measured[:, j - 1] for j in joints}
+        for name, fit in (("base", base), ("final", final)):
+            torque = fit.model.torque(fit.values, label)
+            columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
+        columns |= _motion(final.model, final.values, label)
+        path = out / f"signals_{label}.csv"
+        write_csv(trajectory(experiment.time, columns), path)
+        files[f"signals_{label}"] = path.name
+    return files
+
+
+def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.ndarray]:
+    """Simulated positions and velocities at the tick before each sample."""
+    run = model.runs[label]
+    recording = model.record(values, label, all_ticks=True)
+    times = run.problem.experiment.time
+    place = np.clip(np.searchsorted(recording.time, times + 1e-9, side="right") - 1, 0, recording.time.size - 1)
+    result = {}
+    for name in ("q", "dq"):
+        for j in range(1, model.joint_count + 1):
+            signal = f"{run.problem.plant}.{name}{j}"
+            if signal in recording.applied:
+                result[f"{name}{j}"] = recording.applied[signal][place]
+    return result
+
+
+def augmented_robot(workshop: Workshop, fit: Fit) -> RobotDescription:
+    """The robot description with all effects found and the fitted values, wherever they act."""
+    described = workshop.described(fit.model.additions)
+    parameters = fit.model.runs["train"].problem.parameters
+    assert described is not None
+    values = _described_values(parameters.described(fit.values[: parameters.count]))
+    for knob, value in zip(fit.model.knobs, fit.values, strict=True):
+        if knob.owner == PLANT:
+            values[knob.key] = float(value)
+        elif knob.owner != BASE and knob.effect is not None:
+            values[f"{knob.key}_{fit.model.additions[knob.effect].joint}"] = float(value)
+    return described.with_values(values)
+
+
+def _described_values(robot: RobotDescription | None) -> dict[str, float]:
+    assert robot is not None
+    return {v.name: v.start for v in (*robot.standard_parameters(), *robot.shape_parameters())}
+
+
+def _write_robot(workshop: Workshop, fit: Fit, case: Case, out: Path) -> dict[str, str]:
+    robot = augmented_robot(workshop, fit)
+    write_robot(robot, out / ROBOT_FILE)
+    fmu = build_fmu(RobotModel(robot).block(), directory=out)
+    document = _relocated(load_yaml(case.path), case.folder, out)
+    document["robot"] = ROBOT_FILE
+    document["plant"] = {"kind": "fmu"}
+    (out / CASE_FILE).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
+
+
+def _relocated(content: Any, old: Path, new: Path) -> Any:
+    """A case document whose relative paths are seen from another folder."""
+    if isinstance(content, list):
+        return [_relocated(item, old, new) for item in content]
+    if not isinstance(content, dict):
+        return content
+    result = {}
+    for key, value in content.items():
+        is_file = key in _PATH_KEYS and isinstance(value, str) and (old / value).is_file()
+        result[key] = os.path.relpath(old / value, new) if is_file else _relocated(value, old, new)
+    return result
+
+
+def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
+    """The FMUs of the effects that stand in the wiring, with their values."""
+    files = {}
+    step = fit.model.runs["train"].system.step_size
+    for index, addition in enumerate(fit.model.additions):
+        effect = workshop.effect(addition)
+        if not isinstance(effect, SplicedEffect):
+            continue
+        block = effect.block(workshop.joint_type(addition.joint), step)  # type: ignore[arg-type]
+        values = {k.key: float(v) for k, v in zip(fit.model.knobs, fit.values, strict=True) if k.effect == index}
+        name = f"{addition.effect}{addition.joint}"
+        path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
+        files[f"part_{name}"] = path.name
+    return files
+
+
+def _rerun(path: Path, final: Fit, found: Found) -> str:
+    """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
+    case = load_case(path)
+    assert case.problem is not None
+    runs: dict[str, Problem] = {"train": case.problem}
+    if case.validation is not None:
+        runs[HELD_OUT] = replace(case.problem.on(case.validation), system=case.system(case.validation.reference))
+    worst = 0.0
+    for label, problem in runs.items():
+        try:
+            torque = predict_torque(problem, problem.parameters.nominal())[0]
+        except SimulationError as error:
+            return f"The augmented FMU could not be run on {label}: {error}"
+        wanted = final.model.torque(final.values, label)
+        worst = max(worst, float(np.abs(torque - wanted).max() / np.abs(wanted).max()))
+    return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
+
+
+__all__ = ["augmented_robot", "discover"]

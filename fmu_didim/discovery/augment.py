@@ -1,0 +1,259 @@
+"""Effects put into a loop: into the torque balance of the plant, or as a component into the wiring.
+
+A model is always built anew from the base and the list of its effects, so that an effect is as easily taken
+out again as it is put in.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fmu_didim.components import Component, ModelComponent
+from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.discovery.loop_model import PLANT, Addition, Knob, LoopModel, Run
+from fmu_didim.effects import EFFECTS, Effect, Search
+from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.errors import InputError
+from fmu_didim.master import logged_torque, splice_effect
+from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.signals import Variable
+
+WINDOW_EDGES = 24
+"""Number of begins and ends of a force window that are tried."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An effect with the values from which it is fitted.
+
+    Attributes:
+        addition: effect and joint.
+        values: start value of each of its free parameters, by the plain name (``Fs``, ``vs``).
+        scales: size of a noticeable change of them; the value itself where absent.
+    """
+
+    addition: Addition
+    values: Mapping[str, float]
+    scales: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Range:
+    """Where the reference of one joint goes: positions, speeds, times, and the way of one control period."""
+
+    lowest: float
+    highest: float
+    speed: float
+    way: float
+    begin: float
+    end: float
+
+    def adapted(self, search: Search, unit: str) -> Search:
+        if search.logarithmic:
+            floor = {"rad": 0.1 * self.way, "m": 0.1 * self.way, "rad/s": 0.003 * self.speed, "m/s": 0.003 * self.speed}
+            low = max(search.lowest, floor.get(unit, 0.0))
+            return replace(search, lowest=low, highest=max(search.highest, 2 * low))
+        if unit in ("rad", "m"):
+            room = 0.02 * (self.highest - self.lowest)
+            return replace(search, lowest=self.lowest + room, highest=self.highest - room)
+        if unit == "s":
+            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, WINDOW_EDGES))
+        return search
+
+
+def _range(base: LoopModel, joint: int) -> _Range:
+    reference = base.runs["train"].problem.experiment.reference
+    step = float(reference.time[1] - reference.time[0])
+    name = f"q{joint}"
+    q = reference.select([name])[:, 0] if name in reference.names else np.zeros(reference.time.size)
+    speed = np.abs(np.gradient(q, step))
+    way = float(np.sqrt(np.mean(speed**2))) * step
+    begin, end = float(reference.time[0]), float(reference.time[-1])
+    return _Range(float(q.min()), float(q.max()), float(speed.max()), way, begin, end)
+
+
+class Workshop:
+    """Builds loop models with effects; keeps the plants it has compiled.
+
+    Args:
+        base: the loop without added effects.
+        description: the robot, None for a black-box plant, which then gets effects through its wiring.
+        effects: the catalogue by name.
+    """
+
+    def __init__(
+        self,
+        base: LoopModel,
+        description: RobotDescription | None,
+        effects: Mapping[str, Effect] = EFFECTS,
+        *,
+        substeps: int | None = None,
+    ) -> None:
+        self.base, self.description, self.effects = base, description, effects
+        self._substeps = substeps
+        self._plants: dict[tuple[Addition, ...], Component] = {}
+        self._lock = threading.Lock()
+        self._ranges = [_range(base, j) for j in range(1, base.joint_count + 1)]
+
+    def effect(self, addition: Addition) -> Effect:
+        """The effect of an addition."""
+        return self.effects[addition.effect]
+
+    def joint_type(self, joint: int) -> str:
+        """Type of a joint, counted from 1."""
+        if self.description is not None:
+            return self.description.joints[joint - 1].type
+        unit = self.base.runs["train"].problem.parameters.torque_units[joint - 1]
+        return "prismatic" if unit == "N" else "revolute"
+
+    def search(self, addition: Addition) -> dict[str, Search]:
+        """The searched parameters of an effect, their grids moved to where the reference goes and the data can tell."""
+        effect, kind = self.effect(addition), self.joint_type(addition.joint)
+        units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}  # type: ignore[arg-type]
+        within = self._ranges[addition.joint - 1]
+        return {name: within.adapted(s, units[name]) for name, s in effect.search(kind).items()}  # type: ignore[arg-type]
+
+    def free_parameters(self, addition: Addition) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+        """Amplitudes and searched shapes of an effect, by their plain names."""
+        effect, kind = self.effect(addition), self.joint_type(addition.joint)
+        searched = self.search(addition)
+        shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)  # type: ignore[arg-type]
+        amplitudes = effect.parameters(kind)  # type: ignore[arg-type]
+        if isinstance(effect, NonlinearEffect):
+            amplitudes = tuple(v for v in amplitudes if v.name in searched)
+        return amplitudes, shapes
+
+    def cost(self, addition: Addition) -> float:
+        """Parameters that an effect counts as when models are compared."""
+        amplitudes, _ = self.free_parameters(addition)
+        search = self.search(addition)
+        return sum(1.0 for v in amplitudes if v.name not in search) + sum(s.cost for s in search.values())
+
+    def build(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
+        """``model`` with further effects, which start at the values proposed.
+
+        Raises:
+            InputError: an effect cannot be added to this plant.
+        """
+        additions = (*model.additions, *(p.addition for p in proposals))
+        knobs = list(model.knobs)
+        for index, proposal in enumerate(proposals, start=len(model.additions)):
+            known = {knob.name for knob in knobs}
+            knobs += [k for k in self._knobs(proposal, index) if k.name not in known]
+        plant = self._plant(additions)
+        offered = {v.name for v in plant.parameters}
+        knobs = [k for k in knobs if k.owner != PLANT or k.key in offered]
+        runs, logged = self._wired(additions)
+        return replace(model, plant=plant, runs=runs, logged=logged, knobs=tuple(knobs), additions=additions)
+
+    def without(self, model: LoopModel, index: int) -> LoopModel:
+        """A model without one of its effects; its other knobs keep their values."""
+        additions = tuple(a for i, a in enumerate(model.additions) if i != index)
+        knobs = tuple(
+            replace(k, effect=k.effect - 1 if k.effect is not None and k.effect > index else k.effect)
+            for k in model.knobs
+            if k.effect != index
+        )
+        runs, logged = self._wired(additions)
+        return replace(model, plant=self._plant(additions), runs=runs, logged=logged, knobs=knobs, additions=additions)
+
+    def described(self, additions: Sequence[Addition]) -> RobotDescription | None:
+        """The robot description with all effects, wherever they act."""
+        if self.description is None:
+            return None
+        return self._description(additions)
+
+    def _knobs(self, proposal: Proposal, index: int) -> list[Knob]:
+        addition = proposal.addition
+        effect = self.effect(addition)
+        amplitudes, shapes = self.free_parameters(addition)
+        search = self.search(addition)
+        spliced, nonlinear = self.is_spliced(addition), isinstance(effect, NonlinearEffect)
+        owner = splice_name(addition) if spliced else PLANT
+        knobs = []
+        for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
+            as_shape = is_shape or nonlinear
+            name = f"{variable.name}_{addition.joint}" if as_shape else f"{variable.name}{addition.joint}"
+            value = proposal.values.get(variable.name, variable.start)
+            low, high = -np.inf, np.inf
+            if isinstance(effect, NonlinearEffect):
+                low, high = effect.limits.get(variable.name, (low, high))
+            elif is_shape:
+                low, high = shape_limits(search[variable.name], variable.name in effect.signed)
+            knobs.append(
+                Knob(
+                    name=name,
+                    unit=variable.unit,
+                    owner=owner,
+                    key=variable.name if spliced else name,
+                    value=float(value),
+                    scale=float(abs(proposal.scales.get(variable.name, value)) or 1e-3),
+                    lowest=float(low),
+                    highest=float(high),
+                    effect=index,
+                    is_shape=is_shape,
+                )
+            )
+        return knobs
+
+    def is_spliced(self, addition: Addition) -> bool:
+        """Whether an effect is a component of its own in the wiring."""
+        return isinstance(self.effect(addition), SplicedEffect)
+
+    def _plant(self, additions: Sequence[Addition]) -> Component:
+        inner = tuple(a for a in additions if not self.is_spliced(a) and self.effect(a).place != "measurement")
+        if not inner:
+            return self.base.plant
+        if self.description is None:
+            raise InputError("This plant has no robot description, so nothing can be added to its torque balance.")
+        with self._lock:
+            known = self._plants.get(inner)
+        if known is None:
+            block = RobotModel(self._description(inner)).block()
+            component: Component = with_compiled_twin(ModelComponent(block))
+            if self._substeps is not None:
+                component = component.with_substeps(self._substeps) or component
+            with self._lock:
+                known = self._plants.setdefault(inner, component)
+        return known
+
+    def _description(self, additions: Sequence[Addition]) -> RobotDescription:
+        assert self.description is not None
+        joints = list(self.description.joints)
+        for addition in additions:
+            joint = joints[addition.joint - 1]
+            if addition.effect not in joint.effects:
+                joints[addition.joint - 1] = joint.model_copy(update={"effects": (*joint.effects, addition.effect)})
+        return self.description.model_copy(update={"joints": tuple(joints)})
+
+    def _wired(self, additions: Sequence[Addition]) -> tuple[dict[str, Run], tuple[str, ...]]:
+        """The experiments with all splices in their wiring, and the signals that are logged."""
+        runs, joints = dict(self.base.runs), range(1, self.base.joint_count + 1)
+        plant = runs["train"].problem.plant
+        for addition in additions:
+            effect, kind = self.effect(addition), self.joint_type(addition.joint)
+            if isinstance(effect, SplicedEffect):
+                runs = {
+                    label: replace(run, system=splice_effect(run.system, effect, addition.joint, kind, plant=plant))  # type: ignore[arg-type]
+                    for label, run in runs.items()
+                }
+        return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
+
+
+def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
+    """How far a fit may take a shape beyond the grid on which it was found."""
+    if search.logarithmic and not signed:
+        return search.lowest / 3, search.highest * 3
+    room = 0.5 * (search.highest - search.lowest)
+    low = search.lowest - room
+    return (low if signed else max(low, 1e-9 * search.highest)), search.highest + room
+
+
+def splice_name(addition: Addition) -> str:
+    """Name of the component of an effect in the wiring."""
+    return f"{addition.effect}{addition.joint}"

@@ -1,0 +1,190 @@
+"""The competition: every candidate is screened by its signature, the best are fitted in the closed loop.
+
+Screening projects the base out of each signature: only what the present model cannot absorb counts.
+
+    gain = |Q_c' r|^2 - cost log(N f),   Q_c = orthonormal basis of (I - Q Q') C,   Q of the sensitivities of the model
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.gap import colour, delta_bic, explained
+from fmu_didim.discovery.library import Library, Signature
+from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.errors import SimulationError
+from fmu_didim.signals import Array
+
+SHORTLIST = 6
+SURVIVING = 1e-3
+"""Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate at its best shapes.
+
+    Attributes:
+        signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
+        surviving: part of the norm of the signature that the base cannot absorb.
+    """
+
+    signature: Signature
+    coefficients: Array
+    gain: float
+    surviving: float
+
+    @property
+    def addition(self) -> Addition:
+        return self.signature.addition
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A candidate fitted in the closed loop.
+
+    Attributes:
+        addition: effect and joint; fit: of the model with it; delta_bic: over the model without.
+        size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
+        raw_size: how much it changes the torque when it is switched off and nothing else changes, in the same units.
+    """
+
+    addition: Addition
+    fit: Fit
+    delta_bic: float
+    size: float
+    share: float
+    raw_size: float
+
+
+class Basis:
+    """Orthonormal basis of the weighted sensitivities of a model, and its weighted residual."""
+
+    def __init__(self, fit: Fit, noise: Noise) -> None:
+        # The residual's own colour, so that repeatable model error does not count as so many independent samples.
+        self.weight = np.sqrt(colour(fit.residual)) / np.maximum(
+            noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * 0.5
+        )
+        table = (fit.jacobian * self.weight[:, None]).reshape(-1, fit.jacobian.shape[2])
+        scale = np.linalg.norm(table, axis=0)
+        q, r = np.linalg.qr(table[:, scale > 0] / scale[scale > 0])
+        self.q = q[:, np.abs(np.diag(r)) > 1e-10]
+        self.residual = self.project((fit.residual * self.weight).ravel())
+        self.count = float(np.sum(colour(fit.residual)) * fit.residual.shape[0])
+
+    def project(self, table: Array) -> Array:
+        """The part of the columns that the model cannot absorb."""
+        return np.asarray(table - self.q @ (self.q.T @ table))
+
+    def weighted(self, columns: Array) -> Array:
+        """(N, n, m) columns weighted and flattened, (N n, m)."""
+        return np.asarray((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
+
+
+def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list[Screened]:
+    """All candidates that are not in the model yet, each at its best shapes, the best first."""
+    basis = Basis(fit, noise)
+    best: dict[Addition, Screened] = {}
+    for signature in library:
+        if signature.addition in fit.model.additions:
+            continue
+        table = basis.weighted(signature.columns)
+        rest = basis.project(table)
+        size = float(np.linalg.norm(table))
+        surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
+        if surviving < SURVIVING:
+            continue
+        coefficients = np.asarray(np.linalg.lstsq(rest, basis.residual, rcond=1e-8)[0], dtype=float)
+        gain = float(np.sum((rest @ coefficients) ** 2)) - workshop.cost(signature.addition) * np.log(basis.count)
+        known = best.get(signature.addition)
+        if known is None or gain > known.gain:
+            best[signature.addition] = Screened(signature, coefficients, gain, surviving)
+    return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
+    """The candidates worth a closed-loop fit: the best ones, and the best of each class near them."""
+    worth = [s for s in screened if s.gain > 0]
+    if not worth:
+        return []
+    chosen = worth[:size]
+    classes = {(workshop.effect(s.addition).class_name, s.addition.joint) for s in chosen}
+    for s in worth[size:]:
+        key = (workshop.effect(s.addition).class_name, s.addition.joint)
+        if key not in classes and s.gain > 0.3 * worth[0].gain:
+            chosen.append(s)
+            classes.add(key)
+    return chosen
+
+
+def contend(
+    chosen: Sequence[Screened], workshop: Workshop, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
+) -> list[Contender]:
+    """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
+
+    best = [np.inf]
+
+    def one(candidate: Screened) -> Contender | None:
+        found = refit(candidate.signature.proposal(candidate.coefficients), workshop, fit, noise, hopeless=best[0])
+        if found is None:
+            return None
+        best[0] = min(best[0], found.chi_square)
+        result = contender(candidate.addition, found, workshop, fit, noise)
+        progress(
+            f"{candidate.addition.effect} on joint {candidate.addition.joint}: BIC difference {result.delta_bic:.0f}"
+        )
+        return result
+
+    with ThreadPoolExecutor(fit.model.workers) as threads:
+        results = list(threads.map(one, chosen))
+    return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
+
+
+def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:
+    """What a fit with one more effect is worth."""
+    gain = delta_bic(fit.residual, found.residual, workshop.cost(addition), noise)
+    size, share = explained(fit.residual, found.residual, noise)
+    without = workshop.without(found.model, found.model.additions.index(addition))
+    try:
+        change = found.torque - without.torque(without.start)
+        raw = float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
+    except SimulationError:
+        raw = np.inf  # the loop cannot even be run without it
+    return Contender(
+        addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw
+    )
+
+
+def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf) -> Fit | None:
+    """The model of a fit with one more effect, fitted; None if no start of it can be simulated."""
+    neutral = getattr(workshop.effect(proposal.addition), "neutral", {})
+    for part in (1.0, 0.3, 0.03):
+        values = dict(proposal.values)
+        for name in (v.name for v in workshop.free_parameters(proposal.addition)[0]):
+            off = neutral.get(name, 0.0)
+            if np.isfinite(off):
+                values[name] = off + part * (values[name] - off)
+            else:  # a stiffness, with nothing there when it is infinite
+                values[name] = values[name] / part
+        model = workshop.build(fit.model, [Proposal(proposal.addition, values, proposal.scales)])
+        if len(model.knobs) == len(fit.model.knobs):
+            return None  # all its parameters belong to effects that are there already
+        low, high = model.limits
+        start = np.clip(model.start, low, high)
+        model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
+        try:
+            torque = model.torque(start)
+            added = list(range(len(fit.model.knobs), len(model.knobs)))
+            slopes = model.sensitivity(start, torque, only=added)
+        except SimulationError:
+            continue
+        jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
+        return minimise(model, noise, jacobian=jacobian, torque=torque, renew=1, hopeless=hopeless)
+    return None

@@ -1,0 +1,157 @@
+"""The saved result of a discovery: ``findings.json``; its models are the schema of the file."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from fmu_didim.errors import InputError
+
+FINDINGS_FILE = "findings.json"
+Verdict = Literal["nothing", "named", "named_with_remainder", "unknown"]
+VERDICT_TEXT: dict[str, str] = {
+    "nothing": "nothing that matters is missing in the model",
+    "named": "the missing effects are named",
+    "named_with_remainder": "effects are named, part of the gap remains",
+    "unknown": "something is missing that no effect of the catalogue explains",
+}
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Number = Annotated[float | None, BeforeValidator(_finite_or_none)]
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class ValueFound(_Document):
+    """A parameter with its 95 % interval."""
+
+    name: str
+    unit: str
+    value: float
+    std: Number
+    interval: tuple[Number, Number]
+
+
+class Rival(_Document):
+    """Another effect that may stand for the same gap."""
+
+    effect: str
+    title: str
+    joint: int
+    bic_behind: Number = Field(description="BIC difference to the best; null: same class, not fitted on its own")
+
+
+class GapPair(_Document):
+    """Gap before and after, in units of the noise, over all joints and of each joint."""
+
+    before: Number
+    after: Number
+    before_per_joint: list[Number]
+    after_per_joint: list[Number]
+
+
+class FindingResult(_Document):
+    """One named effect."""
+
+    effect: str
+    title: str
+    class_: str = Field(alias="class")
+    joint: int = Field(description="from 1")
+    place: str
+    equation: str
+    parameters: list[ValueFound]
+    share_of_gap: float
+    delta_bic: float
+    ambiguous: list[Rival]
+    experiment: str = Field(description="what would split it from the ambiguous ones")
+    gap: dict[str, GapPair] = Field(description="keys: train, test")
+    ratio_interval: tuple[Number, Number] | None = Field(description="95 % interval of the held-out RMS ratio")
+
+
+class RegionResult(_Document):
+    """Where the residual of the base model has a mean of its own."""
+
+    joint: int
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    mean: float
+    share_of_gap: float
+    p_value: float
+
+
+class WindowResult(_Document):
+    """An interval of time with a torque of its own."""
+
+    joint: int
+    begin_s: float
+    end_s: float
+    torque: float
+    score: float
+    experiment: str
+
+
+class NoiseResult(_Document):
+    """Noise of the torque log."""
+
+    source: str
+    std: list[float]
+    correlation: list[float]
+    period_s: Number
+    periods: int
+
+
+class FindingsDocument(_Document):
+    """The content of ``findings.json``."""
+
+    schema_version: Literal[1] = 1
+    name: str
+    verdict: Verdict
+    text: str
+    findings: list[FindingResult]
+    gap: dict[str, GapPair] = Field(description="base model and final model; keys: train, test")
+    error_percent: dict[str, tuple[Number, Number]] = Field(description="relative torque error before and after")
+    ratio_interval: tuple[Number, Number] | None
+    noise: NoiseResult
+    regions: list[RegionResult]
+    windows: list[WindowResult]
+    refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")
+    base_parameters: list[ValueFound]
+    torque_unit: list[str]
+    seconds: float
+    notes: list[str]
+    files: dict[str, str] = Field(description="what was written beside this file")
+    provenance: dict[str, Any]
+
+
+def findings_schema() -> dict[str, Any]:
+    """JSON Schema of ``findings.json``."""
+    return FindingsDocument.model_json_schema(by_alias=True)
+
+
+def save_findings(document: FindingsDocument, folder: Path) -> Path:
+    """Write ``findings.json``."""
+    path = folder / FINDINGS_FILE
+    path.write_text(document.model_dump_json(indent=1, by_alias=True), encoding="utf-8")
+    return path
+
+
+def load_findings(path: Path | str) -> FindingsDocument:
+    """Read ``findings.json`` or its folder; raises InputError if it is none."""
+    path = Path(path)
+    path = path / FINDINGS_FILE if path.is_dir() else path
+    try:
+        return FindingsDocument.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, ValidationError) as error:
+        raise InputError("This is no saved discovery.", where=str(path), got=str(error)[:500]) from error

@@ -1,0 +1,200 @@
+"""The signatures of the whole catalogue on one simulated motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
+from fmu_didim.effects import Effect, Search, TorqueEffect
+from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.errors import SimulationError
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array, Variable
+
+GRID_LIMIT = 400
+"""Largest number of shapes tried of one effect; a finer grid is thinned."""
+LARGEST = 1e12
+"""A column larger than this comes from states that the offline integration could not follow."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What an effect would add to the torque at the samples.
+
+    Attributes:
+        addition: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
+        columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
+        neutral: value of each amplitude with which nothing is there.
+        inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
+    """
+
+    addition: Addition
+    shapes: Mapping[str, float]
+    amplitudes: tuple[str, ...]
+    columns: Array
+    neutral: Mapping[str, float]
+    inverse: bool = False
+
+    def proposal(self, coefficients: Array) -> Proposal:
+        """Start values of a fit, from the coefficients of the columns."""
+        if self.inverse:
+            stiffness = {n: 1 / max(abs(float(c)), 1e-12) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+            return Proposal(self.addition, {**self.shapes, **stiffness})
+        found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+        scales = {n: abs(float(c)) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+        return Proposal(self.addition, {**self.shapes, **found}, scales)
+
+
+class Library:
+    """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added."""
+
+    def __init__(self, workshop: Workshop, fit: Fit, *, candidates: Sequence[Addition]) -> None:
+        self.workshop, self._fit = workshop, fit
+        self._operator = fit.model.runs["train"].operator
+        self._signatures: list[Signature] = []
+        self.motion = simulated_motion(workshop, fit)
+        for addition in candidates:
+            self._signatures += list(self._make(addition))
+
+    def __iter__(self) -> Iterator[Signature]:
+        return iter(self._signatures)
+
+    def _make(self, addition: Addition) -> Iterator[Signature]:
+        effect = self.workshop.effect(addition)
+        if isinstance(effect, NonlinearEffect):
+            if isinstance(effect, SplicedEffect) or self.motion is not None:
+                yield from self._by_simulation(addition, effect)
+        elif isinstance(effect, TorqueEffect) and self.motion is not None:
+            yield from self._by_regressor(addition, effect, self.motion)
+
+    def _by_regressor(self, addition: Addition, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
+        description = self.workshop.description
+        assert description is not None
+        joint = addition.joint - 1
+        if joint + effect.reach >= len(description.joints):
+            return
+        kind = description.joints[joint].type
+        defaults = self._defaults(addition, effect)
+        made = TorqueSignature(effect, joint, tuple(j.type for j in description.joints), tuple(defaults))
+        names = tuple(v.name for v in effect.parameters(kind))
+        search = self.workshop.search(addition)
+        at_samples = _at(motion, self._operator.ticks)
+        for shapes in _thinned(search, defaults):
+            states = made.states(motion, shapes)[self._operator.ticks] if made.has_states else None
+            columns = self._operator.apply(made.columns(at_samples, shapes, states))
+            if 0 < np.abs(columns).max() < LARGEST:
+                yield Signature(addition, shapes, names, columns, {})
+
+    def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
+        """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
+        kind = self.workshop.joint_type(addition.joint)
+        present = {knob.name: knob.value for knob in self._fit.model.knobs}
+        return {v.name: present.get(f"{v.name}_{addition.joint}", v.start) for v in effect.shapes(kind)}  # type: ignore[arg-type]
+
+    def _by_simulation(self, addition: Addition, effect: NonlinearEffect) -> Iterator[Signature]:
+        """Difference of two closed-loop simulations for each of a few values of each parameter."""
+        amplitudes, shapes = self.workshop.free_parameters(addition)
+        searched = self.workshop.search(addition)
+        size = float(np.sqrt(np.mean(self._fit.torque[:, addition.joint - 1] ** 2)))
+        at = {v.name: _middle(searched[v.name]) for v in shapes}
+        tried: list[tuple[str, float, float]] = []
+        for variable in amplitudes:
+            off = effect.neutral.get(variable.name, 0.0)
+            for value in _trials(variable, searched[variable.name], size, off)[: 2 if len(amplitudes) == 1 else 1]:
+                # A stiffness is nothing when it is infinite: its inverse is the amplitude.
+                tried.append((variable.name, value, value - off if np.isfinite(off) else 1 / value))
+        start = {n: v for n, v in effect.neutral.items() if np.isfinite(v)} | at
+        tasks = [self._task(addition, {**start, name: value}) for name, value, _ in tried]
+        differences = self._fit.model.side_by_side(tasks)
+        columns = [d / change for d, (_, _, change) in zip(differences, tried, strict=True)]
+        inverse = not all(np.isfinite(effect.neutral.get(v.name, 0.0)) for v in amplitudes)
+        neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
+        if len(amplitudes) == 1:
+            for column in columns:
+                if np.abs(column).max() > 0:
+                    yield Signature(addition, at, (amplitudes[0].name,), column[:, :, None], neutral, inverse)
+        elif all(np.abs(column).max() > 0 for column in columns):
+            names = tuple(v.name for v in amplitudes)
+            yield Signature(addition, at, names, np.stack(columns, axis=2), neutral, inverse)
+
+    def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
+        def difference() -> Array:
+            model = self.workshop.build(self._fit.model, [Proposal(addition, values)])
+            try:
+                return model.torque(model.start) - self._fit.torque
+            except SimulationError:
+                return np.zeros_like(self._fit.torque)
+
+        return difference
+
+
+def _middle(search: Search) -> float:
+    both = (search.lowest, search.highest)
+    return float(np.sqrt(both[0] * both[1]) if search.logarithmic else np.mean(both))
+
+
+def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
+    """Values of a parameter to try: a smaller and a larger one."""
+    if variable.unit in ("N.m", "N"):
+        values = [0.03 * size, 0.2 * size]
+    elif search.logarithmic:
+        values = [search.lowest * (search.highest / search.lowest) ** part for part in (0.35, 0.75)]
+    else:
+        values = [search.lowest + 0.75 * (search.highest - search.lowest)]
+    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > 1e-9]
+    return apart or [search.highest]
+
+
+def _thinned(search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
+    grid = list(search_grid(search, defaults))
+    names = list(search)
+    if len(names) == 2 and {"t_on", "t_off"} == set(names):  # a window ends after it begins
+        grid = [g for g in grid if g["t_off"] > g["t_on"]]
+    if len(grid) > GRID_LIMIT:
+        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
+    return grid
+
+
+def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
+    return replace(
+        motion,
+        time=motion.time[ticks],
+        q=motion.q[ticks],
+        dq=motion.dq[ticks],
+        ddq=motion.ddq[ticks],
+        torque=motion.torque[ticks],
+        load=motion.load[ticks],
+        links={j: table[ticks] for j, table in motion.links.items()},
+    )
+
+
+def _chi(workshop: Workshop, fit: Fit) -> Array:
+    """Standard parameters of the base robot at the values of a fit."""
+    assert workshop.description is not None
+    model = RobotModel(workshop.description)
+    parameters = fit.model.runs["train"].problem.parameters
+    values = parameters.values(fit.values[: parameters.count])
+    return np.array([values.get(v.name, v.start) for v in model.parameters])
+
+
+def simulated_motion(workshop: Workshop, fit: Fit) -> Motion | None:
+    """The simulated motion at all ticks; None without a robot description."""
+    if workshop.description is None:
+        return None
+    run = fit.model.runs["train"]
+    recording = fit.model.record(fit.values, all_ticks=True)
+    joints = range(1, fit.model.joint_count + 1)
+    q, dq, ddq = (recording.table([f"{run.problem.plant}.{name}{j}" for j in joints]) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in fit.model.logged])
+    return motion_of(RobotModel(workshop.description), _chi(workshop, fit), recording.time, q, dq, ddq, torque)
+
+
+__all__ = ["Library", "Signature"]

@@ -1,0 +1,160 @@
+"""How noisy the torque is, and how much of it repeats: known before any model.
+
+A motion that repeats shows both: the difference of two periods is noise, their mean repeats. Without
+repetition the noise is what is left in the residual of a model above the frequencies of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.signals import Array, Trajectory
+
+REPEATS_WITHIN = 1e-6
+"""Two periods of a reference are the same when they differ by less than this part of its range."""
+SHORTEST_PERIOD = 10
+"""Ticks; a shorter period would be one of the control."""
+LARGEST_CORRELATION = 0.98
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the torque log.
+
+    Attributes:
+        deviation: (n,) standard deviation sigma, N.m or N.
+        correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
+        period_s: period of the motion, None if it does not repeat; periods: how many whole ones the log holds.
+        source: ``periods`` or ``residual``.
+    """
+
+    deviation: Array
+    correlation: Array
+    source: str
+    period_s: float | None = None
+    periods: int = 1
+
+    @property
+    def factor(self) -> Array:
+        """(n,) part f = (1 - rho)/(1 + rho) of the samples that count as independent."""
+        return np.asarray((1 - self.correlation) / (1 + self.correlation))
+
+    @property
+    def weight(self) -> Array:
+        """(n,) sqrt(f)/sigma: residuals times this, summed in squares, are a chi-square of N f samples."""
+        return np.asarray(np.sqrt(self.factor) / self.deviation)
+
+
+def period_in_ticks(reference: Trajectory) -> int | None:
+    """Period of a reference whose motion repeats at least once, in ticks; None if it does not."""
+    spread = np.ptp(reference.values, axis=0)
+    moving = spread > 0
+    if not moving.any():
+        return None
+    values = (reference.values[:, moving] - reference.values[:, moving].mean(axis=0)) / spread[moving]
+    count = values.shape[0]
+    # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
+    size = 1 << (2 * count - 1).bit_length()
+    products = np.fft.irfft(np.abs(np.fft.rfft(values, size, axis=0)) ** 2, axis=0)[:count].sum(axis=1)
+    squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
+    lags = np.arange(SHORTEST_PERIOD, count - count // 4)
+    both = squares[count - lags] + squares[count] - squares[lags]
+    close = (both - 2 * products[lags]) / (count - lags) < 1e-6
+    for lag in lags[close]:
+        if np.abs(values[lag:] - values[:-lag]).max() < REPEATS_WITHIN:
+            return int(lag)
+    return None
+
+
+def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Array | None = None) -> Noise | None:
+    """Noise from the differences of neighbouring periods.
+
+    Args:
+        torque: (N, n) log; samples: number of samples in a period.
+        skip: samples at the begin that the transient spoils.
+        regressors: (N, n, m) columns whose slow change is taken out of the differences first, such as friction:
+            else thermal drift would count as noise.
+
+    Returns:
+        None if less than one and a half periods are left.
+    """
+    n = torque.shape[1]
+    first, second = torque[skip : torque.shape[0] - samples], torque[skip + samples :]
+    if first.shape[0] < samples // 2 or first.shape[0] < 30:
+        return None
+    deviation, correlation = np.zeros(n), np.zeros(n)
+    for j in range(n):
+        difference = (second[:, j] - first[:, j]) / np.sqrt(2)
+        columns = [np.ones(difference.size)]
+        if regressors is not None:
+            part = regressors[skip + samples :, j]
+            columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
+        table = np.column_stack(columns)
+        table = table / np.linalg.norm(table, axis=0)
+        difference = difference - table @ np.linalg.lstsq(table, difference, rcond=None)[0]
+        deviation[j] = np.sqrt(np.sum(difference**2) / max(difference.size - table.shape[1], 1))
+        correlation[j] = _correlation(difference)
+    periods = 1 + (torque.shape[0] - skip) // samples
+    return Noise(deviation, correlation, "periods", periods=periods)
+
+
+def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:
+    """Noise of a log without repetition, from what a residual (N, n) holds above the frequencies of the motion.
+
+    The spectrum above four times the highest frequency of the motion is taken for white noise through a first-order
+    filter; friction's steps reach up there too, so that the result is an upper bound.
+
+    Args:
+        motion_hz: highest frequency of the motion.
+    """
+    from scipy import signal
+
+    n = residual.shape[1]
+    cut = min(4 * motion_hz, 0.3 * rate_hz)
+    deviation, correlation = np.zeros(n), np.zeros(n)
+    for j in range(n):
+        frequency, power = signal.welch(
+            residual[:, j], fs=rate_hz, nperseg=min(256, residual.shape[0]), average="median"
+        )
+        upper = frequency >= cut
+        if upper.sum() < 4:
+            upper = frequency >= 0.5 * frequency[-1]
+        best = min(
+            ((_misfit(power[upper], rho, frequency[upper] / rate_hz), rho) for rho in np.linspace(-0.5, 0.9, 57)),
+            key=lambda pair: pair[0][0],
+        )
+        (_, level), rho = best
+        deviation[j] = np.sqrt(max(level, 1e-300) * rate_hz / 2 / (1 - rho**2))
+        correlation[j] = rho
+    return Noise(deviation, correlation, "residual")
+
+
+def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
+    """How badly level / |1 - rho e^(-i w)|^2 fits, in logarithms, and the level."""
+    shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
+    logs = np.log(np.maximum(power, 1e-300)) - np.log(shape)
+    return float(np.var(logs)), float(np.exp(np.mean(logs)))
+
+
+def _correlation(values: Array) -> float:
+    centred = values - values.mean()
+    rho = float(centred[1:] @ centred[:-1] / max(float(centred @ centred), 1e-300))
+    return float(np.clip(rho, 0.0, LARGEST_CORRELATION))
+
+
+def motion_frequency(reference: Trajectory, joints: int) -> float:
+    """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies."""
+    highest = 0.0
+    step = float(reference.time[1] - reference.time[0])
+    for j in range(1, joints + 1):
+        name = f"dq{j}"
+        if name in reference.names:
+            speed = reference.select([name])[:, 0]
+        else:
+            speed = np.gradient(reference.select([f"q{j}"])[:, 0], step)
+        power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
+        total = np.cumsum(power) / max(float(power.sum()), 1e-300)
+        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, 0.999)]))
+    return highest

@@ -1,0 +1,118 @@
+"""From a problem to the base model of discovery: noise, nuisances, first fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.loop_model import PLANT, Knob, LoopModel, loop_model
+from fmu_didim.discovery.noise import (
+    Noise,
+    motion_frequency,
+    noise_from_periods,
+    noise_from_residual,
+    period_in_ticks,
+)
+from fmu_didim.errors import InputError
+from fmu_didim.identification.problem import Experiment, Problem
+from fmu_didim.signals import Array
+
+SMOOTHING = (0.003, 0.05)
+"""Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint."""
+TRANSIENT = 0.1
+"""Part of a period that is left out when periods are compared: the first one may begin with a transient."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The base model, fitted, and the noise of its data."""
+
+    fit: Fit
+    noise: Noise
+    notes: tuple[str, ...] = ()
+
+
+def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -> Prepared:
+    """Noise and base fit of a problem; ``others`` are held-out experiments.
+
+    Raises:
+        InputError: the torque log is too short.
+    """
+    experiment = problem.experiment
+    if experiment.torque.shape[0] < 5 * problem.parameters.count:
+        raise InputError(
+            "The torque log is too short to look for more than the base parameters.",
+            where=experiment.label,
+            got=f"{experiment.torque.shape[0]} samples for {problem.parameters.count} parameters",
+        )
+    model = with_nuisances(loop_model(problem, others, workers=workers))
+    noise, notes = _measured_noise(experiment, problem)
+    if noise is not None:
+        return Prepared(minimise(model, noise), noise, tuple(notes))
+    # Without repetition: all joints alike at first, then the noise that the residual shows.
+    spread = np.std(experiment.torque, axis=0)
+    fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"))
+    frequency = motion_frequency(experiment.reference, problem.joint_count)
+    noise = noise_from_residual(fit.residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
+    notes.append(
+        "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
+        "motion, an upper bound."
+    )
+    return Prepared(minimise(fit.model, noise, jacobian=fit.jacobian, torque=fit.torque), noise, tuple(notes))
+
+
+def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | None, list[str]]:
+    ticks = period_in_ticks(experiment.reference)
+    if ticks is None:
+        return None, []
+    period = ticks * problem.system.step_size
+    samples = period * experiment.rate_hz
+    if abs(samples - round(samples)) > 1e-3:
+        return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
+    count = round(samples)
+    noise = noise_from_periods(
+        experiment.torque, count, skip=round(TRANSIENT * count), regressors=friction_columns(experiment)
+    )
+    return (None, []) if noise is None else (replace(noise, period_s=period), [])
+
+
+def friction_columns(experiment: Experiment) -> Array:
+    """(N, n, 3) speed, its sign and time at the samples: along them friction that drifts shows."""
+    n = experiment.torque.shape[1]
+    reference = experiment.reference
+    result = np.zeros((experiment.torque.shape[0], n, 3))
+    step = float(reference.time[1] - reference.time[0])
+    for j in range(n):
+        name = f"dq{j + 1}"
+        if name in reference.names:
+            speed = reference.select([name])[:, 0]
+        elif f"q{j + 1}" in reference.names:
+            speed = np.gradient(reference.select([f"q{j + 1}"])[:, 0], step)
+        else:
+            continue
+        at = np.interp(experiment.time, reference.time, speed)
+        slow = 0.01 * max(float(np.abs(speed).max()), 1e-12)
+        result[:, j] = np.column_stack([at, np.tanh(at / slow), experiment.time - experiment.time[0]])
+    return result
+
+
+def with_nuisances(model: LoopModel) -> LoopModel:
+    """The model with the smoothing velocity of each joint's Coulomb friction free: left fixed, its error would be taken
+    for friction at low speed."""
+    offered = {v.name: v for v in model.plant.parameters}
+    reference = model.runs["train"].problem.experiment.reference
+    knobs = []
+    step = float(reference.time[1] - reference.time[0])
+    for j in range(1, model.joint_count + 1):
+        name = f"v0_{j}"
+        if name not in offered or f"q{j}" not in reference.names:
+            continue
+        speed = float(np.abs(np.gradient(reference.select([f"q{j}"])[:, 0], step)).max())
+        if speed <= 0:
+            continue
+        low, high = (part * speed for part in SMOOTHING)
+        value = float(np.clip(offered[name].start, low, high))
+        knobs.append(Knob(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True))
+    return replace(model, knobs=(*model.knobs, *knobs))

@@ -1,0 +1,263 @@
+"""Discovery from end to end: prepare, localise, compete, and write down what was found."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.findings import (
+    VERDICT_TEXT,
+    FindingResult,
+    FindingsDocument,
+    GapPair,
+    NoiseResult,
+    RegionResult,
+    Rival,
+    ValueFound,
+    Verdict,
+    WindowResult,
+)
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.gap import joint_gaps, total_gap
+from fmu_didim.discovery.library import simulated_motion
+from fmu_didim.discovery.localise import force_windows, regions
+from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.discovery.prepare import prepare
+from fmu_didim.discovery.rounds import HELD_OUT, Discovery, Options, Say, Step, held_out_ratio, run_rounds
+from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.errors import SimulationError
+from fmu_didim.identification.problem import Problem
+from fmu_didim.robot import RobotDescription
+from fmu_didim.signals import Array
+from fmu_didim.statistics import relative_error_percent
+
+REMAINDER = 0.6
+"""Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What :func:`discover` returns.
+
+    Attributes:
+        document: the content of ``findings.json``.
+        discovery: base and final fit with the steps between; workshop: builds what was found; noise: of the data.
+    """
+
+    document: FindingsDocument
+    discovery: Discovery
+    workshop: Workshop
+    noise: Noise
+
+
+def discover(
+    problem: Problem,
+    held_out: Problem | None,
+    *,
+    description: RobotDescription | None,
+    name: str,
+    effects: Mapping[str, Effect] = EFFECTS,
+    options: Options | None = None,
+    provenance: Mapping[str, Any] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Found:
+    """Find the effects that a model lacks.
+
+    Args:
+        problem: loop, parameters and data; held_out: the same loop with other data, for the gate.
+        description: the robot, None for a plant that is a black box.
+        effects: the catalogue by name.
+
+    Raises:
+        InputError: the data are too few; SimulationError: the base model cannot be simulated.
+    """
+    begin = clock.perf_counter()
+    options = options or Options()
+    say("base model")
+    prepared = prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
+    noise, base = prepared.noise, prepared.fit
+    say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
+    workshop = Workshop(base.model, description, effects)
+    motion = simulated_motion(workshop, base)
+    run = base.model.runs["train"]
+    ticks = _nearest_ticks(run.problem)
+    units = problem.parameters.torque_units
+    found_regions = regions(base.residual, motion, ticks, noise, units) if motion is not None else []
+    discovery = run_rounds(workshop, base, noise, options, say)
+    verdict = _verdict(discovery, noise)
+    ratio = held_out_ratio(base, discovery.final, noise, options) if discovery.steps else None
+    document = FindingsDocument(
+        name=name,
+        verdict=verdict,
+        text=VERDICT_TEXT[verdict],
+        findings=[_finding(step, discovery, workshop, noise) for step in discovery.steps],
+        gap=_gap_pairs(discovery, noise),
+        error_percent=_errors(discovery),
+        ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
+        noise=_noise(noise),
+        regions=[
+            RegionResult(
+                joint=r.joint, quantity=r.quantity, unit=r.unit, low=r.low, high=r.high, mean=r.mean,
+                share_of_gap=r.share, p_value=r.p_value,
+            )
+            for r in found_regions
+        ],
+        windows=_windows(discovery, noise),
+        refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
+        base_parameters=_values(discovery.final, noise, lambda knob: knob.effect is None),
+        torque_unit=list(units),
+        seconds=clock.perf_counter() - begin,
+        notes=[*prepared.notes, *discovery.notes],
+        files={},
+        provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(effects)},
+    )  # fmt: skip
+    return Found(document, discovery, workshop, noise)
+
+
+def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
+    remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
+    if discovery.steps:
+        return "named_with_remainder" if remains else "named"
+    return "unknown" if remains else "nothing"
+
+
+def _finding(step: Step, discovery: Discovery, workshop: Workshop, noise: Noise) -> FindingResult:
+    effect = workshop.effect(step.addition)
+    index = discovery.final.model.additions.index(step.addition)
+    return FindingResult(
+        effect=step.addition.effect,
+        title=effect.title,
+        class_=effect.class_name,
+        joint=step.addition.joint,
+        place=effect.place,
+        equation=effect.equation,
+        parameters=_values(discovery.final, noise, lambda knob: knob.effect == index),
+        share_of_gap=step.share,
+        delta_bic=step.delta_bic,
+        ambiguous=[_rival(a, behind, workshop) for a, behind in step.ambiguous],
+        experiment=effect.experiment,
+        gap={
+            label: GapPair(
+                before=_norm(step.before[label]),
+                after=_norm(step.after[label]),
+                before_per_joint=step.before[label].tolist(),
+                after_per_joint=step.after[label].tolist(),
+            )
+            for label in step.before
+        },
+        ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
+    )
+
+
+def _rival(addition: Addition, behind: float, workshop: Workshop) -> Rival:
+    title = workshop.effect(addition).title
+    return Rival(effect=addition.effect, title=title, joint=addition.joint, bic_behind=behind)
+
+
+def _values(fit: Fit, noise: Noise, wanted: Callable[[Any], bool]) -> list[ValueFound]:
+    deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
+    return [
+        ValueFound(
+            name=knob.name, unit=knob.unit, value=float(v), std=float(s),
+            interval=(float(v - 1.96 * s), float(v + 1.96 * s)),
+        )
+        for knob, v, s in zip(fit.model.knobs, fit.values, deviation, strict=True)
+        if wanted(knob)
+    ]  # fmt: skip
+
+
+def _gap_pairs(discovery: Discovery, noise: Noise) -> dict[str, GapPair]:
+    result = {}
+    for label, (before, after) in _residuals(discovery).items():
+        result[label] = GapPair(
+            before=total_gap(before, noise),
+            after=total_gap(after, noise),
+            before_per_joint=joint_gaps(before, noise).tolist(),
+            after_per_joint=joint_gaps(after, noise).tolist(),
+        )
+    return result
+
+
+def _residuals(discovery: Discovery) -> dict[str, tuple[Array, Array]]:
+    """Label of each experiment -> residuals of the base and of the final model; infinite where one cannot be run."""
+    result = {}
+    for label, run in discovery.base.model.runs.items():
+        pair = []
+        for fit in (discovery.base, discovery.final):
+            try:
+                pair.append(fit.model.residual(fit.values, label))
+            except SimulationError:
+                pair.append(np.full(run.measured.shape, np.inf))
+        result[label] = (pair[0], pair[1])
+    return result
+
+
+def _errors(discovery: Discovery) -> dict[str, tuple[float | None, float | None]]:
+    result = {}
+    for label, pair in _residuals(discovery).items():
+        measured = discovery.base.model.runs[label].measured
+        percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
+        result[label] = (percent[0], percent[1])
+    return result
+
+
+def _windows(discovery: Discovery, noise: Noise) -> list[WindowResult]:
+    """Intervals with a force of their own, in what the final model leaves."""
+    result = []
+    for label, (_, residual) in _residuals(discovery).items():
+        if not np.isfinite(residual).all():
+            continue
+        run = discovery.final.model.runs[label]
+        for w in force_windows(residual, run.problem.experiment.time, noise):
+            result.append(
+                WindowResult(
+                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=w.torque, score=w.score, experiment=label
+                )
+            )
+    return result
+
+
+def _noise(noise: Noise) -> NoiseResult:
+    return NoiseResult(
+        source=noise.source,
+        std=noise.deviation.tolist(),
+        correlation=noise.correlation.tolist(),
+        period_s=noise.period_s,
+        periods=noise.periods,
+    )
+
+
+def _nearest_ticks(problem: Problem) -> Array:
+    reference, step = problem.experiment.reference, problem.system.step_size
+    ticks = np.round((problem.experiment.time - reference.time[0]) / step).astype(int)
+    return np.asarray(np.clip(ticks, 0, reference.time.size - 1))
+
+
+def _options(options: Options) -> dict[str, Any]:
+    return {
+        "forbid": sorted(options.forbid),
+        "prefer": list(options.prefer),
+        "rounds": options.rounds,
+        "threshold": options.threshold,
+        "smallest_size": options.smallest_size,
+        "smallest_gain": options.smallest_gain,
+        "smallest_share": options.smallest_share,
+        "seed": options.seed,
+    }
+
+
+def _norm(gaps: Array) -> float:
+    return float(np.sqrt(np.mean(gaps**2)))
+
+
+def _list(values: Sequence[float] | Array) -> str:
+    return ", ".join(f"{v:.2f}" for v in values)
+
+
+__all__ = ["Found", "Options", "Say", "discover"]

@@ -1,0 +1,176 @@
+"""Signatures: how the logged torque would change, to first order, if an effect were there.
+
+For an effect in the torque balance that is its regressor at the simulated motion, because the controller makes the
+robot follow its reference whatever the torque it takes. All other effects have the difference of two closed-loop
+simulations (:mod:`fmu_didim.discovery.library`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD, Search, Surroundings, TorqueEffect
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array
+
+MAXIMUM_STATE_STEPS = 16
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated motion at ticks, and the torques that go with it.
+
+    Attributes:
+        time: (K,) s; q, dq, ddq: (K, n); torque: (K, n) logged torque; load: (K, n) transmitted torque of each joint,
+            that of the links alone; step: s between ticks, which are equally spaced.
+        links: joint (from 0) -> (K, n, 4) torque for one unit of each of PAYLOAD of its link.
+    """
+
+    time: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    load: Array
+    step: float
+    links: Mapping[int, Array]
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return int(self.q.shape[1])
+
+
+def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array) -> Motion:
+    """The motion with its loads.
+
+    Args:
+        model: the robot; chi: (ns,) standard parameters.
+    """
+    rows = model.regressor_rows(q, dq, ddq)
+    names = [v.name for v in model.parameters]
+    own = _is_inertial(model)
+    links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
+    load = rows[:, :, own] @ chi[own]
+    return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
+
+
+def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:
+    """All combinations of the grids of the searched shapes; the others at their defaults."""
+    names = list(search)
+    grids = []
+    for name in names:
+        s = search[name]
+        grids.append(
+            np.geomspace(s.lowest, s.highest, s.count) if s.logarithmic else np.linspace(s.lowest, s.highest, s.count)
+        )
+    for values in product(*grids):
+        yield {**defaults, **{n: float(v) for n, v in zip(names, values, strict=True)}}
+
+
+class TorqueSignature:
+    """Columns of one torque effect at one joint on a motion, for any shapes."""
+
+    def __init__(self, effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]):
+        self.effect, self.joint, self._shape_names = effect, joint, shape_names
+        self._converted: tuple[Motion, tuple[ca.DM, ...]] | None = None
+        n, kind = len(joint_types), joint_types[joint]
+        self._states = effect.states(kind)  # type: ignore[arg-type]
+        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+        load, time = ca.SX.sym("load"), ca.SX.sym("t")
+        z = ca.SX.sym("z", len(self._states))
+        link = ca.SX.sym("link", n, len(PAYLOAD))
+        shapes = ca.SX.sym("s", len(shape_names))
+        at = Surroundings(
+            joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, load=load, time=time,  # type: ignore[arg-type]
+            state=tuple(ca.vertsplit(z)) if self._states else (),
+            link={name: link[:, i] for i, name in enumerate(PAYLOAD)},
+        )  # fmt: skip
+        by_name = dict(zip(shape_names, ca.vertsplit(shapes) if shape_names else (), strict=True))
+        columns = []
+        for column in effect.columns(at, by_name):
+            full = ca.SX.zeros(n)
+            for row, value in column.items() if isinstance(column, Mapping) else ((joint, column),):
+                full[row] = value
+            columns.append(full)
+        self.count = len(columns)
+        self._columns = ca.Function(
+            "columns", [q, dq, ddq, load, time, z, ca.vec(link), shapes], [ca.densify(ca.vertcat(*columns))]
+        )
+        rates = effect.rates(at, by_name)
+        self._rates = (
+            ca.Function("rates", [z, q, dq, ddq, time, shapes], [ca.densify(ca.vertcat(*rates))]) if rates else None
+        )
+
+    def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
+        """(K, n, m) columns at the ticks of the motion; ``states`` (K, nz) if the effect has any."""
+        count, n = motion.q.shape
+        values = ca.repmat(ca.DM([shapes[name] for name in self._shape_names]), 1, count)
+        z = ca.DM.zeros(0, count) if states is None else ca.DM(states.T)
+        q, dq, ddq, load, time, link = self._inputs(motion)
+        flat = self._columns(q, dq, ddq, load, time, z, link, values).full()
+        return np.ascontiguousarray(flat.reshape(self.count, n, count).transpose(2, 1, 0))
+
+    def _inputs(self, motion: Motion) -> tuple[ca.DM, ...]:
+        """The motion as CasADi matrices, converted once for all shapes."""
+        if self._converted is None or self._converted[0] is not motion:
+            link = motion.links[self.joint].transpose(0, 2, 1).reshape(motion.time.size, -1).T
+            load = motion.load[:, self.joint][None, :]
+            tables = (motion.q.T, motion.dq.T, motion.ddq.T, load, motion.time[None, :], link)
+            self._converted = motion, tuple(ca.DM(np.ascontiguousarray(t)) for t in tables)
+        return self._converted[1]
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the columns depend on states, for which the motion at all ticks is needed."""
+        return self._rates is not None
+
+    def states(self, motion: Motion, shapes: Mapping[str, float]) -> Array:
+        """(K, nz) states along a motion at all ticks, by RK4 with the motion held over each tick."""
+        assert self._rates is not None
+        speed = float(np.abs(motion.dq[:, self.joint]).max())
+        rate = self._rate_along(motion, shapes, speed)
+        steps = int(np.clip(np.ceil(rate * motion.step / 1.0), 1, MAXIMUM_STATE_STEPS))
+        n, size = motion.joint_count, len(self._states)
+        z, held = ca.SX.sym("z", size), ca.SX.sym("held", 3 * n + 1)
+        s = ca.DM([shapes[name] for name in self._shape_names])
+        q, dq, ddq, t = held[:n], held[n : 2 * n], held[2 * n : 3 * n], held[3 * n]
+        h, x = motion.step / steps, z
+        for _ in range(steps):
+            k1 = self._rates(x, q, dq, ddq, t, s)
+            k2 = self._rates(x + h / 2 * k1, q, dq, ddq, t, s)
+            k3 = self._rates(x + h / 2 * k2, q, dq, ddq, t, s)
+            k4 = self._rates(x + h * k3, q, dq, ddq, t, s)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        count = motion.q.shape[0]
+        walk = ca.Function("step", [z, held], [x]).mapaccum(count)
+        table = np.column_stack([motion.q, motion.dq, motion.ddq, motion.time]).T
+        first = np.array([v.start for v in self._states])
+        after = walk(first, table).full().T
+        return np.vstack([first, after[:-1]])
+
+    def _rate_along(self, motion: Motion, shapes: Mapping[str, float], speed: float) -> float:
+        """Largest |d rate / d state| met at the highest speed of the motion, in 1/s, by differences."""
+        assert self._rates is not None
+        i = int(np.argmax(np.abs(motion.dq[:, self.joint])))
+        s = [shapes[name] for name in self._shape_names]
+        size = len(self._states)
+        point = (motion.q[i], motion.dq[i], motion.ddq[i], motion.time[i], s)
+        zero = np.array([v.start for v in self._states])
+        slope = 0.0
+        for k in range(size):
+            moved = zero.copy()
+            moved[k] += 1e-6
+            change = (self._rates(moved, *point) - self._rates(zero, *point)).full().ravel() / 1e-6
+            slope = max(slope, float(np.abs(change).sum()))
+        return slope
+
+
+def _is_inertial(model: RobotModel) -> Array:
+    names = {v.name for v in LINK_PARAMETERS}
+    return np.array([v.name.rstrip("0123456789") in names for v in model.parameters])

@@ -1,0 +1,161 @@
+"""A discovery as plain text for the terminal: at most 100 columns, no colours, the verdict first."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
+from fmu_didim.report.discovery_regions import strongest_regions
+from fmu_didim.report.discovery_verdict import verdict_of
+from fmu_didim.report.discovery_words import (
+    FILES,
+    error_text,
+    experiment_head,
+    experiment_title,
+    interval_text,
+    noise_joint,
+    noise_source,
+    refused_line,
+    rival_text,
+    share_text,
+    step_text,
+    value_line,
+    window_line,
+)
+from fmu_didim.report.numbers import significant
+
+WIDTH = 100
+BAR = 14
+"""Characters of the longest bar."""
+NAME_WIDTH = 36
+SHOWN_REFUSED = 6
+SHOWN_WINDOWS = 6
+REGIONS_PER_JOINT = 3
+
+
+def discovery_table(document: FindingsDocument) -> str:
+    """The text shown after a discovery; begins with what is missing in the model."""
+    end = verdict_of(document)
+    sections = [
+        [*_wrapped(f"{end.head}: {end.text}", "", "  "), *_wrapped(document.name)],
+        *(_finding(number, finding) for number, finding in enumerate(document.findings, start=1)),
+        _gaps(document),
+        _listing("Where the base model disagrees", _regions(document)),
+        _listing("Windows of time with a torque of their own", _windows(document)),
+        _facts(document),
+        _listing("Not accepted", _refused(document)),
+        _listing("Notes", document.notes),
+        _listing("Files", [f"{FILES.get(key, key)}: {name}" for key, name in document.files.items()]),
+    ]
+    return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
+
+
+def _wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str]:
+    further = indent if hanging is None else hanging
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=further, break_on_hyphens=False)
+
+
+def _listing(head: str, items: Iterable[str]) -> list[str]:
+    lines = [line for item in items for line in _wrapped(item, "  ", "    ")]
+    return [head, *lines] if lines else []
+
+
+def _entries(entries: Sequence[tuple[str, str]], indent: str) -> list[str]:
+    """Heads and texts in two columns, wrapped."""
+    width = max((len(head) for head, _ in entries), default=0)
+    space = indent + " " * (width + 2)
+    return [line for head, text in entries for line in _wrapped(text, f"{indent}{head.ljust(width)}  ", space)]
+
+
+def _finding(number: int, finding: FindingResult) -> list[str]:
+    """One named effect: values, what it is worth, what it is mistaken for."""
+    head = f"{number}  {finding.title}, joint {finding.joint} ({finding.place})"
+    entries = [(p.name, value_line(p)) for p in finding.parameters]
+    entries.append(("share of the gap", share_text(finding.share_of_gap)))
+    if finding.ratio_interval is not None:
+        entries.append(("held-out RMS", f"{interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
+    rivals = "; ".join(rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
+    entries += [("cannot be told from", rivals), (experiment_head(finding), finding.experiment)]
+    return [*_wrapped(head, "", "   "), *_entries(entries, "     ")]
+
+
+def _gaps(document: FindingsDocument) -> list[str]:
+    """Round by round, then base against final model: over all joints and of each one."""
+    labels = list(document.gap)
+    rows = [
+        (f"{number}  {f.title}, joint {f.joint}", [f.gap.get(label) for label in labels])
+        for number, f in enumerate(document.findings, start=1)
+    ]
+    final = [document.gap[label] for label in labels]
+    changed = bool(document.findings)
+    rows.append(("base → final model" if changed else "base model", list(final)))
+    joints = len(document.torque_unit)
+    if joints > 1:
+        rows += [(f"   joint {j + 1}", [_of_joint(pair, j) for pair in final]) for j in range(joints)]
+    longest = max(
+        (v for _, pairs in rows for p in pairs if p for v in (p.before, p.after) if v is not None), default=0.0
+    )
+    texts = [[step_text(pair, changed=changed) for pair in pairs] for _, pairs in rows]
+    widths = [max(len(row[k]) for row in texts) for k in range(len(labels))]
+    heads = [experiment_title(label).ljust(width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
+    lines = ["  ".join(["Gap, in times the noise".ljust(NAME_WIDTH), *heads]).rstrip()]
+    for (name, pairs), cells in zip(rows, texts, strict=True):
+        shown = name if len(name) <= NAME_WIDTH else name[: NAME_WIDTH - 1] + "…"
+        parts = [
+            f"{cell.rjust(width)}  {_bar(pair, longest)}"
+            for cell, width, pair in zip(cells, widths, pairs, strict=True)
+        ]
+        lines.append("  ".join([shown.ljust(NAME_WIDTH), *parts]).rstrip())
+    return [*lines, *(["█ what remains, ░ what was closed"] if changed else [])] if labels else []
+
+
+def _of_joint(pair: GapPair, index: int) -> GapPair:
+    before, after = (
+        values[index] if index < len(values) else None for values in (pair.before_per_joint, pair.after_per_joint)
+    )
+    return GapPair(before=before, after=after, before_per_joint=[before], after_per_joint=[after])
+
+
+def _bar(pair: GapPair | None, longest: float) -> str:
+    """What remains, and up to what it was."""
+    if pair is None or pair.after is None or longest <= 0:
+        return " " * BAR
+    remains = round(BAR * pair.after / longest)
+    was = round(BAR * pair.before / longest) if pair.before is not None else remains
+    return ("█" * remains + "░" * max(was - remains, 0)).ljust(BAR)
+
+
+def _regions(document: FindingsDocument) -> list[str]:
+    joints = sorted({region.joint for region in document.regions})
+    return [line for j in joints for line in strongest_regions(document, joint=j, count=REGIONS_PER_JOINT)]
+
+
+def _windows(document: FindingsDocument) -> list[str]:
+    lines = [window_line(w, document.torque_unit) for w in document.windows[:SHOWN_WINDOWS]]
+    return [*lines, *_hidden(len(document.windows) - SHOWN_WINDOWS)]
+
+
+def _facts(document: FindingsDocument) -> list[str]:
+    noise = document.noise
+    stds = ", ".join(noise_joint(noise, k, document.torque_unit) for k in range(len(noise.std)))
+    entries = [("Noise σ", f"{stds} ({noise_source(noise)})")] if noise.std else []
+    changed = bool(document.findings)
+    errors = ", ".join(
+        f"{experiment_title(k)} {error_text(*pair, changed=changed)}" for k, pair in document.error_percent.items()
+    )
+    if errors:
+        entries.append(("Torque error", errors))
+    if document.ratio_interval is not None:
+        entries.append(("Held-out RMS", f"{interval_text(document.ratio_interval)} of the base model's, 95 % interval"))
+    entries.append(("Time taken", f"{significant(document.seconds)} s"))
+    return _entries(entries, "")
+
+
+def _refused(document: FindingsDocument) -> list[str]:
+    lines = [refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
+    return [*lines, *_hidden(len(document.refused) - SHOWN_REFUSED)]
+
+
+def _hidden(count: int) -> list[str]:
+    return [f"{count} more in the report"] if count > 0 else []

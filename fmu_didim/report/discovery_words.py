@@ -1,0 +1,132 @@
+"""What was discovered, in words: shared by the terminal text and the page of a discovery."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from fmu_didim.discovery.findings import (
+    FindingResult,
+    GapPair,
+    NoiseResult,
+    Rival,
+    ValueFound,
+    WindowResult,
+)
+from fmu_didim.report.numbers import (
+    MISSING,
+    ParameterText,
+    percent_std,
+    percentage,
+    pretty_unit,
+    rounding,
+    significant,
+)
+
+EXPERIMENTS = {"train": "estimation", "test": "held-out"}
+FILES = {
+    "signals_train": "torques, estimation",
+    "signals_test": "torques, held-out",
+    "robot": "robot description with the effects",
+    "plant_fmu": "plant with the effects, FMU",
+    "reference_next": "proposed next experiment",
+}
+
+
+def experiment_title(label: str) -> str:
+    """What an experiment is called."""
+    return EXPERIMENTS.get(label, label)
+
+
+def gap_text(gap: float | None) -> str:
+    """A gap, two decimals as far as they mean something."""
+    if gap is None or not math.isfinite(gap):
+        return MISSING
+    return f"{gap:.2f}" if gap < 99.5 else significant(gap)
+
+
+def step_text(pair: GapPair | None, *, changed: bool = True) -> str:
+    """Gap before and after; only one where nothing was changed."""
+    if pair is None:
+        return MISSING
+    return f"{gap_text(pair.before)} → {gap_text(pair.after)}" if changed else gap_text(pair.before)
+
+
+def share_text(share: float | None) -> str:
+    """A part of one, in percent."""
+    return MISSING if share is None or not math.isfinite(share) else f"{significant(100 * share, 2)} %"
+
+
+def interval_text(interval: tuple[float | None, float | None] | None) -> str:
+    """An interval of a ratio."""
+    return MISSING if interval is None else f"{significant(interval[0], 2)} to {significant(interval[1], 2)}"
+
+
+def value_text(found: ValueFound) -> ParameterText:
+    """The texts of a parameter; dashes where the data do not bound it."""
+    std = math.nan if found.std is None else found.std
+    digits = rounding(found.value, std)
+    low, high = found.interval
+    bounded = low is not None and high is not None
+    return ParameterText(
+        name=found.name,
+        value=digits.text(found.value),
+        std=digits.deviation(std) if math.isfinite(std) else MISSING,
+        percent=percent_std(100 * std / abs(found.value) if found.value else None),
+        unit=pretty_unit(found.unit),
+        interval=(MISSING if low is None else digits.text(low), MISSING if high is None else digits.text(high)),
+        insignificant=not bounded or (low or 0.0) <= 0.0 <= (high or 0.0),
+    )
+
+
+def value_line(found: ValueFound) -> str:
+    """A parameter with its standard deviation and interval, without its name."""
+    shown = value_text(found)
+    low, high = shown.interval
+    if low == high == MISSING:
+        return f"({shown.value} ± {shown.std}) {shown.unit}".rstrip() + ", not bounded by the data"
+    return f"({shown.value} ± {shown.std}) {shown.unit}".rstrip() + f", 95 % interval {low} to {high}"
+
+
+def rival_text(rival: Rival) -> str:
+    """An effect that may stand for the same gap."""
+    why = "same class" if rival.bic_behind is None else f"BIC {significant(rival.bic_behind, 2)} behind"
+    return f"{rival.title}, joint {rival.joint} ({why})"
+
+
+def experiment_head(finding: FindingResult) -> str:
+    """What the proposed experiment is good for."""
+    return "to split them" if finding.ambiguous else "to confirm it"
+
+
+def window_line(window: WindowResult, units: Sequence[str]) -> str:
+    """An interval of time with a torque of its own."""
+    unit = pretty_unit(units[window.joint - 1]) if window.joint <= len(units) else ""
+    return (
+        f"joint {window.joint}: {window.begin_s:.6g} s to {window.end_s:.6g} s, {significant(window.torque, 2)} {unit}"
+        f" ({significant(window.score, 2)} standard deviations), {experiment_title(window.experiment)}"
+    )
+
+
+def noise_source(noise: NoiseResult) -> str:
+    """Where the noise is known from."""
+    if noise.source == "periods" and noise.period_s is not None:
+        return f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
+    return {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
+
+
+def noise_joint(noise: NoiseResult, index: int, units: Sequence[str]) -> str:
+    """Noise of a joint, from 0."""
+    unit = pretty_unit(units[index]) if index < len(units) else ""
+    return f"joint {index + 1} {significant(noise.std[index], 2)} {unit}".rstrip()
+
+
+def refused_line(refused: tuple[str, int, str]) -> str:
+    """A contender that was not accepted, and why."""
+    effect, joint, why = refused
+    return f"{effect.replace('_', ' ')}, joint {joint}: {why}"
+
+
+def error_text(before: float | None, after: float | None, *, changed: bool = True) -> str:
+    """Relative torque error before and after; only one where nothing was changed."""
+    return f"{percentage(before)} → {percentage(after)}" if changed else percentage(before)

@@ -1,0 +1,455 @@
+"""The printed text of a discovery (golden) and its page, from made-up findings."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.findings import FindingsDocument, load_findings, save_findings
+from fmu_didim.errors import InputError
+from fmu_didim.report.discovery_figures import binned
+from fmu_didim.report.discovery_page import DISCOVERY_FILE, write_discovery_report
+from fmu_didim.report.discovery_regions import strongest_regions
+from fmu_didim.report.discovery_table import discovery_table
+from fmu_didim.signals import Array, trajectory, write_csv
+
+VERDICTS = {
+    "nothing": ("good", "NOTHING MISSING", "nothing that matters is missing in the model"),
+    "named": ("good", "NAMED", "the missing effects are named"),
+    "named_with_remainder": ("doubtful", "NAMED IN PART", "effects are named, part of the gap remains"),
+    "unknown": ("refused", "UNKNOWN", "something is missing that no effect of the catalogue explains"),
+}
+
+
+def pair(before: float | None, after: float | None, each: list[tuple[float | None, float | None]]) -> dict[str, Any]:
+    return {"before": before, "after": after, "before_per_joint": [b for b, _ in each],
+            "after_per_joint": [a for _, a in each]}  # fmt: skip
+
+
+def stribeck() -> dict[str, Any]:
+    return {
+        "effect": "stribeck", "title": "Stribeck friction", "class": "stribeck", "joint": 1, "place": "torque balance",
+        "equation": "Fs*tanh(dq/v0)*exp(-(dq/vs)^2)",
+        "parameters": [
+            {"name": "Fs1", "unit": "N.m", "value": 0.8123, "std": 0.0341, "interval": (0.7455, 0.8791)},
+            {"name": "vs1", "unit": "rad/s", "value": 0.0853, "std": 0.0118, "interval": (0.0622, 0.1084)},
+        ],
+        "share_of_gap": 0.617, "delta_bic": 412.3,
+        "ambiguous": [
+            {"effect": "presliding", "title": "Presliding friction", "joint": 1, "bic_behind": 4.21},
+            {"effect": "lugre", "title": "LuGre friction", "joint": 1, "bic_behind": None},
+        ],
+        "experiment": "Slow constant speeds in both directions, down to a third of vs; reversals at two accelerations.",
+        "gap": {
+            "train": pair(2.104, 1.118, [(2.451, 0.493), (1.683, 1.503)]),
+            "test": pair(2.047, 1.131, [(2.380, 0.521), (1.650, 1.513)]),
+        },
+        "ratio_interval": (0.631, 0.702),
+    }  # fmt: skip
+
+
+def backlash() -> dict[str, Any]:
+    return {
+        "effect": "backlash", "title": "Backlash", "class": "backlash", "joint": 2, "place": "structure",
+        "equation": "tau = Im*ddq + friction(dq) + tau_s, tau_s = K*dead_zone(q - q_link, gap/2) while in contact",
+        "parameters": [
+            {"name": "gap2", "unit": "rad", "value": 0.004217, "std": 0.000312, "interval": (0.003605, 0.004829)},
+            {"name": "motor_share2", "unit": "1", "value": 0.31, "std": None, "interval": (None, None)},
+        ],
+        "share_of_gap": 0.334, "delta_bic": 96.7, "ambiguous": [],
+        "experiment": "Motions whose transmitted torque changes its sign at different velocities.",
+        "gap": {
+            "train": pair(1.118, 0.384, [(0.493, 0.402), (1.503, 0.365)]),
+            "test": pair(1.131, 0.436, [(0.521, 0.447), (1.513, 0.424)]),
+        },
+        "ratio_interval": (0.718, 0.803),
+    }  # fmt: skip
+
+
+def region(joint: int, quantity: str, unit: str, low: float, high: float, mean: float, share: float) -> dict[str, Any]:
+    return {"joint": joint, "quantity": quantity, "unit": unit, "low": low, "high": high, "mean": mean,
+            "share_of_gap": share, "p_value": 1.3e-21}  # fmt: skip
+
+
+def regions() -> list[dict[str, Any]]:
+    """Joint 1 at low speed and after reversals; joint 2 at low load, and in two neighbouring bins of position."""
+    return [
+        region(1, "velocity", "rad/s", 0.0021, 0.121, 0.803, 0.62),
+        region(1, "velocity", "rad/s", -0.118, 0.0021, -0.786, 0.62),
+        region(1, "velocity", "rad/s", 0.121, 0.44, 0.114, 0.62),
+        region(1, "distance since the last reversal", "rad", 0.0, 0.0214, 0.702, 0.41),
+        region(1, "time", "s", 4.0, 5.0, -0.21, 0.04),
+        region(1, "acceleration", "rad/s2", 3.0, 4.2, 0.18, 0.02),
+        region(2, "load", "N.m", 0.02, 1.31, -0.0412, 0.28),
+        region(2, "position", "rad", -0.61, -0.32, 0.0251, 0.113),
+        region(2, "position", "rad", -0.32, 0.08, 0.0237, 0.113),
+    ]
+
+
+def document(**changes: Any) -> FindingsDocument:
+    """Two effects found on two joints; made by hand."""
+    content: dict[str, Any] = {
+        "name": "Two-joint arm, torque at 100 Hz", "verdict": "named", "text": VERDICTS["named"][2],
+        "findings": [stribeck(), backlash()],
+        "gap": {
+            "train": pair(2.104, 0.384, [(2.451, 0.402), (1.683, 0.365)]),
+            "test": pair(2.047, 0.436, [(2.380, 0.447), (1.650, 0.424)]),
+        },
+        "error_percent": {"train": (9.614, 4.402), "test": (9.987, 4.731)},
+        "ratio_interval": (0.462, 0.531),
+        "noise": {"source": "periods", "std": [0.1712, 0.00651], "correlation": [0.312, 0.104], "period_s": 4.2,
+                  "periods": 5},
+        "regions": regions(),
+        "windows": [{"joint": 2, "begin_s": 3.2, "end_s": 3.45, "torque": 0.0312, "score": 11.6, "experiment": "test"}],
+        "refused": [("dead_zone", 2, "BIC difference 3.1 below 10"),
+                    ("torque_ripple", 1, "held-out RMS ratio 0.998, its interval reaches 1.004")],
+        "base_parameters": [
+            {"name": "ZZ1R", "unit": "kg.m2", "value": 3.4058, "std": 0.01784, "interval": (3.3704, 3.4412)}
+        ],
+        "torque_unit": ["N.m", "N.m"], "seconds": 41.7,
+        "notes": ["Clock of the log: shifted by 0.2 ms, accounted for."],
+        "files": {"robot": "robot_discovered.yaml", "plant_fmu": "plant.fmu"},
+        "provenance": {"versions": {"python": "3"}, "options": {"seed": 0}},
+    }  # fmt: skip
+    return FindingsDocument.model_validate(content | changes)
+
+
+def verdict_document(verdict: str) -> FindingsDocument:
+    text = VERDICTS[verdict][2]
+    if verdict in ("named", "named_with_remainder"):
+        return document(verdict=verdict, text=text)
+    part = 0.1 if verdict == "nothing" else 1.0
+    each = [(2.451 * part,) * 2, (1.683 * part,) * 2]
+    gap = {label: pair(2.104 * part, 2.104 * part, each) for label in ("train", "test")}
+    return document(verdict=verdict, text=text, findings=[], gap=gap, ratio_interval=None,
+                    regions=regions() if verdict == "unknown" else [])  # fmt: skip
+
+
+def many(joints: int) -> FindingsDocument:
+    """One finding on a robot of that many joints, the odd ones sliding."""
+    gaps = [(1.5 + 0.2 * j, 0.3) for j in range(joints)]
+    units = ["N.m" if j % 2 == 0 else "N" for j in range(joints)]
+    found = stribeck() | {"gap": {"train": pair(2.0, 0.3, gaps)}, "ratio_interval": None, "ambiguous": []}
+    return document(
+        findings=[found], gap={"train": pair(2.0, 0.3, gaps)}, error_percent={"train": (9.0, 4.0)}, ratio_interval=None,
+        noise={"source": "residual", "std": [0.1] * joints, "correlation": [0.0] * joints, "period_s": None,
+               "periods": 1},
+        regions=[region(1, "velocity", "rad/s", 0.0, 0.1, 0.8, 0.6)], windows=[], refused=[], torque_unit=units,
+    )  # fmt: skip
+
+
+def motion(
+    joints: int, *, found: float = 0.93, count: int = 2400, rate_hz: float = 100.0, seed: int = 4
+) -> dict[str, Array]:
+    """Columns of a table of signals; the final model has that part of what the base model lacks: Stribeck friction on
+    joint 1, a step at each change of sign of the torque on the others."""
+    random = np.random.default_rng(seed)
+    time = np.arange(count) / rate_hz
+    columns: dict[str, Array] = {"t": time}
+    for j in range(1, joints + 1):
+        w = 2 * np.pi / 4.2
+        q = 0.6 * np.sin(w * time + 0.4 * j) + 0.25 * np.cos(3 * w * time + j)
+        dq = w * (0.6 * np.cos(w * time + 0.4 * j) - 0.75 * np.sin(3 * w * time + j))
+        size, sigma = (3.0, 0.1712) if j == 1 else (0.2, 0.00651)
+        torque = size * (np.sin(q) + 0.3 * np.tanh(dq / 0.05))
+        missing = 0.9 * np.tanh(dq / 0.03) * np.exp(-((dq / 0.25) ** 2)) if j == 1 else 0.02 * np.tanh(torque / 0.05)
+        columns |= {
+            f"measured{j}": torque + missing + sigma * random.standard_normal(count), f"base{j}": torque,
+            f"final{j}": torque + found * missing, f"dq{j}": dq, f"q{j}": q,
+        }  # fmt: skip
+    return columns
+
+
+def saved(folder: Path, result: FindingsDocument, *, without: tuple[str, ...] = (), count: int = 2400) -> Path:
+    """The folder that a discovery leaves: findings.json and the tables of the torques."""
+    files = {f"signals_{label}": f"torque_{label}.csv" for label in result.gap}
+    for seed, name in enumerate(files.values()):
+        columns = motion(len(result.torque_unit), found=0.93 if result.findings else 0.0, count=count, seed=seed)
+        time = columns.pop("t")
+        kept = {k: v for k, v in columns.items() if k.rstrip("0123456789") not in without}
+        write_csv(trajectory(time, kept), folder / name)
+    save_findings(result.model_copy(update={"files": {**result.files, **files}}), folder)
+    return folder
+
+
+def page_of(folder: Path) -> str:
+    """The page without plotly.js."""
+    path = write_discovery_report(folder)
+    assert path.name == DISCOVERY_FILE
+    text = path.read_text(encoding="utf-8")
+    return text[: text.index("</main>")]
+
+
+def figures(page: str) -> dict[str, Any]:
+    found = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', page, re.S)
+    return {name: json.loads(text) for name, text in found}
+
+
+GOLDEN = """\
+NAMED: The missing effects are named. Joint 1: Stribeck friction (or one of 2 others that these data
+  cannot tell from it); joint 2: Backlash. The gap on held-out data falls from 2.05 to 0.44 times
+  the noise.
+Two-joint arm, torque at 100 Hz
+
+1  Stribeck friction, joint 1 (torque balance)
+     Fs1                  (0.812 ± 0.034) N·m, 95 % interval 0.746 to 0.879
+     vs1                  (0.085 ± 0.012) rad/s, 95 % interval 0.062 to 0.108
+     share of the gap     62 %
+     held-out RMS         0.63 to 0.70 of what it was, 95 % interval
+     cannot be told from  Presliding friction, joint 1 (BIC 4.2 behind); LuGre friction, joint 1
+                          (same class)
+     to split them        Slow constant speeds in both directions, down to a third of vs; reversals
+                          at two accelerations.
+
+2  Backlash, joint 2 (structure)
+     gap2                 (0.00422 ± 0.00031) rad, 95 % interval 0.00361 to 0.00483
+     motor_share2         (0.31 ± –), not bounded by the data
+     share of the gap     33 %
+     held-out RMS         0.72 to 0.80 of what it was, 95 % interval
+     cannot be told from  nothing in the catalogue
+     to confirm it        Motions whose transmitted torque changes its sign at different velocities.
+
+Gap, in times the noise               estimation                   held-out
+1  Stribeck friction, joint 1         2.10 → 1.12  ██████░░░░░░    2.05 → 1.13  ██████░░░░░░
+2  Backlash, joint 2                  1.12 → 0.38  ██░░░░          1.13 → 0.44  ██░░░░
+base → final model                    2.10 → 0.38  ██░░░░░░░░░░    2.05 → 0.44  ██░░░░░░░░░░
+   joint 1                            2.45 → 0.40  ██░░░░░░░░░░░░  2.38 → 0.45  ███░░░░░░░░░░░
+   joint 2                            1.68 → 0.36  ██░░░░░░░░      1.65 → 0.42  ██░░░░░░░
+█ what remains, ░ what was closed
+
+Where the base model disagrees
+  joint 1: at low speed, |dq| < 0.12 rad/s, mean residual ±0.80 N·m (sign of the velocity); 62 % of
+    the gap goes with the velocity
+  joint 1: just after a reversal, within 0.021 rad, mean residual +0.70 N·m; 41 % of the gap goes
+    with the distance since the last reversal
+  joint 1: at times from 4.0 to 5.0 s, mean residual -0.21 N·m; 4.0 % of the gap goes with the time
+  joint 2: at low load, below 1.3 N·m, mean residual -0.041 N·m; 28 % of the gap goes with the load
+  joint 2: at positions from -0.61 to 0.080 rad, mean residual +0.024 N·m; 11 % of the gap goes with
+    the position
+
+Windows of time with a torque of their own
+  joint 2: 3.2 s to 3.45 s, 0.031 N·m (12 standard deviations), held-out
+
+Noise σ       joint 1 0.17 N·m, joint 2 0.0065 N·m (difference of 5 periods of 4.20 s)
+Torque error  estimation 9.61 % → 4.40 %, held-out 9.99 % → 4.73 %
+Held-out RMS  0.46 to 0.53 of the base model's, 95 % interval
+Time taken    41.7 s
+
+Not accepted
+  dead zone, joint 2: BIC difference 3.1 below 10
+  torque ripple, joint 1: held-out RMS ratio 0.998, its interval reaches 1.004
+
+Notes
+  Clock of the log: shifted by 0.2 ms, accounted for.
+
+Files
+  robot description with the effects: robot_discovered.yaml
+  plant with the effects, FMU: plant.fmu
+"""
+
+
+def test_text_is_this() -> None:
+    assert discovery_table(document()) == GOLDEN
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_text_and_page_begin_with_the_verdict(tmp_path: Path, verdict: str) -> None:
+    grade, head, text = VERDICTS[verdict]
+    result = verdict_document(verdict)
+    assert discovery_table(result).startswith(f"{head}: {text[0].upper()}{text[1:]}.")
+    page = page_of(saved(tmp_path, result))
+    assert f'<div class="banner {grade}"><b>{head}</b>' in page
+    assert ("Findings</h2>" in page) == bool(result.findings)
+    names = {trace["name"] for trace in figures(page)["residual-1"]["data"]}
+    assert names == ({"base model", "final model"} if result.findings else {"base model"})
+
+
+def test_unknown_says_where_and_a_remainder_on_which_joint() -> None:
+    assert "Most of it: joint 1: at low speed, |dq| < 0.12 rad/s" in discovery_table(verdict_document("unknown"))
+    part = verdict_document("named_with_remainder")
+    left = part.gap["train"].model_copy(update={"after_per_joint": [0.4, 1.234]})
+    text = discovery_table(part.model_copy(update={"gap": {**part.gap, "train": left}}))
+    assert "is on joint 2: 1.23 times the noise" in " ".join(text.split())
+
+
+@pytest.mark.parametrize("result", [document(), verdict_document("unknown"), many(6)])
+def test_text_stays_within_100_columns(result: FindingsDocument) -> None:
+    long = result.model_copy(update={"notes": ["word " * 60], "name": "A long name " * 20})
+    assert max(len(line) for line in discovery_table(long).splitlines()) <= 100
+
+
+def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path) -> None:
+    result = document()
+    page = page_of(saved(tmp_path, result))
+    for finding in result.findings:
+        for text in (f"{finding.title}, joint {finding.joint}", finding.equation, finding.experiment):
+            assert text in page
+        assert all(parameter.name in page for parameter in finding.parameters)
+        assert all(rival.title in page for rival in finding.ambiguous)
+    for number in ("0.812", "0.034", "0.746", "0.879", "0.00422", "0.00031", "2.10 → 1.12", "0.63 to 0.70", "BIC 4.2"):
+        assert number in page
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)=", page)
+    assert not re.search(r"https?://|@import|url\(", page)
+    assert set(re.findall(r'href="([^#"]+)"', page)) == {
+        "./robot_discovered.yaml", "./plant.fmu", "./torque_train.csv", "./torque_test.csv"
+    }  # fmt: skip
+
+
+def test_figures_show_the_saved_gap_and_residual(tmp_path: Path) -> None:
+    folder = saved(tmp_path, document(), count=300)
+    drawn = figures(page_of(folder))
+    bars = drawn["gap-figure"]["data"]
+    assert [bar["y"] for bar in bars] == [
+        [2.104, 2.451, 1.683], [0.384, 0.402, 0.365], [2.047, 2.380, 1.650], [0.436, 0.447, 0.424]
+    ]  # fmt: skip
+    columns = motion(2, count=300, seed=0)
+    residual = drawn["residual-1"]
+    for j in (1, 2):
+        for trace, model in zip(residual["data"][2 * j - 2 : 2 * j], ("base", "final"), strict=True):
+            expected = columns[f"measured{j}"] - columns[f"{model}{j}"]
+            np.testing.assert_allclose(values_of(trace["y"]), expected, atol=1e-6)
+    bands = [(s["y0"], s["y1"]) for s in residual["layout"]["shapes"]]
+    np.testing.assert_allclose(bands, [(-0.3424, 0.3424), (-0.01302, 0.01302)])
+
+
+def values_of(field: Any) -> Array:
+    """Numbers of a trace, whether plotly wrote them as a list or as base64."""
+    if isinstance(field, dict):
+        return np.frombuffer(base64.b64decode(field["bdata"]), dtype=field["dtype"])
+    return np.asarray(field, dtype=float)
+
+
+def test_strongest_quantity_is_drawn_first(tmp_path: Path) -> None:
+    drawn = figures(page_of(saved(tmp_path, document())))
+    titles = [drawn[f"binned-1-{k}"]["layout"]["xaxis"]["title"]["text"] for k in (1, 2, 3, 4)]
+    assert titles == ["velocity (rad/s)", "position (rad)", "position (rad)", "velocity (rad/s)"]
+    by_torque = document(regions=[region(1, "torque", "N.m", -1, 1, 0.3, 0.7)])
+    (tmp_path / "other").mkdir()
+    drawn = figures(page_of(saved(tmp_path / "other", by_torque)))
+    assert drawn["binned-1-1"]["layout"]["xaxis"]["title"]["text"].startswith("simulated torque")
+
+
+def test_bins_hold_mean_and_standard_error() -> None:
+    at = np.repeat([0.0, 1.0], 50)
+    values = np.where(at > 0, 3.0, -1.0) + np.tile([0.5, -0.5], 50)
+    centre, mean, error = binned(at, values, bins=2)
+    np.testing.assert_allclose(centre, [0.0, 1.0])
+    np.testing.assert_allclose(mean, [-1.0, 3.0])
+    np.testing.assert_allclose(error, np.sqrt(50 * 0.25 / 49 / 50))
+    assert binned(np.zeros(10), np.arange(10.0))[1] == pytest.approx([4.5])
+
+
+@pytest.mark.parametrize(
+    ("without", "present", "absent"),
+    [
+        (("q", "dq"), ("residual-1",), ("binned-1-1",)),
+        (("q",), ("residual-1", "binned-1-2"), ("binned-1-3",)),
+        (("final",), ("residual-1", "binned-1-1"), ()),
+        (("measured",), ("gap-figure",), ("residual-1", "binned-1-1")),
+        (("base", "final"), ("gap-figure",), ("residual-1",)),
+    ],
+)
+def test_missing_columns_leave_their_figure_out(
+    tmp_path: Path, without: tuple[str, ...], present: tuple[str, ...], absent: tuple[str, ...]
+) -> None:
+    drawn = figures(page_of(saved(tmp_path, document(), without=without)))
+    assert all(name in drawn for name in present)
+    assert not any(name in drawn for name in absent)
+
+
+def test_without_tables_there_is_a_page_and_with_a_lost_one_an_error(tmp_path: Path) -> None:
+    save_findings(document(), tmp_path)
+    assert "Residual" not in re.findall(r"<h2[^>]*>(\w+)", page_of(tmp_path))
+    save_findings(document(files={"signals_train": "lost.csv"}), tmp_path)
+    with pytest.raises(InputError, match="does not exist"):
+        write_discovery_report(tmp_path)
+
+
+def test_what_is_unknown_is_a_dash(tmp_path: Path) -> None:
+    nan = float("nan")
+    found = stribeck() | {
+        "parameters": [{"name": "Fs1", "unit": "N.m", "value": 0.81, "std": nan, "interval": (nan, nan)}],
+        "gap": {"train": pair(2.1, None, [(2.4, None), (1.6, nan)])},
+        "ratio_interval": (nan, None), "share_of_gap": 0.0,
+    }  # fmt: skip
+    gap = {"train": pair(2.1, 0.4, [(2.4, 0.4), (1.6, 0.4)]), "test": pair(2.0, float("inf"), [(2.4, nan), (1.6, nan)])}
+    result = document(findings=[found], gap=gap, ratio_interval=None)
+    text = discovery_table(result)
+    assert "(0.81 ± –) N·m, not bounded by the data" in text
+    assert "2.10 → –" in text
+    assert "The final model cannot be simulated on held-out data" in " ".join(text.split())
+    page = page_of(saved(tmp_path, result))
+    for shown in (text, re.sub(r"<script.*?</script>", "", page, flags=re.S)):
+        assert not re.search(r"\b(nan|inf|None|NaN)\b", shown)
+    assert figures(page)["gap-figure"]["data"][3]["y"] == [None, None, None]
+
+
+@pytest.mark.parametrize("joints", [1, 6])
+def test_any_number_of_joints(tmp_path: Path, joints: int) -> None:
+    result = many(joints)
+    lines = discovery_table(result).splitlines()
+    assert sum(line.startswith("   joint ") for line in lines) == (joints if joints > 1 else 0)
+    drawn = figures(page_of(saved(tmp_path, result, count=400)))
+    assert len(drawn["residual-1"]["data"]) == 2 * joints
+    assert len(drawn["gap-figure"]["data"][0]["x"]) == (joints + 1 if joints > 1 else 1)
+    assert f"binned-1-{2 * joints}" in drawn
+    if joints > 1:
+        assert drawn["binned-1-4"]["layout"]["xaxis"]["title"]["text"] == "position (m)"
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ([("velocity", "rad/s", -0.1, 0.0, 0.4), ("velocity", "rad/s", 0.0, 0.1, -0.4)],
+         "at low speed, |dq| < 0.10 rad/s, mean residual ±0.40 N·m (against the velocity)"),
+        ([("velocity", "rad/s", -2.0, -1.0, -0.4), ("velocity", "rad/s", 1.0, 2.1, 0.4)],
+         "at high speed, |dq| from 1.0 to 2.0 rad/s, mean residual ±0.40 N·m (sign of the velocity)"),
+        ([("velocity", "rad/s", -2.0, -1.0, 0.4)],
+         "moving backward, dq from -2.0 to -1.0 rad/s, mean residual +0.40 N·m"),
+        ([("velocity", "rad/s", -0.1, 0.08, 0.4)], "at low speed, dq from -0.10 to 0.080 rad/s"),
+        ([("distance since the last reversal", "rad", 0.1, 0.2, 0.4)], "0.10 to 0.20 rad after a reversal"),
+        ([("load", "N.m", 8.0, 12.0, -0.4)], "at loads from 8.0 to 12 N·m, mean residual -0.40 N·m"),
+        ([("time", "s", 0.0, 3.0, 0.4), ("time", "s", 3.0, 5.0, 0.3), ("time", "s", 5.0, 9.0, 0.05)],
+         "at times from 0 to 5.0 s, mean residual +0.35 N·m"),
+    ],
+)  # fmt: skip
+def test_regions_in_words(parts: list[tuple[str, str, float, float, float]], words: str) -> None:
+    result = document(regions=[region(1, *part, 0.5) for part in parts])
+    assert strongest_regions(result)[0].startswith(f"joint 1: {words}")
+    assert len(strongest_regions(result)) == 1
+
+
+def test_page_escapes_what_it_shows(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    found = stribeck() | {"title": evil, "equation": evil, "experiment": evil}
+    result = document(name=evil, notes=[evil], findings=[found], provenance={evil: evil},
+                      files={"robot": evil, "plant_fmu": "javascript:alert(2)"})  # fmt: skip
+    page = page_of(saved(tmp_path, result))
+    assert "alert(1)" in page
+    assert evil not in page
+    assert 'href="javascript' not in page
+
+
+def test_only_files_beside_the_page_are_links(tmp_path: Path) -> None:
+    files = {"robot": "/other/robot.yaml", "plant_fmu": "../plant.fmu", "reference_next": "C:/next.csv", "x": "a b.csv"}
+    save_findings(document(files=files), tmp_path)
+    page = page_of(tmp_path)
+    assert all(name in page for name in files.values())
+    assert re.findall(r'href="([^#"]+)"', page) == ["./a%20b.csv"]
+
+
+def test_long_signals_do_not_swell_the_page(tmp_path: Path) -> None:
+    assert write_discovery_report(saved(tmp_path, document(), count=40_000)).stat().st_size < 8e6
+
+
+def test_saved_findings_are_read_again(tmp_path: Path) -> None:
+    save_findings(document(), tmp_path)
+    assert load_findings(tmp_path) == document()
+    with pytest.raises(InputError, match="no saved discovery"):
+        write_discovery_report(tmp_path / "elsewhere")
