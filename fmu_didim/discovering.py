@@ -13,6 +13,7 @@ import yaml
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.experiment import design_experiment
 from fmu_didim.discovery.findings import FindingsDocument, save_findings
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.loop_model import BASE, PLANT, LoopModel
@@ -32,6 +33,8 @@ from fmu_didim.signals import trajectory, write_csv
 
 ROBOT_FILE = "robot_augmented.yaml"
 CASE_FILE = "case_augmented.yaml"
+NEXT_FILE = "reference_next.yaml"
+NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
 _PATH_KEYS = ("robot", "source", "file", "system")
 
 
@@ -123,10 +126,47 @@ def _saved(
         if description is not None:
             files |= _write_robot(found.workshop, final, case, out)
             notes.append(_rerun(out / CASE_FILE, final, found))
-    document = found.document.model_copy(update={"files": files, "notes": notes})
+    document = found.document
+    proposed: dict[str, str] = {}
+    if description is not None:
+        document, proposed = _with_experiment(found, case, out, say)
+    document = document.model_copy(update={"files": files | proposed, "notes": notes})
     save_findings(document, out)
     write_discovery_report(out)
     return document
+
+
+def _with_experiment(
+    found: Found, case: Case, out: Path, say: Callable[[str], None]
+) -> tuple[FindingsDocument, dict[str, str]]:
+    """The document with a motion that splits the first ambiguous set of fitted effects, and the file of that motion."""
+    document, final = found.document, found.discovery.final
+    for i, step in enumerate(found.discovery.steps):
+        if len(step.members) < 2:
+            continue
+        say("designing the experiment that splits the ambiguous effects")
+        without = found.workshop.without(final.model, final.model.additions.index(step.addition))
+        robot = augmented_robot(found.workshop, replace(final, model=without, values=without.start))
+        model = RobotModel(robot)
+        run = final.model.runs["train"]
+        plan = design_experiment(
+            robot,
+            model.parameter_values,
+            step.members[:2],  # the nearest rival: with more of them the worst pair decides
+            reference=run.problem.experiment.reference,
+            rate_hz=run.problem.experiment.rate_hz,
+            noise=found.noise,
+            effects=found.workshop.effects,
+        )
+        advice = document.findings[i].experiment
+        text = plan.description if plan.reference is not None else f"{advice} {NO_MOTION}"
+        findings = list(document.findings)
+        findings[i] = findings[i].model_copy(update={"experiment": text})
+        document = document.model_copy(update={"findings": findings})
+        if plan.reference is None:
+            return document, {}
+        return document, {"reference_next": plan.save(out / NEXT_FILE).name}
+    return document, {}
 
 
 def _write_signals(found: Found, out: Path) -> dict[str, str]:

@@ -17,7 +17,7 @@ from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import colour, delta_bic, explained
 from fmu_didim.discovery.library import Library, Signature
-from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.loop_model import PLANT, Addition, Knob
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
@@ -160,6 +160,23 @@ def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, nois
     return Contender(
         addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw
     )
+
+
+def proposal_of(found: Contender) -> Proposal:
+    """The effect of a contender with its fitted values, by their plain names."""
+    model, joint = found.fit.model, found.addition.joint
+    index = model.additions.index(found.addition)
+    values = {
+        plain_name(knob, joint): float(value)
+        for knob, value in zip(model.knobs, found.fit.values, strict=True)
+        if knob.effect == index
+    }
+    return Proposal(found.addition, values)
+
+
+def plain_name(knob: Knob, joint: int) -> str:
+    """Name of a parameter of an effect without the number of its joint."""
+    return knob.key.removesuffix(str(joint)).removesuffix("_") if knob.owner == PLANT else knob.key
 
 
 def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf) -> Fit | None:

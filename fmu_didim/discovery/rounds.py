@@ -8,7 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.compete import Contender, Screened, contend, contender, refit, screen, shortlist
+from fmu_didim.discovery.compete import (
+    Contender,
+    Screened,
+    contend,
+    contender,
+    proposal_of,
+    refit,
+    screen,
+    shortlist,
+)
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import BLOCK_S, Ratio, delta_bic, explained, joint_gaps, rms_ratio, total_gap
 from fmu_didim.discovery.library import Library
@@ -58,6 +67,7 @@ class Step:
             other members of its class.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         rivals: all contenders of the round.
+        members: the effect and those ambiguous ones that were fitted, with their values.
     """
 
     addition: Addition
@@ -69,6 +79,7 @@ class Step:
     after: dict[str, Array]
     ratio: Ratio | None
     rivals: tuple[tuple[Addition, float], ...] = ()
+    members: tuple[Proposal, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -220,6 +231,7 @@ def _step(
         if c.addition != accepted.addition and c.delta_bic > accepted.delta_bic - options.threshold
     ]
     named = {a for a, _ in near} | {accepted.addition}
+    fitted = [accepted, *(c for c in contenders if c.addition in named and c.addition != accepted.addition)]
     effect = workshop.effect(accepted.addition)
     for name, other in workshop.effects.items():
         member = Addition(name, accepted.addition.joint)
@@ -235,6 +247,7 @@ def _step(
         after=gaps(accepted.fit, noise),
         ratio=held_out_ratio(fit, accepted.fit, noise, options),
         rivals=tuple((c.addition, c.delta_bic) for c in contenders),
+        members=tuple(proposal_of(c) for c in fitted),
     )
 
 

@@ -1,0 +1,151 @@
+"""Limits of a motion, and straight moves of all joints with smooth speed, one after another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.errors import InputError
+from fmu_didim.signals import Array, Trajectory, trajectory
+
+WITHIN = 0.999
+"""Part of the limits that is used."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where and how fast each joint may move: (n,) positions low and high, speed and acceleration, SI units."""
+
+    low: Array
+    high: Array
+    speed: Array
+    acceleration: Array
+
+    def __post_init__(self) -> None:
+        tables = [self.high - self.low, self.speed, self.acceleration]
+        if not all(np.isfinite(t).all() and (t > 0).all() for t in tables):
+            raise InputError(
+                "The limits of a motion leave no room.", where="splitting experiment",
+                got=f"range {tables[0]}, speed {tables[1]}, acceleration {tables[2]}", valid="finite and > 0",
+                next_step="Give the limits of the joints, or a reference in which every joint moves.",
+            )  # fmt: skip
+
+    def keeps(self, motion: Trajectory) -> bool:
+        """Whether a motion stays within the limits."""
+        q, dq, ddq = motion_table(motion, self.low.size)
+        inside = (q >= self.low).all() and (q <= self.high).all()
+        return bool(inside and (np.abs(dq) <= self.speed).all() and (np.abs(ddq) <= self.acceleration).all())
+
+
+def motion_table(reference: Trajectory, joints: int) -> tuple[Array, Array, Array]:
+    """q, dq, ddq (K, n) of a reference; derivatives that it lacks by differences."""
+    names = range(1, joints + 1)
+    table = [reference.select([f"q{j}" for j in names])]
+    for kind in ("dq", "ddq"):
+        wanted = [f"{kind}{j}" for j in names]
+        if set(wanted) <= set(reference.names):
+            table.append(reference.select(wanted))
+        else:
+            table.append(np.gradient(table[-1], reference.time, axis=0))
+    return table[0], table[1], table[2]
+
+
+def limits_of(
+    reference: Trajectory, joints: int, *, position_scale: float = 1.0, speed_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+) -> Limits:  # fmt: skip
+    """What a reference makes use of, each scaled; the range about its middle.
+
+    Raises:
+        InputError: a joint does not move.
+    """
+    q, dq, ddq = motion_table(reference, joints)
+    middle, half = (q.max(axis=0) + q.min(axis=0)) / 2, np.ptp(q, axis=0) / 2 * position_scale
+    speed, acceleration = np.abs(dq).max(axis=0) * speed_scale, np.abs(ddq).max(axis=0) * acceleration_scale
+    return Limits(middle - half, middle + half, speed, acceleration)
+
+
+QUINTIC_SPEED, QUINTIC_ACCELERATION = 1.875, 10 / np.sqrt(3)
+"""Largest derivatives of 10 s^3 - 15 s^4 + 6 s^5."""
+BLEND_ACCELERATION = 1.5
+"""Largest slope of the smooth step 3 s^2 - 2 s^3."""
+
+
+@dataclass(frozen=True)
+class Space:
+    """What candidates are made for.
+
+    Attributes:
+        limits; duration_s; step: control period, s.
+        lengths: (n,) small amplitude that matters, such as a presliding distance; NaN where none is known.
+    """
+
+    limits: Limits
+    duration_s: float
+    step: float
+    lengths: Array
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A straight move of all joints to ``target`` (n,) and a rest.
+
+    Attributes:
+        move_s, dwell_s: durations of move and rest.
+        blend_s: 0: quintic polynomial; else constant speed, with smooth changes of speed of this duration at both ends.
+    """
+
+    target: Array
+    move_s: float
+    dwell_s: float = 0.0
+    blend_s: float = 0.0
+
+
+def straight(space: Space, here: Array, target: Array, pace: float, *, dwell_s: float = 0.0, ramp: bool = False) -> Leg:
+    """The quickest move within the limits at a part ``pace`` of the speed."""
+    way, speed = np.abs(target - here), WITHIN * pace * space.limits.speed
+    acceleration = WITHIN * space.limits.acceleration
+    if not ramp:
+        move = max(
+            float((QUINTIC_SPEED * way / speed).max()), float(np.sqrt(QUINTIC_ACCELERATION * way / acceleration).max())
+        )
+        return Leg(target, max(move, space.step), dwell_s)
+    cruise = max(float((way / speed).max()), float(np.sqrt(BLEND_ACCELERATION * way / acceleration).max()), space.step)
+    blend = min(max(float((BLEND_ACCELERATION * way / acceleration).max()) / cruise, 2 * space.step), cruise)
+    return Leg(target, cruise + blend, dwell_s, blend)
+
+
+def sampled(start: Array, legs: list[Leg], space: Space) -> Trajectory:
+    """Legs one after another at the control rate, then rest for what is left of the duration."""
+    time = np.arange(round(space.duration_s / space.step) + 1) * space.step
+    q = np.tile(legs[-1].target if legs else start, (time.size, 1))
+    dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    here, begin = start, 0.0
+    for leg in legs:
+        end = begin + leg.move_s + leg.dwell_s
+        inside = (time >= begin - 1e-9) & (time < end - 1e-9)
+        s, first, second = _profile(np.clip(time[inside] - begin, 0.0, leg.move_s), leg)
+        way = leg.target - here
+        q[inside] = here + s[:, None] * way
+        dq[inside], ddq[inside] = first[:, None] * way, second[:, None] * way
+        here, begin = leg.target, end
+    parts: dict[str, Array] = {"q": q, "dq": dq, "ddq": ddq}
+    return trajectory(
+        np.asarray(time, dtype=float), {f"{k}{j + 1}": v[:, j] for j in range(start.size) for k, v in parts.items()}
+    )
+
+
+def _profile(t: Array, leg: Leg) -> tuple[Array, Array, Array]:
+    """Part of the way from 0 to 1, and its two derivatives."""
+    if leg.blend_s == 0:
+        s, length = t / leg.move_s, leg.move_s
+        first, second = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+        return s**3 * (10 - 15 * s + 6 * s**2), first / length, second / length**2
+    cruise, b = leg.move_s - leg.blend_s, leg.blend_s
+    # The speed rises by a smooth step, holds, and falls as it rose.
+    x, y = np.clip(t / b, 0, 1), np.clip((leg.move_s - t) / b, 0, 1)
+    up, down = x**2 * (3 - 2 * x), y**2 * (3 - 2 * y)
+    place = b * (x**3 - x**4 / 2) + np.clip(t - b, 0, None) - (np.clip(1 - y, 0, 1) * b - b * (0.5 - y**3 + y**4 / 2))
+    slope = 6 * (x * (1 - x) - y * (1 - y)) / b
+    return place / cruise, np.minimum(up, down) / cruise, slope / cruise
