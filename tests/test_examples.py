@@ -11,7 +11,7 @@ import pytest
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.workflow import identify
+from fmu_didim.workflow import discover, identify
 from tests.conftest import needs_emps
 
 SCARA = Path("examples/scara")
@@ -88,6 +88,30 @@ def test_every_case_file_is_named_here() -> None:
     assert found == {
         "examples/scara/identify.yaml",
         "examples/scara/identify_200hz.yaml",
+        "examples/arm2r/discover.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
     }
+
+
+def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
+    """Other functional form, other integrator, other smoothing: the names, the joints and the lag come out right."""
+    import yaml
+
+    script = load("examples/arm2r/make_data.py")
+    document = discover("examples/arm2r/discover.yaml", tmp_path)
+    assert document.verdict == "named"
+    assert {(f.effect, f.joint) for f in document.findings} == {("actuator_lag", 2), ("stribeck", 1)}
+    lag = next(p for f in document.findings for p in f.parameters if p.name == "T_2")
+    assert lag.std is not None
+    assert abs(lag.value - script["LAG"]) < 3 * lag.std
+    gap = document.gap["test"]
+    assert gap.before is not None and gap.after is not None
+    assert gap.after < 0.4 * gap.before
+    assert (tmp_path / document.files["plant_fmu"]).is_file()
+    # The tables are what the script makes: the first rows, anew.
+    series = yaml.safe_load(Path("examples/arm2r/discover.yaml").read_text())["train"]["reference"]
+    time, torque = script["closed_loop"]({**series, "duration_s": 0.2})
+    made = np.loadtxt("examples/arm2r/train_50hz.csv", delimiter=",", skiprows=1)[:10]
+    exact = torque + script["noise"](4001, script["SEEDS"]["train"])[: time.size]
+    np.testing.assert_allclose(made[:, 1:], exact[::4][:10], rtol=1e-4, atol=1e-4)

@@ -281,7 +281,7 @@ def _component(source: ComponentSource, folder: Path, make_block: Any) -> Compon
 def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
     return load_fmu(
         path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
-        time_limit_s=source.time_limit_s,
+        time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
     )  # fmt: skip
 
 

@@ -39,6 +39,8 @@ class ComponentSource(Strict):
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
             FMU that computes its command in the step.
         isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
+        rerun: how an FMU is run again; by default what a trial of it shows to be right.
+        event_mode: whether the events of FMI 3.0 co-simulation are handled.
     """
 
     kind: Kind = "fmu"
@@ -57,6 +59,8 @@ class ComponentSource(Strict):
     outputs_after_step: bool = False
     isolated: bool = False
     time_limit_s: Positive = 10.0
+    rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
+    event_mode: bool = False
 
 
 class Loop(Strict):

@@ -91,11 +91,9 @@ class Workshop:
         base: LoopModel,
         description: RobotDescription | None,
         effects: Mapping[str, Effect] = EFFECTS,
-        *,
-        substeps: int | None = None,
     ) -> None:
         self.base, self.description, self.effects = base, description, effects
-        self._substeps = substeps
+        self._substeps = _chosen_substeps(base.plant)
         self._plants: dict[tuple[Addition, ...], Component] = {}
         self._lock = threading.Lock()
         self._ranges = [_range(base, j) for j in range(1, base.joint_count + 1)]
@@ -245,13 +243,18 @@ class Workshop:
         return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
 
 
+def _chosen_substeps(plant: Component) -> int | None:
+    """Integration substeps that the user chose for the plant; the augmented plants take over the choice."""
+    chosen = getattr(plant, "substeps", None) or getattr(plant, "options", {}).get("substeps")
+    return int(chosen) if chosen else None
+
+
 def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
     """How far a fit may take a shape beyond the grid on which it was found."""
     if search.logarithmic and not signed:
         return search.lowest / 3, search.highest * 3
     room = 0.5 * (search.highest - search.lowest)
-    low = search.lowest - room
-    return (low if signed else max(low, 1e-9 * search.highest)), search.highest + room
+    return (search.lowest - room if signed else 0.8 * search.lowest), search.highest + room
 
 
 def splice_name(addition: Addition) -> str:

@@ -31,6 +31,8 @@ Say = Callable[[str], None]
 HELD_OUT = "test"
 BASIC = frozenset({"motor_inertia", "viscous", "coulomb"})
 """Effects of the base model, never proposed."""
+COMPOSED = frozenset({"lugre"})
+"""Effects made of others, which are proposed one by one; they are still told as members of their class."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def _candidates(workshop: Workshop, options: Options) -> list[Addition]:
     names = [
         name
         for name, effect in workshop.effects.items()
-        if name not in BASIC
+        if name not in BASIC | COMPOSED
         and name not in options.forbid
         and name != "torque_saturation"  # the pre-check's
         and effect.place != "measurement"  # reported with its class
@@ -180,21 +182,17 @@ def _objection(candidate: Contender, fit: Fit, noise: Noise, options: Options) -
 def _simplest(
     winner: Contender, contenders: Sequence[Contender], workshop: Workshop, fit: Fit, noise: Noise, options: Options
 ) -> Contender:
-    """Within the ambiguous set: what the user prefers, else the simplest member of the winner's class and joint."""
-    near = [c for c in contenders if c.delta_bic > winner.delta_bic - options.threshold]
+    """Of the ambiguous set: what the user prefers, else the member with the fewest parameters."""
+    near = [
+        c
+        for c in contenders
+        if c.delta_bic > winner.delta_bic - options.threshold and not _objection(c, fit, noise, options)
+    ]
     for name in options.prefer:
         for c in near:
-            if c.addition.effect == name and not _objection(c, fit, noise, options):
+            if c.addition.effect == name:
                 return c
-    kind = workshop.effect(winner.addition).class_name
-    alike = [
-        c
-        for c in near
-        if workshop.effect(c.addition).class_name == kind
-        and c.addition.joint == winner.addition.joint
-        and not _objection(c, fit, noise, options)
-    ]
-    return min(alike, key=lambda c: (workshop.cost(c.addition), -c.delta_bic))
+    return min(near, key=lambda c: (workshop.cost(c.addition), -c.delta_bic))
 
 
 def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:

@@ -17,9 +17,9 @@ def ripple_frequency(joint_type: JointType) -> Variable:
 
 
 def ripple_search(joint_type: JointType) -> Search:
-    """Values of ``nr`` to search: every whole number for a turn."""
+    """Values of ``nr`` to search: every whole number for a turn from 6; what is slower looks like gravity."""
     if joint_type == "revolute":
-        return Search(2, 120, 119, logarithmic=False, cost=3.0)
+        return Search(6, 120, 115, logarithmic=False, cost=3.0)
     return Search(20, 3000, 150, logarithmic=False, cost=3.0)
 
 

@@ -209,6 +209,16 @@ def noise(rng: np.random.Generator, design: Design, deviation: Array) -> Array:
     return deviation * (np.sqrt(COLOURED) * coloured + np.sqrt(1 - COLOURED) * white)
 
 
+def _run(plant: Plant, path: Motion, rng: np.random.Generator) -> tuple[Motion, Array]:
+    """A motion on which the plant can be simulated, this one or another, and its logged torque (N, n)."""
+    for _ in range(20):
+        try:
+            return path, plant.simulate(path)[1]
+        except SimulationFailedError:
+            path = random_motion(rng, plant.design)
+    raise SimulationFailedError("no motion of twenty could be simulated")
+
+
 def write_cases(
     folders: Sequence[tuple[Path, int]], plant: Plant, motion: Motion, deviation: Array, rng: np.random.Generator
 ) -> None:
@@ -220,8 +230,7 @@ def write_cases(
     design, time = plant.design, instants(plant.design)
     gaps: dict[str, Gap] = {}
     for run_name in ("train", "test"):
-        path = motion if run_name == "train" else random_motion(rng, design)
-        _, logged = plant.simulate(path)
+        path, logged = _run(plant, motion if run_name == "train" else random_motion(rng, design), rng)
         noisy = logged + noise(rng, design, deviation)
         gaps[run_name] = gap(plant, path, deviation)
         for folder, rate in folders:
