@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from fmu_didim.case import Case, load_case
+from fmu_didim.components import load_fmu
 from fmu_didim.discovery.augment import Workshop
 from fmu_didim.discovery.experiment import design_experiment
 from fmu_didim.discovery.findings import FindingsDocument, save_findings
@@ -22,7 +23,6 @@ from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_problem
 from fmu_didim.documents import load_yaml
 from fmu_didim.effects import EFFECTS, Effect
-from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.problem import Problem, predict_torque
@@ -30,9 +30,11 @@ from fmu_didim.identification.provenance import provenance
 from fmu_didim.imports import import_object
 from fmu_didim.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.signals import trajectory, write_csv
+from fmu_didim.ssp import read_ssp, write_ssp
 
 ROBOT_FILE = "robot_augmented.yaml"
 CASE_FILE = "case_augmented.yaml"
+SYSTEM_FILE = "loop_augmented.ssp"
 NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
 _PATH_KEYS = ("robot", "source", "file", "system")
@@ -126,6 +128,10 @@ def _saved(
         if description is not None:
             files |= _write_robot(found.workshop, final, case, out)
             notes.append(_rerun(out / CASE_FILE, final, found))
+        else:
+            system, note = _write_system(case.name, final, files, out)
+            files |= system
+            notes.append(note)
     document = found.document
     proposed: dict[str, str] = {}
     if description is not None:
@@ -141,7 +147,8 @@ def _with_experiment(
 ) -> tuple[FindingsDocument, dict[str, str]]:
     """The document with a motion that splits the first ambiguous set of fitted effects, and the file of that motion."""
     document, final = found.document, found.discovery.final
-    for i, step in enumerate(found.discovery.steps):
+    first = len(document.findings) - len(found.discovery.steps)  # torques from outside come before
+    for i, step in enumerate(found.discovery.steps, start=first):
         if len(step.members) < 2:
             continue
         say("designing the experiment that splits the ambiguous effects")
@@ -248,8 +255,8 @@ def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
     files = {}
     step = fit.model.runs["train"].system.step_size
     for index, addition in enumerate(fit.model.additions):
-        effect = workshop.effect(addition)
-        if not isinstance(effect, SplicedEffect):
+        effect = workshop.part(addition)
+        if effect is None:
             continue
         block = effect.block(workshop.joint_type(addition.joint), step)  # type: ignore[arg-type]
         values = {k.key: float(v) for k, v in zip(fit.model.knobs, fit.values, strict=True) if k.effect == index}
@@ -257,6 +264,29 @@ def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
         path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
         files[f"part_{name}"] = path.name
     return files
+
+
+def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> tuple[dict[str, str], str]:
+    """The loop with the parts in its wiring as an SSP archive, and how well it gives the fitted torque."""
+    bare = replace(fit.model, runs={label: replace(run, pushes=()) for label, run in fit.model.runs.items()})
+    system = bare.simulated(fit.values)
+    try:
+        for component in system.components:
+            if f"part_{component}" in files:
+                part = system.components[component]
+                values = {v.name: v.start for v in part.parameters}
+                alone = load_fmu(out / files[f"part_{component}"]).with_parameters(values)
+                system = system.replace(component, alone)
+        path = write_ssp(system, out / SYSTEM_FILE, name=name)
+        recording = bare.record(fit.values, system=read_ssp(path))
+    except (InputError, SimulationError) as error:
+        return {}, f"The augmented loop could not be written as an SSP archive: {error}"
+    torque = fit.model.runs["train"].operator.apply(bare.logged_torque(recording, fit.values))
+    wanted = bare.torque(fit.values)
+    worst = float(np.abs(torque - wanted).max() / np.abs(wanted).max())
+    return {
+        "system": path.name
+    }, f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
 
 
 def _rerun(path: Path, final: Fit, found: Found) -> str:
@@ -267,12 +297,15 @@ def _rerun(path: Path, final: Fit, found: Found) -> str:
     if case.validation is not None:
         runs[HELD_OUT] = replace(case.problem.on(case.validation), system=case.system(case.validation.reference))
     worst = 0.0
+    # Torques from outside belong to the experiment, not to the augmented model.
+    bare = {label: replace(run, pushes=()) for label, run in final.model.runs.items()}
+    alone = replace(final.model, runs=bare)
     for label, problem in runs.items():
         try:
             torque = predict_torque(problem, problem.parameters.nominal())[0]
         except SimulationError as error:
             return f"The augmented FMU could not be run on {label}: {error}"
-        wanted = final.model.torque(final.values, label)
+        wanted = alone.torque(final.values, label)
         worst = max(worst, float(np.abs(torque - wanted).max() / np.abs(wanted).max()))
     return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
 

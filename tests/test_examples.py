@@ -91,6 +91,9 @@ def test_every_case_file_is_named_here() -> None:
         "examples/arm2r/discover.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
+        "examples/emps/discover.yaml",
+        "examples/emps/discover_pulses.yaml",
+        "examples/emps/robot_base.yaml",
     }
 
 

@@ -14,17 +14,17 @@ import numpy as np
 
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.discovery.blackbox import TorquePart, can_be_added, finer, splice_part, torque_part
 from fmu_didim.discovery.loop_model import PLANT, Addition, Knob, LoopModel, Run
-from fmu_didim.effects import EFFECTS, Effect, Search
+from fmu_didim.discovery.ranges import travelled
+from fmu_didim.effects import EFFECTS, Effect, Search, TorqueEffect
+from fmu_didim.effects.coulomb import Coulomb
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import logged_torque, splice_effect
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
-
-WINDOW_EDGES = 24
-"""Number of begins and ends of a force window that are tried."""
 
 
 @dataclass(frozen=True)
@@ -40,41 +40,6 @@ class Proposal:
     addition: Addition
     values: Mapping[str, float]
     scales: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class _Range:
-    """Where the reference of one joint goes: positions, speeds, times, and the way of one control period."""
-
-    lowest: float
-    highest: float
-    speed: float
-    way: float
-    begin: float
-    end: float
-
-    def adapted(self, search: Search, unit: str) -> Search:
-        if search.logarithmic:
-            floor = {"rad": 0.1 * self.way, "m": 0.1 * self.way, "rad/s": 0.003 * self.speed, "m/s": 0.003 * self.speed}
-            low = max(search.lowest, floor.get(unit, 0.0))
-            return replace(search, lowest=low, highest=max(search.highest, 2 * low))
-        if unit in ("rad", "m"):
-            room = 0.02 * (self.highest - self.lowest)
-            return replace(search, lowest=self.lowest + room, highest=self.highest - room)
-        if unit == "s":
-            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, WINDOW_EDGES))
-        return search
-
-
-def _range(base: LoopModel, joint: int) -> _Range:
-    reference = base.runs["train"].problem.experiment.reference
-    step = float(reference.time[1] - reference.time[0])
-    name = f"q{joint}"
-    q = reference.select([name])[:, 0] if name in reference.names else np.zeros(reference.time.size)
-    speed = np.abs(np.gradient(q, step))
-    way = float(np.sqrt(np.mean(speed**2))) * step
-    begin, end = float(reference.time[0]), float(reference.time[-1])
-    return _Range(float(q.min()), float(q.max()), float(speed.max()), way, begin, end)
 
 
 class Workshop:
@@ -95,8 +60,10 @@ class Workshop:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)
         self._plants: dict[tuple[Addition, ...], Component] = {}
-        self._lock = threading.Lock()
-        self._ranges = [_range(base, j) for j in range(1, base.joint_count + 1)]
+        self._ticks: int | None = None
+        # CasADi's expressions are not made to be built by several threads at once.
+        self._lock = threading.RLock()
+        self._ranges = [travelled(base, j) for j in range(1, base.joint_count + 1)]
 
     def effect(self, addition: Addition) -> Effect:
         """The effect of an addition."""
@@ -138,6 +105,10 @@ class Workshop:
         Raises:
             InputError: an effect cannot be added to this plant.
         """
+        with self._lock:
+            return self._built(model, proposals)
+
+    def _built(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
         additions = (*model.additions, *(p.addition for p in proposals))
         knobs = list(model.knobs)
         for index, proposal in enumerate(proposals, start=len(model.additions)):
@@ -147,7 +118,37 @@ class Workshop:
         offered = {v.name for v in plant.parameters}
         knobs = [k for k in knobs if k.owner != PLANT or k.key in offered]
         runs, logged = self._wired(additions)
-        return replace(model, plant=plant, runs=runs, logged=logged, knobs=tuple(knobs), additions=additions)
+        built = replace(model, plant=plant, runs=runs, logged=logged, knobs=tuple(knobs), additions=additions)
+        return built.refined(self._finer(additions))
+
+    def _finer(self, additions: Sequence[Addition]) -> int:
+        """Ticks in a control period: more than one where a torque of the plant stands in the wiring."""
+        if not any(isinstance(self.part(a), TorquePart) for a in additions):
+            return 1
+        if self._ticks is None:
+            self._ticks = finer(self._with_friction())  # one number for all models, which are compared
+        return self._ticks
+
+    def _with_friction(self) -> LoopModel:
+        """The base with further Coulomb friction in the wiring, the steepest effect that is likely."""
+        sizes = 0.1 * np.sqrt(np.mean(self.base.runs["train"].measured ** 2, axis=0))
+        wanted = [(Addition("coulomb", j), size) for j, size in enumerate(sizes, start=1)]
+        runs = dict(self.base.runs)
+        for addition, size in wanted:
+            if self.part(addition) is None:
+                continue
+            run = self._with_part(runs["train"], Coulomb(), addition.joint)
+            name = splice_name(addition)
+            part = run.system.components[name].with_parameters({"Fc": float(size)})
+            runs["train"] = replace(run, system=run.system.replace(name, part))
+        joints = range(1, self.base.joint_count + 1)
+        system, plant = runs["train"].system, runs["train"].problem.plant
+        return replace(self.base, runs=runs, logged=tuple(logged_torque(system, j, plant=plant) for j in joints))
+
+    def _with_part(self, run: Run, effect: TorqueEffect, joint: int) -> Run:
+        kind, begin = self.joint_type(joint), float(run.problem.experiment.reference.time[0])
+        system = splice_part(run.system, effect, joint, kind, start_time=begin, plant=run.problem.plant)  # type: ignore[arg-type]
+        return replace(run, system=system)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other knobs keep their values."""
@@ -157,8 +158,11 @@ class Workshop:
             for k in model.knobs
             if k.effect != index
         )
-        runs, logged = self._wired(additions)
-        return replace(model, plant=self._plant(additions), runs=runs, logged=logged, knobs=knobs, additions=additions)
+        with self._lock:
+            runs, logged = self._wired(additions)
+            plant = self._plant(additions)
+            built = replace(model, plant=plant, runs=runs, logged=logged, knobs=knobs, additions=additions)
+            return built.refined(self._finer(additions))
 
     def described(self, additions: Sequence[Addition]) -> RobotDescription | None:
         """The robot description with all effects, wherever they act."""
@@ -199,9 +203,22 @@ class Workshop:
             )
         return knobs
 
+    def can_add(self, addition: Addition) -> bool:
+        """Whether an effect can be added to this plant: to a black box only what its wiring can take."""
+        return self.description is not None or self.part(addition) is not None
+
     def is_spliced(self, addition: Addition) -> bool:
         """Whether an effect is a component of its own in the wiring."""
-        return isinstance(self.effect(addition), SplicedEffect)
+        return self.part(addition) is not None
+
+    def part(self, addition: Addition) -> SplicedEffect | None:
+        """The component that an effect is in the wiring, None if it belongs into the equations of the plant."""
+        effect = self.effect(addition)
+        if isinstance(effect, TorqueEffect) and self.description is None:
+            kind = self.joint_type(addition.joint)
+            if can_be_added(self.base, effect, addition.joint, kind):  # type: ignore[arg-type]
+                return torque_part(effect)
+        return effect if isinstance(effect, SplicedEffect) else None
 
     def _plant(self, additions: Sequence[Addition]) -> Component:
         inner = tuple(a for a in additions if not self.is_spliced(a) and self.effect(a).place != "measurement")
@@ -209,15 +226,13 @@ class Workshop:
             return self.base.plant
         if self.description is None:
             raise InputError("This plant has no robot description, so nothing can be added to its torque balance.")
-        with self._lock:
-            known = self._plants.get(inner)
+        known = self._plants.get(inner)
         if known is None:
             block = RobotModel(self._description(inner)).block()
-            component: Component = with_compiled_twin(ModelComponent(block))
+            known = with_compiled_twin(ModelComponent(block))
             if self._substeps is not None:
-                component = component.with_substeps(self._substeps) or component
-            with self._lock:
-                known = self._plants.setdefault(inner, component)
+                known = known.with_substeps(self._substeps) or known
+            self._plants[inner] = known
         return known
 
     def _description(self, additions: Sequence[Addition]) -> RobotDescription:
@@ -240,6 +255,8 @@ class Workshop:
                     label: replace(run, system=splice_effect(run.system, effect, addition.joint, kind, plant=plant))  # type: ignore[arg-type]
                     for label, run in runs.items()
                 }
+            elif isinstance(effect, TorqueEffect) and self.is_spliced(addition):
+                runs = {label: self._with_part(run, effect, addition.joint) for label, run in runs.items()}
         return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
 
 

@@ -92,8 +92,10 @@ def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list
     """All candidates that are not in the model yet, each at its best shapes, the best first."""
     basis = Basis(fit, noise)
     best: dict[Addition, Screened] = {}
+    # A class is named once on a joint: a second member of it would only mend the form of the first.
+    named = {(workshop.effect(a).class_name, a.joint) for a in fit.model.additions}
     for signature in library:
-        if signature.addition in fit.model.additions:
+        if (workshop.effect(signature.addition).class_name, signature.addition.joint) in named:
             continue
         table = basis.weighted(signature.columns)
         rest = basis.project(table)

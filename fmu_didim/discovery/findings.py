@@ -92,12 +92,12 @@ class RegionResult(_Document):
 
 
 class WindowResult(_Document):
-    """An interval of time with a torque of its own."""
+    """An interval of time with a torque from outside."""
 
     joint: int
     begin_s: float
     end_s: float
-    torque: float
+    torque: float = Field(description="on the joint, positive along it; the drive must make up for it")
     score: float
     experiment: str
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.blackbox import motion_from_outputs
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
@@ -70,21 +71,20 @@ class Library:
     def _make(self, addition: Addition) -> Iterator[Signature]:
         effect = self.workshop.effect(addition)
         if isinstance(effect, NonlinearEffect):
-            if isinstance(effect, SplicedEffect) or self.motion is not None:
+            if isinstance(effect, SplicedEffect) or self.workshop.description is not None:
                 yield from self._by_simulation(addition, effect)
-        elif isinstance(effect, TorqueEffect) and self.motion is not None:
+        elif isinstance(effect, TorqueEffect) and self.motion is not None and self.workshop.can_add(addition):
             yield from self._by_regressor(addition, effect, self.motion)
 
     def _by_regressor(self, addition: Addition, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
-        description = self.workshop.description
-        assert description is not None
         joint = addition.joint - 1
-        if joint + effect.reach >= len(description.joints):
+        kinds = [self.workshop.joint_type(j) for j in range(1, motion.joint_count + 1)]
+        if joint + effect.reach >= len(kinds):
             return
-        kind = description.joints[joint].type
+        kind = kinds[joint]
         defaults = self._defaults(addition, effect)
-        made = TorqueSignature(effect, joint, tuple(j.type for j in description.joints), tuple(defaults))
-        names = tuple(v.name for v in effect.parameters(kind))
+        made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
+        names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
         search = self.workshop.search(addition)
         at_samples = _at(motion, self._operator.ticks)
         for shapes in _thinned(search, defaults):
@@ -97,7 +97,12 @@ class Library:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
         kind = self.workshop.joint_type(addition.joint)
         present = {knob.name: knob.value for knob in self._fit.model.knobs}
-        return {v.name: present.get(f"{v.name}_{addition.joint}", v.start) for v in effect.shapes(kind)}  # type: ignore[arg-type]
+        robot = self.workshop.description
+        own = robot.joints[addition.joint - 1].parameters if robot is not None else {}
+        return {
+            v.name: present.get(f"{v.name}_{addition.joint}", own.get(v.name, v.start))
+            for v in effect.shapes(kind)  # type: ignore[arg-type]
+        }
 
     def _by_simulation(self, addition: Addition, effect: NonlinearEffect) -> Iterator[Signature]:
         """Difference of two closed-loop simulations for each of a few values of each parameter."""
@@ -186,9 +191,9 @@ def _chi(workshop: Workshop, fit: Fit) -> Array:
 
 
 def simulated_motion(workshop: Workshop, fit: Fit) -> Motion | None:
-    """The simulated motion at all ticks; None without a robot description."""
+    """The simulated motion at all ticks; None if the plant does not tell it."""
     if workshop.description is None:
-        return None
+        return motion_from_outputs(fit.model, fit.values)
     run = fit.model.runs["train"]
     recording = fit.model.record(fit.values, all_ticks=True)
     joints = range(1, fit.model.joint_count + 1)

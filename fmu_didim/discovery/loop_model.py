@@ -15,12 +15,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fmu_didim.components import Component
+from fmu_didim.discovery.push import PUSH, Push, held, with_pushes
 from fmu_didim.errors import DivergedError, InputError, SimulationError
 from fmu_didim.identification.problem import Problem
-from fmu_didim.master import Recording, SampleOperator, System, simulate
+from fmu_didim.master import Connection, Recording, SampleOperator, System, simulate
+from fmu_didim.master.system import REFERENCE
 from fmu_didim.signals import Array
 
-BASE, PLANT = "base", "plant"
+BASE, PLANT, DELAY = "base", "plant", "delay"
 STEP = 1e-4
 """Step of the forward differences, in units of a knob's scale: our loops are smooth to 1e-10, truncation rules."""
 
@@ -31,7 +33,8 @@ class Knob:
 
     Attributes:
         name: unique, shown to the user; unit.
-        owner: ``base`` (a base parameter), ``plant``, or the name of a spliced component; key: its name there.
+        owner: ``base`` (a base parameter), ``plant``, ``push`` (a torque from outside), ``delay`` (of the command, in
+            samples, beyond that of the problem), or the name of a spliced component; key: its name there.
         value: where it starts; scale: size of a noticeable change.
         lowest, highest: limits.
         effect: index of the addition it belongs to, None for base parameters and nuisances.
@@ -66,11 +69,15 @@ class Run:
         problem: base system, data and instances kept for re-runs.
         system: with all splices.
         operator: how the log follows from the command.
+        pushes: torques from outside that acted in this experiment.
+        finer: ticks in a control period, for components that need shorter steps; inputs are held as without.
     """
 
     problem: Problem
     system: System
     operator: SampleOperator
+    pushes: tuple[Push, ...] = ()
+    finer: int = 1
 
     @property
     def measured(self) -> Array:
@@ -129,33 +136,79 @@ class LoopModel:
         by_owner: dict[str, dict[str, float]] = {}
         for knob, value in zip(self.knobs[count:], values[count:], strict=True):
             by_owner.setdefault(knob.owner, {})[knob.key] = float(value)
+        by_owner.pop(PUSH, None)
+        for samples in by_owner.pop(DELAY, {}).values():
+            system = system.with_delay(problem.plant, max(problem.delay + samples, 0.0))
         wanted = {**problem.parameters.values(values[:count]), **problem._start_values(), **by_owner.pop(PLANT, {})}
         offered = {v.name for v in self.plant.parameters}
         plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
         system = system.replace(problem.plant, plant)
+        present = {v.name: v.start for v in plant.parameters}
+        for addition in self.additions:
+            # Effects of a joint share shapes, such as the smoothing of friction, wherever they stand.
+            owner, names = f"{addition.effect}{addition.joint}", run.system.components
+            for v in names[owner].parameters if owner in names else ():
+                if f"{v.name}_{addition.joint}" in present:
+                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{addition.joint}"])
         for owner, own in by_owner.items():
             system = system.replace(owner, system.components[owner].with_parameters(own))
-        return system
+        joints = sorted({push.joint for push in run.pushes})
+        pushing = tuple(Connection(f"{REFERENCE}.{PUSH}{j}", f"{problem.plant}.tau{j}") for j in joints)
+        return replace(system, connections=(*system.connections, *pushing)) if pushing else system
 
-    def record(self, values: Array, which: str = "train", *, all_ticks: bool = False) -> Recording:
-        """Simulate; raises DivergedError, SimulationError."""
+    def pushes(self, values: Array, which: str = "train") -> tuple[Push, ...]:
+        """The torques from outside in an experiment; those of the training data may be knobs."""
+        found = list(self.runs[which].pushes)
+        if which == "train":
+            for knob, value in zip(self.knobs, values, strict=True):
+                if knob.owner == PUSH:
+                    index, _, name = knob.key.partition(".")
+                    found[int(index)] = found[int(index)].moved(name, float(value))
+        return tuple(found)
+
+    def record(
+        self, values: Array, which: str = "train", *, all_ticks: bool = False, system: System | None = None
+    ) -> Recording:
+        """Simulate, another system like the own one if given; raises DivergedError, SimulationError."""
         run = self.runs[which]
+        reference = with_pushes(run.problem.experiment.reference, self.pushes(values, which))
+        ticks = np.arange(reference.time.size) if all_ticks else run.operator.ticks
+        system = system or self.simulated(values, which)
+        if run.finer > 1:
+            reference, ticks = held(reference, run.finer), ticks * run.finer
         return simulate(
-            self.system(values, which),
-            run.problem.experiment.reference,
-            ticks=None if all_ticks else run.operator.ticks,
-            bounds=run.problem.position_bounds(),
-            pool=run.problem.pool,
-        )
+            system, reference, ticks=ticks, bounds=run.problem.position_bounds(), pool=run.problem.pool
+        )  # fmt: skip
+
+    def simulated(self, values: Array, which: str = "train") -> System:
+        """The system as it is run, with the ticks that its components need."""
+        run, system = self.runs[which], self.system(values, which)
+        return _divided(system, run) if run.finer > 1 else system
+
+    def refined(self, count: int) -> LoopModel:
+        """The same loop with other ticks in a control period."""
+        return replace(self, runs={label: replace(run, finer=count) for label, run in self.runs.items()})
 
     def torque(self, values: Array, which: str = "train") -> Array:
         """(N, n) simulated torque at the samples."""
         recording = self.record(values, which)
         run = self.runs[which]
-        torque = run.operator.apply(np.column_stack([recording.inputs[name] for name in self.logged]))
+        torque = run.operator.apply(self.logged_torque(recording, values, which))
         if not np.isfinite(torque).all():
             raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
         return run.problem.filtered(torque)
+
+    def logged_torque(self, recording: Recording, values: Array, which: str = "train") -> Array:
+        """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
+        run = self.runs[which]
+        torque = np.column_stack([recording.inputs[name] for name in self.logged])
+        for push in self.pushes(values, which):
+            reaches_log = self.logged[push.joint - 1] == f"{run.problem.plant}.tau{push.joint}"
+            if reaches_log != push.is_logged:
+                sign = -1.0 if reaches_log else 1.0
+                reference = run.problem.experiment.reference.time
+                torque[:, push.joint - 1] += sign * np.interp(recording.time, reference, push.along(reference))
+        return torque
 
     def residual(self, values: Array, which: str = "train") -> Array:
         """(N, n) measured minus simulated torque."""
@@ -188,6 +241,15 @@ class LoopModel:
             return [task() for task in tasks]
         with ThreadPoolExecutor(self.workers) as threads:
             return list(threads.map(lambda task: task(), tasks))
+
+
+def _divided(system: System, run: Run) -> System:
+    """The system with shorter ticks: the plant and what belongs to it step with them, all else as before."""
+    added = set(system.components) - set(run.problem.system.components)
+    close = {run.problem.plant, *(n for n in added if len(system.components[n].inputs) > 1)}
+    every = {n: system.every.get(n, 1) * (1 if n in close else run.finer) for n in system.components}
+    delays = {name: samples * run.finer for name, samples in system.delays.items()}
+    return replace(system, step_size=system.step_size / run.finer, every=every, delays=delays)
 
 
 def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int = 2) -> LoopModel:

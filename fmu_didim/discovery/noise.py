@@ -17,6 +17,10 @@ REPEATS_WITHIN = 1e-6
 SHORTEST_PERIOD = 10
 """Ticks; a shorter period would be one of the control."""
 LARGEST_CORRELATION = 0.98
+LEAST = 1e-9
+"""Smallest noise, as a part of the torque."""
+BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
+"""Blocks in a period; one whose power is this many times the usual one is no noise, unless so many of them are."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Ar
         torque: (N, n) log; samples: number of samples in a period.
         skip: samples at the begin that the transient spoils.
         regressors: (N, n, m) columns whose slow change is taken out of the differences first, such as friction:
-            else thermal drift would count as noise.
+            else thermal drift would count as noise. What happened in one period only, such as a push, is left out too.
 
     Returns:
         None if less than one and a half periods are left.
@@ -93,11 +97,32 @@ def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Ar
             columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
         table = np.column_stack(columns)
         table = table / np.linalg.norm(table, axis=0)
-        difference = difference - table @ np.linalg.lstsq(table, difference, rcond=None)[0]
-        deviation[j] = np.sqrt(np.sum(difference**2) / max(difference.size - table.shape[1], 1))
-        correlation[j] = _correlation(difference)
+        spread, correlation[j] = _without_events(difference, table, max(samples // BLOCKS, 10))
+        # A simulated log may repeat exactly; its weight must stay finite.
+        deviation[j] = max(spread, LEAST * float(np.sqrt(np.mean(torque[:, j] ** 2))), 1e-300)
     periods = 1 + (torque.shape[0] - skip) // samples
     return Noise(deviation, correlation, "periods", periods=periods)
+
+
+def _without_events(difference: Array, table: Array, block: int) -> tuple[float, float]:
+    """Deviation and correlation of what columns (N, m) leave of a difference (N,), without blocks that stand out."""
+    place = np.arange(difference.size) // block
+    kept = np.ones(difference.size, dtype=bool)
+    for _ in range(4):
+        rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
+        power = np.bincount(place, rest**2) / np.bincount(place)
+        wanted = (power <= OUTLIER * np.median(power))[place]
+        if np.mean(wanted) < 1 - MOST_OUTLIERS:
+            kept = np.ones(difference.size, dtype=bool)  # they are the rule: loud and quiet parts of the motion
+            break
+        if np.array_equal(wanted, kept):
+            break
+        kept = wanted
+    rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
+    deviation = np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1))
+    pairs = kept[1:] & kept[:-1]
+    rho = float(np.sum((rest[1:] * rest[:-1])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
+    return float(deviation), float(np.clip(rho, 0.0, LARGEST_CORRELATION))
 
 
 def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:
@@ -136,12 +161,6 @@ def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
     shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
     logs = np.log(np.maximum(power, 1e-300)) - np.log(shape)
     return float(np.var(logs)), float(np.exp(np.mean(logs)))
-
-
-def _correlation(values: Array) -> float:
-    centred = values - values.mean()
-    rho = float(centred[1:] @ centred[:-1] / max(float(centred @ centred), 1e-300))
-    return float(np.clip(rho, 0.0, LARGEST_CORRELATION))
 
 
 def motion_frequency(reference: Trajectory, joints: int) -> float:

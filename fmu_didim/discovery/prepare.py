@@ -17,10 +17,14 @@ from fmu_didim.discovery.noise import (
 )
 from fmu_didim.errors import InputError
 from fmu_didim.identification.problem import Experiment, Problem
-from fmu_didim.signals import Array
+from fmu_didim.master import System
+from fmu_didim.master.system import REFERENCE
+from fmu_didim.signals import Array, Trajectory, trajectory
 
 SMOOTHING = (0.003, 0.05)
 """Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint."""
+NOT_NOISE = 1.5
+"""Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
 TRANSIENT = 0.1
 """Part of a period that is left out when periods are compared: the first one may begin with a transient."""
 
@@ -50,7 +54,9 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
     model = with_nuisances(loop_model(problem, others, workers=workers))
     noise, notes = _measured_noise(experiment, problem)
     if noise is not None:
-        return Prepared(minimise(model, noise), noise, tuple(notes))
+        fit = minimise(model, noise)
+        noise, further = _without_events(noise, fit, experiment, problem.joint_count)
+        return Prepared(fit, noise, (*notes, *further))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(experiment.torque, axis=0)
     fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"))
@@ -63,8 +69,30 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
     return Prepared(minimise(fit.model, noise, jacobian=fit.jacobian, torque=fit.torque), noise, tuple(notes))
 
 
+def _without_events(noise: Noise, fit: Fit, experiment: Experiment, joints: int) -> tuple[Noise, tuple[str, ...]]:
+    """The noise of the periods, unless the periods differ by more than what the residual holds at high frequencies.
+
+    Noise has both; a force from outside, or anything else that does not repeat, only the first.
+    """
+    frequency = motion_frequency(experiment.reference, joints)
+    fast = noise_from_residual(fit.residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
+    more = noise.deviation > NOT_NOISE * fast.deviation
+    if not more.any():
+        return noise, ()
+    named = ", ".join(str(j + 1) for j in np.flatnonzero(more))
+    text = (
+        f"Joint {named}: the periods differ by more than their noise at high frequencies: something there does not "
+        "repeat. It counts as model error, not as noise."
+    )
+    return replace(
+        noise,
+        deviation=np.where(more, fast.deviation, noise.deviation),
+        correlation=np.where(more, np.clip(fast.correlation, 0.0, None), noise.correlation),
+    ), (text,)
+
+
 def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | None, list[str]]:
-    ticks = period_in_ticks(experiment.reference)
+    ticks = period_in_ticks(_used(experiment.reference, problem.system))
     if ticks is None:
         return None, []
     period = ticks * problem.system.step_size
@@ -76,6 +104,14 @@ def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | N
         experiment.torque, count, skip=round(TRANSIENT * count), regressors=friction_columns(experiment)
     )
     return (None, []) if noise is None else (replace(noise, period_s=period), [])
+
+
+def _used(reference: Trajectory, system: System) -> Trajectory:
+    """The columns that go into the loop: a file may hold measured ones too, which never repeat exactly."""
+    sources = [c.source.partition(".") for c in system.connections]
+    wanted = {column for name, _, column in sources if name == REFERENCE}
+    names = [name for name in reference.names if name in wanted]
+    return reference if not names else trajectory(reference.time, {n: reference.select([n])[:, 0] for n in names})
 
 
 def friction_columns(experiment: Experiment) -> Array:

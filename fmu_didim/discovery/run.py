@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ from fmu_didim.discovery.localise import force_windows, regions
 from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.prepare import prepare
+from fmu_didim.discovery.push_result import push_finding, push_windows, refitted
+from fmu_didim.discovery.pushes import find_pushes
 from fmu_didim.discovery.rounds import HELD_OUT, Discovery, Options, Say, Step, held_out_ratio, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
@@ -37,6 +39,9 @@ from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 
+NO_HELD_OUT = (
+    "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
+)
 REMAINDER = 0.6
 """Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
 
@@ -83,20 +88,30 @@ def discover(
     prepared = prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
-    workshop = Workshop(base.model, description, effects)
+    pushed = None if "external_force" in options.forbid else find_pushes(base, noise, say=say)
+    start = base if pushed is None else pushed.fit
+    noise = noise if pushed is None else pushed.noise
+    workshop = Workshop(start.model, description, effects)
     motion = simulated_motion(workshop, base)
     run = base.model.runs["train"]
     ticks = _nearest_ticks(run.problem)
     units = problem.parameters.torque_units
     found_regions = regions(base.residual, motion, ticks, noise, units) if motion is not None else []
-    discovery = run_rounds(workshop, base, noise, options, say)
+    discovery = run_rounds(workshop, start, noise, options, say)
+    outside: list[FindingResult] = []
+    windows = _windows(discovery, noise)
+    if pushed is not None:
+        final, free = refitted(pushed, discovery.final, noise)
+        discovery = replace(discovery, base=base, final=final)
+        outside = [push_finding(pushed, base, free, noise)]
+        windows = [*push_windows(free, noise), *_windows(discovery, noise)]
     verdict = _verdict(discovery, noise)
     ratio = held_out_ratio(base, discovery.final, noise, options) if discovery.steps else None
     document = FindingsDocument(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
-        findings=[_finding(step, discovery, workshop, noise) for step in discovery.steps],
+        findings=[*outside, *(_finding(step, discovery, workshop, noise) for step in discovery.steps)],
         gap=_gap_pairs(discovery, noise),
         error_percent=_errors(discovery),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
@@ -108,12 +123,12 @@ def discover(
             )
             for r in found_regions
         ],
-        windows=_windows(discovery, noise),
+        windows=windows,
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         base_parameters=_values(discovery.final, noise, lambda knob: knob.effect is None),
         torque_unit=list(units),
         seconds=clock.perf_counter() - begin,
-        notes=[*prepared.notes, *discovery.notes],
+        notes=[*prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]), *discovery.notes],
         files={},
         provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(effects)},
     )  # fmt: skip
@@ -122,7 +137,7 @@ def discover(
 
 def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
     remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
-    if discovery.steps:
+    if discovery.steps or discovery.final.model.runs["train"].pushes:
         return "named_with_remainder" if remains else "named"
     return "unknown" if remains else "nothing"
 
@@ -208,7 +223,7 @@ def _errors(discovery: Discovery) -> dict[str, tuple[float | None, float | None]
 
 
 def _windows(discovery: Discovery, noise: Noise) -> list[WindowResult]:
-    """Intervals with a force of their own, in what the final model leaves."""
+    """Intervals with a force of their own, in what the final model leaves: the drive must make up for it."""
     result = []
     for label, (_, residual) in _residuals(discovery).items():
         if not np.isfinite(residual).all():
@@ -217,7 +232,7 @@ def _windows(discovery: Discovery, noise: Noise) -> list[WindowResult]:
         for w in force_windows(residual, run.problem.experiment.time, noise):
             result.append(
                 WindowResult(
-                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=w.torque, score=w.score, experiment=label
+                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=-w.torque, score=w.score, experiment=label
                 )
             )
     return result

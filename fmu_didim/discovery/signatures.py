@@ -18,7 +18,7 @@ from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD, Search, Surroundings, To
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
 
-MAXIMUM_STATE_STEPS = 16
+MAXIMUM_STATE_STEPS = 160
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class DirectionalEfficiency(TorqueEffect):
     name = "directional_efficiency"
     title = "Gear efficiency by direction of power"
     equation = "|load|*tanh(dq/v0)*(Fldrive if load*dq > 0 else Flback)"
-    class_name = "directional_efficiency"
+    class_name = "load_dependent_friction"
     confounded_with = ("load_dependent_friction",)
     signature = "Residual in proportion to the load, of another size when the motor brakes than when it drives."
     experiment = "The same path with two payloads, lifting and lowering at constant speed."

@@ -1,0 +1,57 @@
+"""Torques that act on a joint from outside the model for a while, as columns of the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.signals import Array, Trajectory, trajectory
+
+PUSH = "push"
+
+
+@dataclass(frozen=True)
+class Push:
+    """A torque that acts on a joint from outside the model for a while.
+
+    Attributes:
+        joint: from 1; begin_s, end_s: when, in the time of the loop; torque: N.m or N, positive along the joint.
+        is_logged: whether the torque log shows it, as when it was added to the command.
+    """
+
+    joint: int
+    begin_s: float
+    end_s: float
+    torque: float
+    is_logged: bool = False
+
+    def moved(self, name: str, value: float) -> Push:
+        """The same with another ``begin_s``, ``end_s`` or ``torque``."""
+        values = {"begin_s": self.begin_s, "end_s": self.end_s, "torque": self.torque, name: value}
+        return Push(self.joint, is_logged=self.is_logged, **values)
+
+    def along(self, time: Array) -> Array:
+        """(K,) its mean over each control period that begins at ``time``, equally spaced."""
+        step = float(time[1] - time[0])
+        held = np.minimum(time + step, self.end_s) - np.maximum(time, self.begin_s)
+        return np.asarray(self.torque * np.clip(held / step, 0.0, 1.0))
+
+
+def with_pushes(reference: Trajectory, pushes: Sequence[Push]) -> Trajectory:
+    """The reference with a column ``push<j>`` for each joint that something pushes."""
+    if not pushes:
+        return reference
+    columns = {name: reference.select([name])[:, 0] for name in reference.names}
+    for push in pushes:
+        name = f"{PUSH}{push.joint}"
+        columns[name] = columns.get(name, np.zeros(reference.time.size)) + push.along(reference.time)
+    return trajectory(reference.time, columns)
+
+
+def held(reference: Trajectory, count: int) -> Trajectory:
+    """A reference with ``count`` rows for each, held."""
+    step = float(reference.time[1] - reference.time[0]) / count
+    time = reference.time[0] + step * np.arange(reference.time.size * count)
+    return replace(reference, time=time, values=np.repeat(reference.values, count, axis=0))

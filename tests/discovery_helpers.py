@@ -1,0 +1,200 @@
+"""Builders for the tests of discovery: small arms, their cases, noise of known colour, blind cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import yaml
+from scipy.signal import lfilter
+
+from fmu_didim.case import load_case
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.effects import JointType, Surroundings, TorqueEffect
+from fmu_didim.identification.problem import Problem, predict_torque
+from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
+from tests.blind.campaign import Order, make_order
+from tests.blind.translate import translate
+
+Array = np.ndarray
+RATE = 200
+FREQUENCIES = np.array([1.0, 2.0, 3.0, 5.0])
+AMPLITUDES = (np.array([0.5, -0.25, 0.12, 0.05]), np.array([-0.4, 0.3, 0.15, -0.06]))
+PHASES = (np.array([0.3, 1.1, 2.0, -0.5]), np.array([0.9, -0.4, 0.2, 1.7]))
+TRUTH = (
+    {"ZZ": 1.2, "MX": 0.8, "MY": 0.1, "Fv": 1.5, "Fc": 2.0, "v0": 0.02},
+    {"ZZ": 0.35, "MX": 0.35, "MY": -0.1, "Fv": 0.6, "Fc": 0.9, "v0": 0.02},
+)
+"""Standard parameters of the arm's joints."""
+GAINS = ((3000.0, 150.0), (400.0, 20.0))
+"""Kp and Kd of the joints."""
+
+
+def sines(seconds: float, *, joints: int = 1, period_s: float = 4.0, rate_hz: float = RATE) -> Trajectory:
+    """A periodic sum of sines with its exact derivatives; it starts neither at zero nor at rest."""
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    w = 2 * np.pi * FREQUENCIES / period_s
+    columns = {}
+    for order, name in enumerate(("q", "dq", "ddq")):
+        for j in range(joints):
+            angle = time[:, None] * w + PHASES[j] + order * np.pi / 2
+            columns[f"{name}{j + 1}"] = (AMPLITUDES[j] * w**order * np.sin(angle)).sum(axis=1)
+    return trajectory(time, columns)
+
+
+def arm_document(joints: int, effects: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:
+    """Arm in a vertical plane with viscous and Coulomb friction; ``effects``: joint from 1 -> further ones."""
+    inertial = [{k: v for k, v in TRUTH[j].items() if k not in ("Fv", "Fc", "v0")} for j in range(joints)]
+    names = [f"{name}{j + 1}" for j in range(joints) for name in (*inertial[j], "Fv", "Fc")]
+    return {
+        "schema": 1, "name": "arm", "gravity": [0.0, 0.0, -9.81],
+        "joints": [
+            {
+                "type": "revolute", "alpha": 0.5 * np.pi if j == 0 else 0.0, "a": 0.0 if j == 0 else 0.4,
+                "effects": ["viscous", "coulomb", *(effects or {}).get(j + 1, ())], "parameters": dict(TRUTH[j]),
+            }
+            for j in range(joints)
+        ],
+        "identified": {name: name for name in names},
+    }  # fmt: skip
+
+
+def arm_problem(
+    folder: Path,
+    *,
+    joints: int = 1,
+    seconds: float = 8.0,
+    rate_hz: float = 100.0,
+    effects: Mapping[int, Sequence[str]] | None = None,
+    values: Mapping[str, Mapping[str, float]] | None = None,
+    gain_factor: float = 1.0,
+) -> Problem:
+    """The arm in its loop at 200 Hz as a case on disk, loaded; its torque log is that of its own model, without noise.
+
+    Args:
+        values: effect -> its parameters on the first joint.
+        gain_factor: of all gains; large ones make the arm follow its reference closely.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_csv(sines(seconds, joints=joints), folder / "reference.csv")
+    time = np.arange(round(seconds * rate_hz)) / rate_hz
+    write_csv(trajectory(time, {f"tau{j + 1}": np.zeros(time.size) for j in range(joints)}), folder / "torque.csv")
+    controller = {
+        "schema": 1, "law": "pd", "name": "arm_pd", "joints": ["revolute"] * joints, "rate_hz": float(RATE),
+        "velocity": "measured",
+        "Kp": [gain_factor * kp for kp, _ in GAINS[:joints]],
+        "Kd": [float(np.sqrt(gain_factor)) * kd for _, kd in GAINS[:joints]],
+    }  # fmt: skip
+    case = {
+        "schema": 1, "name": "arm", "robot": "robot.yaml", "plant": {"kind": "model"},
+        "controller": {"kind": "model", "source": "controller.yaml"},
+        "train": {"reference": {"file": "reference.csv"}, "torque": {"file": "torque.csv"}},
+    }  # fmt: skip
+    robot = arm_document(joints, effects)
+    for own in (values or {}).values():
+        robot["joints"][0]["parameters"] |= own
+    for name, content in (("robot", robot), ("controller", controller), ("case", case)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    problem = load_case(folder / "case.yaml").problem
+    assert problem is not None
+    return with_torque(problem, predict_torque(problem, problem.parameters.nominal())[0])
+
+
+def arm_case(
+    folder: Path,
+    added: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    sigma: float = 0.1,
+    held_out: bool = True,
+) -> Path:
+    """Case of the arm with one joint, whose plant has further effects that the robot description of the case lacks.
+
+    Args:
+        added: effect -> its parameters by plain name, shapes included.
+        sigma: of the white noise; held_out: whether the case has a validation experiment.
+    """
+    added = added or {}
+    problem = arm_problem(folder, effects={1: tuple(added)}, values=added)
+    rng = np.random.default_rng(0)
+    document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
+    for label, motion in (("train", sines(8.0)), ("validation", sines(8.0, period_s=4.4))):
+        if label == "validation" and not held_out:
+            continue
+        write_csv(motion, folder / f"{label}_reference.csv")
+        run = problem.on(replace(problem.experiment, reference=motion))
+        torque = predict_torque(run, problem.parameters.nominal())[0] + sigma * rng.normal(size=problem.measured.shape)
+        write_csv(trajectory(problem.experiment.time, {"tau1": torque[:, 0]}), folder / f"{label}_torque.csv")
+        document[label] = {
+            "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
+        }  # fmt: skip
+    (folder / "robot.yaml").write_text(yaml.safe_dump(arm_document(1), sort_keys=False), encoding="utf-8")
+    (folder / "case.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+def with_torque(problem: Problem, torque: Array) -> Problem:
+    """The same problem with another log."""
+    return problem.on(replace(problem.experiment, torque=torque))
+
+
+def coloured(rng: np.random.Generator, shape: tuple[int, ...], rho: float, sigma: float | Array = 1.0) -> Array:
+    """Stationary AR(1) noise along the first axis, of standard deviation sigma and lag-one correlation rho."""
+    drive = rng.normal(size=shape)
+    drive[1:] *= np.sqrt(1 - rho**2)
+    return np.asarray(lfilter([1.0], [1.0, -rho], drive, axis=0) * sigma)
+
+
+def known_noise(sigma: float | Sequence[float], rho: float = 0.0) -> Noise:
+    """Noise stated, not estimated."""
+    deviation = np.atleast_1d(np.asarray(sigma, dtype=float))
+    return Noise(deviation, np.full(deviation.size, rho), "periods")
+
+
+class SwayTorque(TorqueEffect):
+    """tau_e = Sw sin(3 q + 0.7): an effect from outside the tree."""
+
+    name = "sway"
+    title = "Sway"
+    equation = "Sw*sin(3*q + 0.7)"
+    class_name = "sway"
+    signature = "Residual that depends on the position."
+    experiment = "None."
+    source = "made up for a test"
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return (Variable("Sw", "N.m", "parameter", 0.0, "amplitude"),)
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (ca.sin(3 * at.q + 0.7),)
+
+
+def blind_case(
+    folder: Path,
+    effects: Sequence[str] = (),
+    *,
+    seed: int,
+    level: float = 2.5,
+    rate_hz: int = 100,
+    clutter: bool = False,
+    held_out: bool = True,
+) -> Path:
+    """Case made by the independent simulator and translated; what it hides is deleted, so that nothing can read it.
+
+    Returns:
+        The case file. What was hidden stands beside the folder, in ``<folder>.truth.yaml``.
+    """
+    make_order(Order(tuple(effects), seed, clutter, ((folder, rate_hz),), level, "development"))
+    (folder / "truth.yaml").rename(folder.with_suffix(".truth.yaml"))
+    if not held_out:
+        (folder / "test_torque.csv").unlink()
+    return translate(folder, folder / "input")
+
+
+def hidden(folder: Path) -> list[tuple[str, int]]:
+    """Effect and joint of what a blind case hides."""
+    content = yaml.safe_load(folder.with_suffix(".truth.yaml").read_text(encoding="utf-8"))
+    return [(item["effect"], int(item["joint"])) for item in content["truth"]]

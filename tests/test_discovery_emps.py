@@ -1,0 +1,153 @@
+"""Discovery on real data: what M, Fv and Fc lack on the EMPS, and its pulses found without being told about them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from fmu_didim.case import load_case
+from fmu_didim.case.data import data_folder
+from fmu_didim.discovering import discover
+from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.discovery.prepare import prepare
+from fmu_didim.discovery.push import Push
+from fmu_didim.discovery.pushes import find_pushes
+from tests.conftest import needs_emps
+from tests.test_discovery_blackbox import vendor_case
+
+LACKS, PULSES = "examples/emps/discover.yaml", "examples/emps/discover_pulses.yaml"
+PULSE = 5 * 35.15065188248547
+"""The pulses that were added, N: 5 V."""
+SAMPLE_S = 0.01
+
+
+def pulse_edges() -> tuple[np.ndarray, np.ndarray]:
+    """Begins and ends of the pulses in the data, s."""
+    data = loadmat(data_folder(Path("examples/emps")) / "emps" / "DATA_EMPS_PULSES.mat")
+    time, height = data["t"].ravel(), data["pulses_N"].ravel().astype(float)
+    steps = np.diff(height)
+    return time[1:][steps > 0], time[1:][steps < 0]
+
+
+def base_of(path: Path | str) -> tuple[Fit, Noise]:
+    problem = load_case(path).problem
+    assert problem is not None
+    prepared = prepare(problem, {})
+    return prepared.fit, prepared.noise
+
+
+def check_pulses(pushes: list[tuple[float, float, float]], tolerance: float) -> None:
+    """Times within a sample of the torque log, sizes within a tolerance."""
+    begins, ends = pulse_edges()
+    assert len(pushes) == begins.size == 25
+    found = np.array(pushes)
+    assert np.abs(found[:, 0] - begins).max() < SAMPLE_S
+    assert np.abs(found[: ends.size, 1] - ends).max() < SAMPLE_S  # the last one outlasts the log
+    assert np.abs(found[:, 2] - PULSE).max() < 0.08 * PULSE
+    assert abs(found[:, 2].mean() - PULSE) < tolerance * PULSE
+
+
+@needs_emps
+def test_noise_comes_from_the_laps() -> None:
+    """The file holds measured columns beside the reference; they do not hide that the motion repeats."""
+    fit, noise = base_of(LACKS)
+    assert noise.period_s == pytest.approx(6.24)
+    assert noise.deviation[0] == pytest.approx(
+        0.0056 * np.sqrt(np.mean(fit.model.runs["train"].measured ** 2)), rel=0.2
+    )
+
+
+@needs_emps
+def test_asymmetric_viscous_friction_is_named_first() -> None:
+    found = discover(LACKS, rounds=1)
+    first = found.findings[0]
+    assert (first.effect, first.joint) == ("asymmetric_viscous", 1)
+    # (Fv+ - Fv-)/2 of the published asymmetric model.
+    assert first.parameters[0].value == pytest.approx((166.7061 - 240.4236) / 2, rel=0.1)
+    for label, before, after in (("train", 7.4, 3.8), ("test", 7.6, 4.7)):
+        was, now = found.error_percent[label]
+        assert was is not None
+        assert now is not None
+        assert was == pytest.approx(before, abs=0.3)
+        assert now <= after
+
+
+@needs_emps
+@pytest.mark.slow
+def test_what_the_usual_model_lacks() -> None:
+    found = discover(LACKS)
+    classes = [f.class_ for f in found.findings]
+    assert classes[0] == "asymmetric_viscous"
+    assert classes[1] in ("stribeck", "presliding")  # what happens at low speed
+    now = [found.error_percent[label][1] for label in ("train", "test")]
+    assert now[0] is not None
+    assert now[1] is not None
+    assert now[0] < 3.1
+    assert now[1] < 4.3
+    assert not [f for f in found.findings if f.ratio_interval is None or (f.ratio_interval[1] or 9.0) >= 1.0]
+
+
+@needs_emps
+def test_pulses_are_found() -> None:
+    fit, noise = base_of(PULSES)
+    pushed = find_pushes(fit, noise)
+    assert pushed is not None
+    assert pushed.share > 0.9
+    assert all(push.is_logged for push in pushed.pushes)
+    check_pulses([(p.begin_s, p.end_s, p.torque) for p in pushed.pushes], 0.03)
+
+
+@needs_emps
+@pytest.mark.slow
+def test_pulses_are_reported_before_what_else_is_missing(tmp_path: Path) -> None:
+    found: FindingsDocument = discover(PULSES, tmp_path)
+    assert [f.effect for f in found.findings][:2] == ["external_force", "asymmetric_viscous"]
+    check_pulses([(w.begin_s, w.end_s, w.torque) for w in found.windows if w.experiment == "train"][:25], 0.02)
+    assert found.error_percent["train"][0] > 40  # type: ignore[operator]
+    assert found.error_percent["train"][1] < 3  # type: ignore[operator]
+
+
+# The same where the truth is known: a simulated robot that somebody pushes.
+
+
+def pushed_data(folder: Path, pushes: tuple[Push, ...]) -> tuple[Fit, Noise]:
+    """The base fit to data of a complete model that was pushed, with noise."""
+    problem = load_case(vendor_case(folder)).problem
+    assert problem is not None
+    model = prepare(problem, {}).fit.model
+    run = model.runs["train"]
+    pushing = replace(model, runs={"train": replace(run, pushes=pushes)})
+    change = pushing.torque(model.start) - model.torque(model.start)
+    experiment = replace(problem.experiment, torque=problem.experiment.torque + change)
+    prepared = prepare(problem.on(experiment), {})
+    return prepared.fit, prepared.noise
+
+
+@pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
+def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
+    truth = (Push(1, 2.3137, 2.9512, 6.0, is_logged), Push(1, 7.0288, 7.4433, -4.0, is_logged))
+    pushed = find_pushes(*pushed_data(tmp_path, truth))
+    assert pushed is not None
+    assert [(p.joint, p.is_logged) for p in pushed.pushes] == [(1, is_logged)] * 2
+    for got, wanted in zip(pushed.pushes, truth, strict=True):
+        assert abs(got.begin_s - wanted.begin_s) < SAMPLE_S / 2
+        assert abs(got.end_s - wanted.end_s) < SAMPLE_S / 2
+        assert got.torque == pytest.approx(wanted.torque, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "values"), [("", {}), ("stribeck", {"Fs": 0.4, "vs": 0.2})], ids=["nothing", "friction"]
+)
+def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, values: dict[str, float]) -> None:
+    assert find_pushes(*base_of(vendor_case(tmp_path, hidden, **values))) is None
+
+
+def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
+    truth = tuple(Push(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
+    assert find_pushes(*pushed_data(tmp_path, truth)) is None

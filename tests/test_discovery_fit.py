@@ -1,0 +1,231 @@
+"""Least squares of the closed loop: known parameters recovered, limits held, covariance true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.loop_model import LoopModel, loop_model
+from fmu_didim.discovery.prepare import with_nuisances
+from fmu_didim.errors import SimulationError
+from fmu_didim.identification.problem import Problem
+from tests.discovery_helpers import TRUTH, arm_problem, coloured, known_noise, with_torque
+
+SIGMA = 0.1
+"""Of the torque noise, N m; the torque's RMS is about 10 N m."""
+START = np.array([0.8, 1.3, 2.0, 0.6, 0.7])
+"""Start of ZZ, MX, MY, Fv, Fc, in parts of the truth."""
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return arm_problem(tmp_path_factory.mktemp("one"))
+
+
+@pytest.fixture(scope="module")
+def truth(problem: Problem) -> np.ndarray:
+    return problem.parameters.nominal()
+
+
+def model_with(problem: Problem, noise: np.ndarray | float = 0.0) -> LoopModel:
+    return loop_model(with_torque(problem, problem.measured + noise), {}, workers=1)
+
+
+@pytest.fixture(scope="module")
+def slopes(problem: Problem, truth: np.ndarray) -> np.ndarray:
+    """Sensitivities at the truth."""
+    return model_with(problem).sensitivity(truth, problem.measured)
+
+
+def chi_square(model: LoopModel, values: np.ndarray) -> float:
+    return float(np.sum((model.residual(values) / SIGMA) ** 2))
+
+
+# ---- recovery --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+def test_noise_free_log_gives_the_parameters(tmp_path: Path, joints: int) -> None:
+    problem = arm_problem(tmp_path, joints=joints)
+    truth = problem.parameters.nominal()
+    fit = minimise(loop_model(problem, {}).with_values(truth * np.tile(START, joints)), known_noise([1e-4] * joints))
+    assert fit.values == pytest.approx(truth, rel=1e-6)
+    assert np.abs(fit.residual).max() < 1e-5
+    assert fit.model.start == pytest.approx(fit.values)
+
+
+def test_smoothing_velocity_is_found_too(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, joints=2, rate_hz=200.0)
+    model = with_nuisances(loop_model(problem, {}))
+    assert [knob.name for knob in model.knobs[-2:]] == ["v0_1", "v0_2"]
+    start = model.start * 1.2
+    fit = minimise(model.with_values(start), known_noise([1e-4, 1e-4]), iterations=12)
+    assert fit.values == pytest.approx([*problem.parameters.nominal(), TRUTH[0]["v0"], TRUTH[1]["v0"]], rel=1e-5)
+
+
+def test_noisy_log_gives_the_parameters_within_their_deviation(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, joints=2)
+    truth = problem.parameters.nominal()
+    sigma = [0.15, 0.06]
+    noise = coloured(np.random.default_rng(0), problem.measured.shape, 0.3, np.array(sigma))
+    model = loop_model(with_torque(problem, problem.measured + noise), {})
+    fit = minimise(model.with_values(np.tile(START, 2) * truth), known_noise(sigma, 0.3))
+    deviation = np.sqrt(np.diag(fit.covariance(known_noise(sigma, 0.3))))
+    assert (np.abs(fit.values - truth) < 3.5 * deviation).all()
+    assert (deviation < 0.3 * np.abs(truth)).all(), "intervals that say something"
+    independent = fit.residual.size * known_noise(sigma, 0.3).factor[0]
+    assert fit.chi_square == pytest.approx(independent, rel=0.1)
+
+
+def test_it_is_the_minimum(problem: Problem, truth: np.ndarray) -> None:
+    """Any step by a tenth of a standard deviation from it costs."""
+    model = model_with(problem, coloured(np.random.default_rng(1), problem.measured.shape, 0.0, SIGMA))
+    fit = minimise(model.with_values(truth * START), known_noise(SIGMA))
+    assert fit.chi_square == pytest.approx(chi_square(model, fit.values))
+    assert fit.residual == pytest.approx(model.residual(fit.values), abs=1e-12)
+    root = np.linalg.cholesky(fit.covariance(known_noise(SIGMA)))
+    for direction in (*np.eye(5), *-np.eye(5)):
+        # A step of 0.2 deviations costs 0.04; the minimum itself is known to 0.02.
+        assert chi_square(model, fit.values + 0.2 * root @ direction) > fit.chi_square
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_intervals_cover_the_truth(problem: Problem, truth: np.ndarray, slopes: np.ndarray, rho: float) -> None:
+    """60 logs of 5 parameters: 95 % intervals hold 88 to 99 % of them, and the deviations are those of the spread."""
+    noise = known_noise(SIGMA, rho)
+    scores = []
+    for seed in range(60):
+        model = model_with(problem, coloured(np.random.default_rng(seed), problem.measured.shape, rho, SIGMA))
+        fit = minimise(model.with_values(truth), noise, jacobian=slopes, renew=0)
+        scores.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance(noise))))
+    table = np.array(scores)
+    assert 0.88 <= np.mean(np.abs(table) < 1.96) <= 0.99
+    assert np.sqrt(np.mean(table**2)) == pytest.approx(1, abs=0.15)
+    assert np.abs(table.mean(axis=0)).max() < 4 / np.sqrt(60)
+
+
+# ---- limits ----------------------------------------------------------------------------------------
+
+
+def limited(model: LoopModel, name: str, low: float, high: float) -> LoopModel:
+    knobs = [replace(k, lowest=low, highest=high) if k.name == name else k for k in model.knobs]
+    return replace(model, knobs=tuple(knobs))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.8), (2.3, np.inf)])
+def test_limits_hold_and_the_others_are_best_within_them(
+    problem: Problem, truth: np.ndarray, low: float, high: float
+) -> None:
+    """The true Coulomb friction of 2 N m lies outside; the rest agrees with another solver's bounded minimum."""
+    noise = coloured(np.random.default_rng(2), problem.measured.shape, 0.0, SIGMA)
+    model = limited(model_with(problem, noise), "Fc1", low, high)
+    fit = minimise(model.with_values(truth), known_noise(SIGMA), iterations=20)
+    bound = high if np.isfinite(high) else low
+    assert fit.values[4] == bound
+    bounds = (np.array([-np.inf] * 4 + [low]), np.array([np.inf] * 4 + [high]))
+    wanted = least_squares(
+        lambda x: model.residual(x).ravel() / SIGMA, np.clip(truth, *bounds), bounds=bounds, xtol=1e-12, ftol=1e-12
+    )  # fmt: skip
+    deviation = np.sqrt(np.diag(fit.covariance(known_noise(SIGMA))))
+    assert np.abs(fit.values - wanted.x).max() <= (0.1 * deviation).max()
+    assert fit.chi_square == pytest.approx(2 * wanted.cost, abs=0.05)
+
+
+def test_start_outside_is_moved_inside_and_inactive_limits_do_not_matter(problem: Problem, truth: np.ndarray) -> None:
+    model = limited(model_with(problem), "Fc1", 0.0, 5.0)
+    start = truth.copy()
+    start[4] = 50.0
+    fit = minimise(model.with_values(start), known_noise(1e-4))
+    assert fit.values == pytest.approx(truth, rel=1e-6)
+
+
+def test_values_stay_inside_at_every_step(problem: Problem, truth: np.ndarray) -> None:
+    seen: list[np.ndarray] = []
+
+    class Watched(LoopModel):
+        def torque(self, values: np.ndarray, which: str = "train") -> np.ndarray:
+            seen.append(values.copy())
+            return super().torque(values, which)
+
+    model = limited(model_with(problem), "Fv1", 1.6, 4.0)
+    watched = Watched(**{name: getattr(model, name) for name in model.__dataclass_fields__})
+    minimise(watched.with_values(truth * START), known_noise(1e-2))
+    assert len(seen) > 5
+    assert all(1.6 <= values[3] <= 4.0 for values in seen)
+
+
+# ---- Jacobian --------------------------------------------------------------------------------------
+
+
+def same_minimum(fit: Fit, other: Fit) -> None:
+    assert fit.chi_square == pytest.approx(other.chi_square, abs=0.05)
+    deviation = np.sqrt(np.diag(other.covariance(known_noise(SIGMA))))
+    assert np.abs((fit.values - other.values) / deviation).max() < 0.2
+
+
+@pytest.mark.parametrize("wrong", [0.7, 1.5, 4.0])
+def test_stale_jacobian_leads_to_the_same_minimum(
+    problem: Problem, truth: np.ndarray, slopes: np.ndarray, wrong: float
+) -> None:
+    """Columns wrong by a common factor, and one of them by three times that."""
+    model = model_with(problem, coloured(np.random.default_rng(3), problem.measured.shape, 0.0, SIGMA))
+    model = model.with_values(truth * START)
+    stale = slopes * wrong
+    stale[:, :, 0] *= 3
+    same_minimum(
+        minimise(model, known_noise(SIGMA), jacobian=stale, iterations=20), minimise(model, known_noise(SIGMA))
+    )
+
+
+def test_good_jacobian_saves_simulations(problem: Problem, truth: np.ndarray, slopes: np.ndarray) -> None:
+    model = model_with(problem, coloured(np.random.default_rng(4), problem.measured.shape, 0.0, SIGMA))
+    model = model.with_values(truth * 1.02)
+    fresh = minimise(model, known_noise(SIGMA))
+    given = minimise(model, known_noise(SIGMA), jacobian=slopes, torque=model.torque(model.start))
+    same_minimum(given, fresh)
+    assert given.simulations < fresh.simulations
+
+
+# ---- ends ------------------------------------------------------------------------------------------
+
+
+def test_hopeless_fit_ends_early(problem: Problem, truth: np.ndarray, slopes: np.ndarray) -> None:
+    """A model of wrong form far above the best cost known is given up; one that may reach it is not."""
+    time = problem.experiment.time[:, None]
+    model = model_with(problem, 2.0 * np.sin(2 * np.pi * 7.3 * time))
+    torque = model.torque(truth)
+    best = minimise(model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque)
+    given_up = minimise(
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, hopeless=0.5 * best.chi_square
+    )  # fmt: skip
+    assert given_up.simulations == 0
+    assert given_up.values == pytest.approx(truth)
+    kept = minimise(
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, hopeless=1.01 * best.chi_square
+    )  # fmt: skip
+    assert kept.chi_square == pytest.approx(best.chi_square)
+
+
+def test_start_that_cannot_be_simulated_is_an_error(problem: Problem, truth: np.ndarray) -> None:
+    wrong = truth.copy()
+    wrong[0] = 1e-3
+    with pytest.raises(SimulationError):
+        minimise(model_with(problem).with_values(wrong), known_noise(SIGMA))
+
+
+def test_knob_without_effect_stays(problem: Problem, truth: np.ndarray) -> None:
+    """A knob that nothing depends on keeps its value and has no finite interval of its own making."""
+    model = model_with(problem, coloured(np.random.default_rng(5), problem.measured.shape, 0.0, SIGMA))
+    idle = replace(model.knobs[-1], name="idle", owner="plant", key="no_such_parameter", value=3.0)
+    fit = minimise(replace(model, knobs=(*model.knobs, idle)), known_noise(SIGMA))
+    plain = minimise(model, known_noise(SIGMA))
+    assert fit.values[-1] == 3.0
+    assert fit.values[:-1] == pytest.approx(plain.values)
+    covariance = fit.covariance(known_noise(SIGMA))
+    assert np.isfinite(covariance).all()
+    assert covariance[:-1, :-1] == pytest.approx(plain.covariance(known_noise(SIGMA)), rel=1e-6, abs=1e-12)

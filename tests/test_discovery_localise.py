@@ -1,0 +1,195 @@
+"""Where the residual has a mean of its own: joint, range, window of time; and nothing in noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.localise import BINS, Region, Window, benjamini_hochberg, force_windows, regions
+from fmu_didim.discovery.signatures import Motion
+from tests.discovery_helpers import RATE, coloured, known_noise, sines
+
+SIGMA = np.array([0.3, 0.02])
+UNITS = ("N.m", "N")
+
+
+def moving(seconds: float = 20.0) -> Motion:
+    """Two joints along the reference; load and torque are those of a pendulum each."""
+    reference = sines(seconds, joints=2)
+    q, dq, ddq = (reference.select([f"{name}1", f"{name}2"]) for name in ("q", "dq", "ddq"))
+    load = ddq + 5 * np.sin(q)
+    return Motion(reference.time, q, dq, ddq, load + np.sign(dq), load, 1 / RATE, {})
+
+
+MOTION = moving()
+TICKS = np.arange(0, MOTION.time.size, 2)
+
+
+def found(residual: np.ndarray, rho: float = 0.0) -> list[Region]:
+    return regions(residual, MOTION, TICKS, known_noise(SIGMA, rho), UNITS)
+
+
+# ---- false discoveries -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.1])
+def test_uniform_p_values_are_rarely_rejected(rate: float) -> None:
+    """All hypotheses true: any rejection is a false discovery, which comes with probability ``rate``."""
+    rng = np.random.default_rng(0)
+    some = [any(benjamini_hochberg(list(rng.uniform(size=60)), rate)) for _ in range(3000)]
+    assert np.mean(some) == pytest.approx(rate, abs=4 * np.sqrt(rate / 3000))
+
+
+def test_false_part_of_the_rejected_is_controlled() -> None:
+    """20 of 100 effects real: of what is rejected at 10 %, on average 8 % are false (the rate times the true ones)."""
+    rng = np.random.default_rng(1)
+    parts, hits = [], []
+    for _ in range(500):
+        p = np.concatenate([rng.uniform(size=80), rng.uniform(size=20) * 1e-4])
+        kept = np.array(benjamini_hochberg(list(p), 0.1))
+        parts.append(kept[:80].sum() / max(kept.sum(), 1))
+        hits.append(kept[80:].mean())
+    assert np.mean(parts) == pytest.approx(0.08, abs=0.015)
+    assert np.mean(hits) > 0.99
+
+
+def test_step_up_keeps_all_below_the_largest_that_passes() -> None:
+    assert benjamini_hochberg([], 0.05) == []
+    assert benjamini_hochberg([0.9, 0.04, 0.03, 0.02], 0.05) == [False, False, False, False]
+    assert benjamini_hochberg([0.04, 0.03, 0.03, 0.02], 0.05) == [True, True, True, True]
+
+
+# ---- regions ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_no_regions_in_noise(rho: float) -> None:
+    """40 logs, 12 bins of 7 quantities of 2 joints each, at a rate of 1 %: false regions in at most 4 of the logs."""
+    alarms = sum(
+        bool(found(coloured(np.random.default_rng(seed), (TICKS.size, 2), rho, SIGMA), rho)) for seed in range(40)
+    )
+    assert alarms <= 4
+
+
+PLANTED = [
+    ("velocity", lambda m, j: m.dq[:, j], 0.0, 0.4),
+    ("position", lambda m, j: m.q[:, j], 0.3, 9.0),
+    ("acceleration", lambda m, j: m.ddq[:, j], -9.0, -1.5),
+    ("time", lambda m, j: m.time, 7.0, 9.0),
+]
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize(("quantity", "of", "low", "high"), PLANTED, ids=[p[0] for p in PLANTED])
+def test_planted_region_is_found(quantity: str, of, low: float, high: float, joint: int) -> None:  # type: ignore[no-untyped-def]
+    """A residual of twice the noise where a quantity lies in a range: joint, quantity, range and size are told."""
+    inside = (of(MOTION, joint - 1) > low) & (of(MOTION, joint - 1) < high)
+    residual = coloured(np.random.default_rng(joint), (TICKS.size, 2), 0.2, SIGMA)
+    residual[inside[TICKS], joint - 1] += 2 * SIGMA[joint - 1]
+    result = found(residual, 0.2)
+    assert {r.joint for r in result} == {joint}
+    assert result[0].quantity == quantity, "the largest share of the gap first"
+    at = of(MOTION, joint - 1)
+    own = [r for r in result if r.quantity == quantity]
+    whole = [r for r in own if r.mean > 1.5 * SIGMA[joint - 1]]
+    assert whole
+    assert all(r.high > low and r.low < high for r in own)
+    # Together they cover the range, but for the bins that its ends cut.
+    width = np.ptp(np.quantile(at, np.linspace(0, 1, BINS + 1)))
+    covered = sum(min(r.high, high) - max(r.low, low) for r in own)
+    assert covered > 0.6 * (min(high, at.max()) - max(low, at.min()))
+    assert covered <= width
+    for r in whole:
+        assert r.mean == pytest.approx(2 * SIGMA[joint - 1], rel=0.3)
+        assert r.p_value < 1e-4
+        assert r.share > 0.6
+
+
+def test_units_of_the_regions_are_those_of_the_joint() -> None:
+    residual = np.ones((TICKS.size, 2)) * 3 * SIGMA + coloured(np.random.default_rng(0), (TICKS.size, 2), 0.0, SIGMA)
+    units = {(r.joint, r.quantity): r.unit for r in found(residual)}
+    assert units[1, "velocity"] == "rad/s"
+    assert units[2, "velocity"] == "m/s"
+    assert units[1, "load"] == "N.m"
+    assert units[2, "load"] == "N"
+    assert units[2, "distance since the last reversal"] == "m"
+    assert units[1, "time"] == units[2, "time"] == "s"
+
+
+def test_error_after_reversals_is_seen_over_the_distance() -> None:
+    """A residual that decays over a distance after each reversal, with the sign of the velocity."""
+    one = replace(MOTION, dq=np.abs(np.sin(2 * np.pi * 0.5 * MOTION.time))[:, None] * [1.0, 1.0])
+    way = np.zeros(one.time.size)
+    dq = MOTION.dq[:, 0]
+    for k in range(1, way.size):
+        way[k] = 0.0 if dq[k] * dq[k - 1] < 0 else way[k - 1] + abs(dq[k]) / RATE
+    residual = coloured(np.random.default_rng(3), (TICKS.size, 2), 0.0, SIGMA)
+    residual[:, 0] += 4 * SIGMA[0] * np.exp(-way[TICKS] / 0.1)
+    result = found(residual)
+    assert result[0].quantity == "distance since the last reversal"
+    assert result[0].joint == 1
+    first = [r for r in result if r.quantity == result[0].quantity]
+    assert min(r.low for r in first) == 0.0
+    assert max(first, key=lambda r: r.mean).low == 0.0
+
+
+def test_joint_at_rest_has_no_bins_of_its_own() -> None:
+    still = replace(MOTION, q=MOTION.q * [1, 0], dq=MOTION.dq * [1, 0], ddq=MOTION.ddq * [1, 0])
+    residual = coloured(np.random.default_rng(4), (TICKS.size, 2), 0.0, SIGMA) + 3 * SIGMA
+    result = regions(residual, still, TICKS, known_noise(SIGMA), UNITS)
+    assert not [r for r in result if r.joint == 2 and r.quantity in ("velocity", "position", "acceleration")]
+    assert [r for r in result if r.joint == 2 and r.quantity == "time"]
+
+
+# ---- windows of time -------------------------------------------------------------------------------
+
+TIME = np.arange(2000) / 100
+
+
+def test_planted_windows_are_found_with_times_and_size() -> None:
+    """Pulses on both joints, of either sign, in coloured noise: ends to 30 ms.
+
+    Sizes to four deviations of a mean, and to the 5 % by which the median of all is off.
+    """
+    planted = [(1, 3.0, 3.8, 4.0), (1, 12.0, 12.5, -5.0), (2, 8.0, 9.5, 3.0)]
+    for seed in range(10):
+        residual = coloured(np.random.default_rng(seed), (TIME.size, 2), 0.4, SIGMA)
+        for joint, begin, end, size in planted:
+            residual[(begin - 1e-9 <= TIME) & (end - 1e-9 > TIME), joint - 1] += size * SIGMA[joint - 1]
+        windows = force_windows(residual, TIME, known_noise(SIGMA, 0.4))
+        assert len(windows) == len(planted)
+        assert [w.score for w in windows] == sorted((w.score for w in windows), reverse=True)
+        for (joint, begin, end, size), window in zip(planted, sorted(windows, key=place), strict=True):
+            assert window.joint == joint
+            assert window.begin_s == pytest.approx(begin, abs=0.03)
+            assert window.end_s == pytest.approx(end, abs=0.03)
+            spread = np.sqrt(1.4 / 0.6 / (100 * (end - begin)))
+            room = (4 * spread + 0.05 * abs(size)) * SIGMA[joint - 1]
+            assert window.torque == pytest.approx(size * SIGMA[joint - 1], abs=room)
+
+
+def place(window: Window) -> tuple[int, float]:
+    return window.joint, window.begin_s
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_no_windows_in_noise(rho: float) -> None:
+    """100 logs of 20 s."""
+    for seed in range(100):
+        residual = coloured(np.random.default_rng(seed), (TIME.size, 1), rho, 0.3)
+        assert not force_windows(residual, TIME, known_noise(0.3, rho)), seed
+
+
+def test_model_error_everywhere_is_no_window() -> None:
+    """A residual that oscillates with the motion all the time, three times the noise."""
+    for seed in range(10):
+        residual = coloured(np.random.default_rng(seed), (TIME.size, 1), 0.3, 0.3)
+        residual += 0.9 * np.sin(2 * np.pi * 0.5 * TIME)[:, None] + 0.5 * np.sin(2 * np.pi * 1.3 * TIME)[:, None]
+        assert not force_windows(residual, TIME, known_noise(0.3, 0.3)), seed
+
+
+def test_constant_offset_is_no_window() -> None:
+    residual = coloured(np.random.default_rng(0), (TIME.size, 1), 0.3, 0.3) + 2.0
+    assert not force_windows(residual, TIME, known_noise(0.3, 0.3))

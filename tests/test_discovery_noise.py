@@ -1,0 +1,261 @@
+"""Noise of a torque log known without a model: its size and colour from repetition, and without."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.noise import (
+    LARGEST_CORRELATION,
+    Noise,
+    motion_frequency,
+    noise_from_periods,
+    noise_from_residual,
+    period_in_ticks,
+)
+from fmu_didim.discovery.prepare import friction_columns, prepare
+from fmu_didim.errors import InputError
+from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
+from tests.discovery_helpers import RATE, arm_problem, coloured, sines, with_torque
+
+SAMPLES = 500
+"""Samples in a period of the made-up logs."""
+SIGMA = np.array([0.3, 0.02])
+
+
+def repeating(periods: int = 4) -> np.ndarray:
+    """(N, 2) torque that repeats exactly, far larger than the noise and with steps."""
+    phase = 2 * np.pi * np.arange(periods * SAMPLES)[:, None] / SAMPLES
+    return np.asarray(
+        [20.0, 3.0] * np.sin(phase + np.array([0.1, 1.3])) + [4.0, 0.5] * np.sign(np.cos(3 * phase + 0.4))
+    )
+
+
+# ---- from periods ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4, 0.8])
+def test_size_and_colour_from_periods(rho: float) -> None:
+    """Mean over seeds: nearly without bias; each single estimate within what so many samples allow."""
+    found = []
+    for seed in range(30):
+        noise = coloured(np.random.default_rng(seed), (4 * SAMPLES, 2), rho, SIGMA)
+        estimate = noise_from_periods(repeating() + noise, SAMPLES, skip=50)
+        assert estimate is not None
+        assert estimate.source == "periods"
+        assert estimate.periods == 4
+        found.append([estimate.deviation / SIGMA, estimate.correlation])
+    size, colour = np.mean(found, axis=0)
+    assert size == pytest.approx(1, abs=0.015)
+    # A negative correlation is cut off at zero, which leaves white noise with a mean of 0.4 of its spread.
+    assert colour == pytest.approx(rho, abs=0.02)
+    factor = (1 + rho**2) / (1 - rho**2)
+    assert np.abs(np.array(found)[:, 0] - 1).max() < 4 * np.sqrt(factor / (2 * 3 * SAMPLES))
+
+
+def test_weight_makes_a_chi_square_of_independent_samples() -> None:
+    noise = Noise(SIGMA, np.array([0.0, 0.6]), "periods")
+    assert noise.factor == pytest.approx([1.0, 0.25])
+    values = coloured(np.random.default_rng(1), (200_000, 2), 0.6, SIGMA)
+    assert np.sum((values * noise.weight) ** 2, axis=0) / 200_000 == pytest.approx(noise.factor, rel=0.02)
+
+
+def test_constant_difference_between_periods_is_not_noise() -> None:
+    noise = coloured(np.random.default_rng(2), (2 * SAMPLES, 2), 0.0, SIGMA)
+    drifted = repeating(2) + noise
+    drifted[SAMPLES:] += 10 * SIGMA
+    estimate = noise_from_periods(drifted, SAMPLES, skip=0)
+    assert estimate is not None
+    assert estimate.deviation == pytest.approx(SIGMA, rel=0.1)
+
+
+@pytest.mark.parametrize("change", [-0.05, -0.2])
+def test_friction_that_changes_between_periods_is_not_noise(change: float) -> None:
+    """Viscous and Coulomb friction by 5 % of a period's before: with the columns of friction the noise is found; a
+    change of a fifth, without them, is taken for noise."""
+    motion = sines(16.0, joints=2)
+    speed = motion.select(["dq1", "dq2"])
+    count = 4 * RATE
+    friction = np.array([3.0, 0.8]) * np.tanh(speed / 0.02) + np.array([1.0, 0.3]) * speed
+    drift = 1 + change * np.repeat(np.arange(4), count)[:, None]
+    noise = coloured(np.random.default_rng(3), friction.shape, 0.3, SIGMA)
+    torque = motion.select(["ddq1", "ddq2"]) + friction * drift + noise
+    columns = np.stack([speed, np.tanh(speed / (0.01 * np.abs(speed).max(axis=0))), np.ones_like(speed)], axis=2)
+    with_columns = noise_from_periods(torque, count, skip=0, regressors=columns)
+    plain = noise_from_periods(torque, count, skip=0)
+    assert with_columns is not None
+    assert plain is not None
+    assert with_columns.deviation == pytest.approx(SIGMA, rel=0.06)
+    assert with_columns.correlation == pytest.approx(0.3, abs=0.08)
+    if change < -0.1:
+        assert (plain.deviation > 1.3 * SIGMA).all()
+
+
+@pytest.mark.parametrize("size", [1.0, 5.0, 20.0])
+def test_push_in_one_period_is_not_noise(size: float) -> None:
+    """A tenth of one of two periods pushed by ``size`` deviations: noise within 20 %, four of its deviations.
+
+    Otherwise the push would hide in what is taken for noise.
+    """
+    for seed in range(10):
+        noise = coloured(np.random.default_rng(seed), (2 * SAMPLES, 2), 0.4, SIGMA)
+        torque = repeating(2) + noise
+        torque[620:670] += size * SIGMA
+        estimate = noise_from_periods(torque, SAMPLES, skip=0)
+        assert estimate is not None
+        assert estimate.deviation == pytest.approx(SIGMA, rel=0.2)
+        assert estimate.correlation == pytest.approx(0.4, abs=0.2)
+
+
+def test_noise_of_changing_loudness_is_all_noise() -> None:
+    """Half of the motion three times as loud: nothing is left out."""
+    loud = 1 + 2 * (np.arange(4 * SAMPLES) % SAMPLES < SAMPLES // 2)[:, None]
+    noise = coloured(np.random.default_rng(7), (4 * SAMPLES, 2), 0.0, SIGMA) * loud
+    estimate = noise_from_periods(repeating() + noise, SAMPLES, skip=0)
+    assert estimate is not None
+    assert estimate.deviation == pytest.approx(SIGMA * np.sqrt(5), rel=0.06)
+
+
+def test_too_short_a_log_gives_nothing() -> None:
+    torque = repeating(2)
+    assert noise_from_periods(torque[: int(1.4 * SAMPLES)], SAMPLES, skip=0) is None
+    assert noise_from_periods(torque, SAMPLES, skip=SAMPLES) is None
+    assert noise_from_periods(torque[: int(1.6 * SAMPLES)], SAMPLES, skip=0) is not None
+    assert noise_from_periods(torque[:40], 20, skip=0) is None, "twenty differences are too few"
+
+
+def test_correlation_is_capped() -> None:
+    """A random walk between periods must not make the effective number of samples vanish."""
+    walk = np.cumsum(np.random.default_rng(4).normal(size=(2 * SAMPLES, 2)), axis=0)
+    estimate = noise_from_periods(repeating(2) + walk, SAMPLES, skip=0)
+    assert estimate is not None
+    assert (estimate.correlation <= LARGEST_CORRELATION).all()
+    assert (estimate.factor > 0.01).all()
+
+
+def test_exact_repetition_gives_finite_weights(tmp_path: Path) -> None:
+    """A simulated log without noise is data, too: nothing becomes infinite."""
+    prepared = prepare(arm_problem(tmp_path), {})
+    assert np.isfinite(prepared.noise.weight).all()
+    assert np.isfinite(prepared.fit.values).all()
+    assert np.isfinite(prepared.fit.covariance(prepared.noise)).all()
+
+
+# ---- period ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period_s", [2.0, 3.7, 4.0])
+@pytest.mark.parametrize("periods", [1.5, 2, 5])
+def test_period_of_sums_of_sines(period_s: float, periods: float) -> None:
+    motion = sines(periods * period_s, joints=2, period_s=period_s)
+    assert period_in_ticks(motion) == round(period_s * RATE)
+
+
+def test_period_of_a_file_with_nine_digits(tmp_path: Path) -> None:
+    motion = sines(8.0, joints=2)
+    rounded = np.array([[float(f"{v:.9g}") for v in row] for row in motion.values])
+    assert not np.array_equal(rounded, motion.values)
+    write_csv(trajectory(motion.time, dict(zip(motion.names, rounded.T, strict=True))), tmp_path / "motion.csv")
+    assert period_in_ticks(read_trajectory(tmp_path / "motion.csv")) == 4 * RATE
+
+
+def chirp() -> Trajectory:
+    time = np.arange(8 * RATE) / RATE
+    return trajectory(time, {"q1": np.sin(2 * np.pi * (0.2 + 0.1 * time) * time)})
+
+
+def test_no_period_where_nothing_repeats() -> None:
+    still = trajectory(np.arange(800) / RATE, {"q1": np.full(800, 0.3)})
+    assert period_in_ticks(chirp()) is None
+    assert period_in_ticks(sines(4.0)) is None, "one single period"
+    assert period_in_ticks(still) is None, "no motion"
+    mixed = trajectory(chirp().time, {"q1": sines(8.0).select(["q1"])[:, 0], "q2": chirp().select(["q1"])[:, 0]})
+    assert period_in_ticks(mixed) is None, "one joint repeats, the other does not"
+
+
+def test_a_joint_at_rest_does_not_hide_the_period() -> None:
+    motion = sines(8.0)
+    both = trajectory(motion.time, {"q1": motion.select(["q1"])[:, 0], "q2": np.full(motion.time.size, 0.7)})
+    assert period_in_ticks(both) == 4 * RATE
+
+
+def test_a_nearly_periodic_motion_has_no_period() -> None:
+    """Sines whose frequencies differ by one part in a thousand from a common period's."""
+    motion = sines(8.0)
+    shifted = motion.select(["q1"])[:, 0] + 0.3 * np.sin(2 * np.pi * 1.001 * motion.time)
+    assert period_in_ticks(trajectory(motion.time, {"q1": shifted})) is None
+
+
+# ---- without repetition ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.6])
+def test_fallback_on_pure_noise(rho: float) -> None:
+    """Within 20 % in size and 0.15 in colour."""
+    for seed in range(10):
+        residual = coloured(np.random.default_rng(seed), (2000, 2), rho, SIGMA)
+        noise = noise_from_residual(residual, rate_hz=100, motion_hz=1.0)
+        assert noise.source == "residual"
+        assert noise.period_s is None
+        assert noise.deviation == pytest.approx(SIGMA, rel=0.2)
+        assert noise.correlation == pytest.approx(rho, abs=0.15)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 20.0])
+def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
+    """Model error of ten times the noise at the frequencies of the motion: at most twice the noise, never half."""
+    time = np.arange(2000)[:, None] / rate_hz
+    slow = 10 * np.sin(2 * np.pi * 0.25 * time) + 5 * np.sin(2 * np.pi * 0.9 * time + 1)
+    for seed in range(10):
+        residual = SIGMA * slow + coloured(np.random.default_rng(seed), (2000, 2), 0.3, SIGMA)
+        noise = noise_from_residual(residual, rate_hz=rate_hz, motion_hz=1.0)
+        assert (noise.deviation > 0.5 * SIGMA).all()
+        assert (noise.deviation < 2.0 * SIGMA).all()
+
+
+def test_frequency_of_the_motion() -> None:
+    assert motion_frequency(sines(8.0), 1) == pytest.approx(1.25, abs=0.3)
+    without = trajectory(sines(8.0).time, {"q1": sines(8.0).select(["q1"])[:, 0]})
+    assert motion_frequency(without, 1) == pytest.approx(motion_frequency(sines(8.0), 1), abs=0.13)
+
+
+# ---- in the preparation of a problem ---------------------------------------------------------------
+
+
+def test_prepared_from_periods(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=12.0)
+    noise = coloured(np.random.default_rng(5), problem.measured.shape, 0.5, 0.1)
+    prepared = prepare(with_torque(problem, problem.measured + noise), {})
+    assert prepared.noise.source == "periods"
+    assert prepared.noise.period_s == pytest.approx(4.0)
+    assert prepared.noise.periods == 3
+    assert prepared.noise.deviation == pytest.approx([0.1], rel=0.1)
+    assert prepared.noise.correlation == pytest.approx([0.5], abs=0.1)
+    assert not prepared.notes
+
+
+def test_prepared_without_repetition_says_so(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=5.0)
+    noise = coloured(np.random.default_rng(6), problem.measured.shape, 0.0, 0.1)
+    prepared = prepare(with_torque(problem, problem.measured + noise), {})
+    assert prepared.noise.source == "residual"
+    assert 0.08 < prepared.noise.deviation[0] < 0.15
+    assert any("does not repeat" in note for note in prepared.notes)
+
+
+def test_too_few_samples_are_refused(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=2.0, rate_hz=10.0)
+    with pytest.raises(InputError, match="too short") as caught:
+        prepare(problem, {})
+    assert "20 samples for 5 parameters" in str(caught.value)
+
+
+def test_friction_columns_follow_the_reference(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=5.0)
+    columns = friction_columns(problem.experiment)
+    speed = problem.experiment.reference.select(["dq1"])[::2, 0]
+    assert columns.shape == (500, 1, 3)
+    assert columns[:, 0, 0] == pytest.approx(speed, abs=1e-9)
+    assert (np.sign(columns[:, 0, 1]) == np.sign(speed)).all()

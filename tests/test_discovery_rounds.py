@@ -1,0 +1,123 @@
+"""What is named on cases of the independent simulator, in which the effect is hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.workflow import discover
+from tests.blind.score import same_class
+from tests.discovery_helpers import blind_case, hidden
+
+Run = Callable[..., tuple[FindingsDocument, list[tuple[str, int]]]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """(effects, seed) -> what discovery found and what was hidden; the truth is out of its reach while it runs."""
+
+    @cache
+    def found(effects: tuple[str, ...], seed: int) -> tuple[FindingsDocument, list[tuple[str, int]]]:
+        folder: Path = tmp_path_factory.mktemp("blind") / "case"
+        case = blind_case(folder, effects, seed=seed)
+        assert not list(folder.rglob("*truth*"))
+        return discover(case), hidden(folder)
+
+    return found
+
+
+def first_is_right(document: FindingsDocument, truth: list[tuple[str, int]]) -> bool:
+    effect, joint = truth[0]
+    first = document.findings[0]
+    return same_class(first.effect, effect) and first.joint == joint
+
+
+def assert_gap_shrinks(document: FindingsDocument, *, to: float = 0.4) -> None:
+    """On the data that it was found on and on others, with the interval of the ratio below 1."""
+    for label in ("train", "test"):
+        pair = document.gap[label]
+        assert pair.before is not None
+        assert pair.after is not None
+        assert pair.after < to * pair.before
+        assert document.error_percent[label][1] < document.error_percent[label][0]  # type: ignore[operator]
+    assert document.ratio_interval is not None
+    assert document.ratio_interval[1] is not None
+    assert document.ratio_interval[1] < 1
+
+
+def test_nothing_is_named_on_a_clean_plant(run: Run) -> None:
+    document, truth = run((), 1)
+    assert truth == []
+    assert document.verdict == "nothing"
+    assert document.findings == []
+    assert document.gap["train"].after == document.gap["train"].before
+    assert document.ratio_interval is None
+    assert all(why for _, _, why in document.refused)
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed"),
+    [
+        ("stribeck", 13),
+        ("joint_elasticity", 6),
+        pytest.param("torque_offset", 5, marks=pytest.mark.slow),
+        pytest.param("actuator_lag", 4, marks=pytest.mark.slow),
+        pytest.param("presliding", 14, marks=pytest.mark.slow),
+        pytest.param("load_dependent_friction", 15, marks=pytest.mark.slow),
+        pytest.param("spring", 16, marks=pytest.mark.slow),
+        pytest.param("payload_change", 19, marks=pytest.mark.slow),
+        pytest.param("torque_drift", 20, marks=pytest.mark.slow),
+    ],
+)
+def test_hidden_effect_is_named_first_on_its_joint(run: Run, effect: str, seed: int) -> None:
+    document, truth = run((effect,), seed)
+    if effect == "payload_change":  # belongs to the whole robot
+        assert document.findings[0].effect == effect
+    elif effect == "spring":
+        assert document.findings[0].class_ == "position-dependent load"
+        assert document.findings[0].joint == truth[0][1]
+    else:
+        assert first_is_right(document, truth)
+    assert document.verdict in ("named", "named_with_remainder")
+    assert_gap_shrinks(document)
+    first = document.findings[0]
+    assert first.delta_bic > 10
+    assert first.share_of_gap > 0.5
+    assert {p.name for p in first.parameters}
+    assert all(p.interval[0] <= p.value <= p.interval[1] for p in first.parameters)  # type: ignore[operator]
+
+
+def test_two_hidden_effects_are_both_named(run: Run) -> None:
+    document, truth = run(("torque_offset", "actuator_lag"), 7)
+    assert len({joint for _, joint in truth}) == 2
+    for effect, joint in truth:
+        assert any(same_class(f.effect, effect) and f.joint == joint for f in document.findings), effect
+    assert_gap_shrinks(document)
+    after = [f.gap["train"].after for f in document.findings]
+    before = [f.gap["train"].before for f in document.findings]
+    assert all(a < b for a, b in zip(after, before, strict=True)), "every round shrinks the gap"
+    assert before[1] == pytest.approx(after[0], rel=1e-6), "a round begins where the one before it ended"
+
+
+@pytest.mark.slow
+def test_coupling_outside_the_catalogue_is_refused(run: Run) -> None:
+    document, _ = run(("unknown_coupling",), 18)
+    assert document.verdict == "unknown"
+    assert document.findings == []
+    assert document.regions, "it is told where"
+
+
+@pytest.mark.slow
+def test_push_in_one_period_is_no_noise(run: Run) -> None:
+    """A gap of 2.5 sigma by one push in two periods: localised in time or an external force, never *nothing*."""
+    document, truth = run(("unknown_push",), 17)
+    joint = truth[0][1]
+    assert document.verdict != "nothing"
+    assert {f.effect for f in document.findings} <= {"external_force"}
+    named = {f.joint for f in document.findings}
+    assert joint in named | {w.joint for w in document.windows}
+    assert document.noise.std[joint - 1] < 0.2

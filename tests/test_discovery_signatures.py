@@ -1,0 +1,218 @@
+"""Signatures of the torque effects against closed-loop simulations, and their states against a closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.case import load_case
+from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.library import Library, Signature, simulated_motion
+from fmu_didim.discovery.loop_model import Addition, loop_model
+from fmu_didim.discovery.prepare import with_nuisances
+from fmu_didim.discovery.signatures import Motion, TorqueSignature, search_grid
+from fmu_didim.effects import EFFECTS, Search, TorqueEffect
+from tests.discovery_helpers import arm_problem, known_noise
+
+ADDED = [
+    name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect) and name not in ("viscous", "coulomb")
+]  # the two that the arm has
+PAIRED = ("coupling_friction", "wrist_friction")
+"""Effects of a joint and the next one: the last joint has none."""
+UNMOVED = {("payload_change", 1): {"dM", "dMZ"}, ("payload_change", 2): {"dMZ"}}
+"""Amplitudes that an arm in a plane does not feel: mass on the first axis, moments along the axes."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    workshop: Workshop
+    fit: Fit
+    size: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """Two joints at 200 Hz for one period, the fit at the truth."""
+    folder = tmp_path_factory.mktemp("two")
+    problem = arm_problem(folder, joints=2, rate_hz=200.0, seconds=4.0)
+    fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise([0.1, 0.05]))
+    workshop = Workshop(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+    return Bench(workshop, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+
+
+def signatures(bench: Bench, name: str, joint: int) -> list[Signature]:
+    return list(Library(bench.workshop, bench.fit, candidates=[Addition(name, joint)]))
+
+
+def compared(bench: Bench, signature: Signature, amplitude: str) -> tuple[float, float]:
+    """Correlation of a column with the difference of two closed loops per unit of its amplitude, and the slope of the
+    difference over the column; each joint in units of its torque. The effect moves the torque by 2 %."""
+    column = signature.columns[:, :, signature.amplitudes.index(amplitude)] / bench.size
+    value = 0.02 / np.sqrt(np.mean(column**2, axis=0)).max()
+    values = {**signature.shapes, **dict.fromkeys(signature.amplitudes, 0.0), amplitude: float(value)}
+    model = bench.workshop.build(bench.fit.model, [Proposal(signature.addition, values)])
+    change = ((model.torque(model.start) - bench.fit.torque) / bench.size / value).ravel()
+    flat = column.ravel()
+    return float(flat @ change / np.linalg.norm(flat) / np.linalg.norm(change)), float(flat @ change / (flat @ flat))
+
+
+def chosen(bench: Bench, name: str, joint: int) -> Signature:
+    """Shapes to which the loop can answer: ripple of a low number, friction over a wide range of speed or distance."""
+    found = signatures(bench, name, joint)
+    if name in ("torque_ripple", "current_ripple"):
+        return min(found, key=lambda s: abs(s.shapes["nr"] - 10))
+    return found[3 * len(found) // 4]
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("name", ADDED)
+def test_column_is_the_change_of_the_closed_loop(bench: Bench, name: str, joint: int) -> None:
+    if joint == 2 and name in PAIRED:
+        assert not signatures(bench, name, joint)
+        return
+    signature = chosen(bench, name, joint)
+    for i, amplitude in enumerate(signature.amplitudes):
+        if amplitude in UNMOVED.get((name, joint), ()):
+            assert np.abs(signature.columns[:, :, i]).max() < 1e-9
+            continue
+        correlation, slope = compared(bench, signature, amplitude)
+        assert correlation > 0.9, amplitude
+        assert slope == pytest.approx(1, abs=0.2), amplitude
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("stribeck", 0.5), ("presliding", 0.75), ("lugre", 0.75), ("torque_ripple", 0.7)]
+)
+def test_spikes_too_fast_for_the_loop_are_only_like_their_column(bench: Bench, name: str, least: float) -> None:
+    """Exceptions: where friction changes within milliseconds of a reversal, or ripple is faster than the loop, the
+    robot gives way instead of the controller pushing. Screening then sees the right sign and most of the shape; the
+    closed-loop fit decides."""
+    for joint in (1, 2):
+        found = signatures(bench, name, joint)
+        signature = found[3 * len(found) // 4] if name == "torque_ripple" else found[len(found) // 4]
+        for amplitude in signature.amplitudes:
+            correlation, slope = compared(bench, signature, amplitude)
+            assert correlation > least
+            assert 0.3 < slope < 1.2
+
+
+def test_tighter_loop_follows_the_column_better(tmp_path: Path) -> None:
+    """Why a column stands for a closed loop at all: the better the tracking, the truer it is."""
+    found = []
+    for factor in (0.05, 1.0):
+        folder = tmp_path / f"{factor}"
+        problem = arm_problem(folder, rate_hz=200.0, seconds=4.0, gain_factor=factor)
+        fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise(0.1))
+        workshop = Workshop(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+        bench = Bench(workshop, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+        found.append(compared(bench, chosen(bench, "torque_ripple", 1), "Rsin")[0])
+    assert found[1] > 0.98
+    assert found[0] < found[1] - 0.03
+
+
+# ---- states ----------------------------------------------------------------------------------------
+
+
+def made_up(dq: np.ndarray, step: float = 0.005) -> Motion:
+    """Motion of one joint with these speeds (K,)."""
+    count = dq.size
+    q = np.concatenate([[0.0], np.cumsum(dq[:-1]) * step])
+    zero = np.zeros((count, 1))
+    return Motion(
+        np.arange(count) * step, q[:, None], dq[:, None], zero, zero, zero, step, {0: np.zeros((count, 1, 4))}
+    )  # fmt: skip
+
+
+def dahl(dq: np.ndarray, step: float, distance: float) -> np.ndarray:
+    """Deflection with the speed held over each tick, exactly: z goes to zs sign(w) with the rate |w| / zs.
+
+    The speed is the effect's own, w = V tanh(dq/V) with V = 5 rad/s.
+    """
+    z = np.zeros(dq.size)
+    for k, w in enumerate(5.0 * np.tanh(dq[:-1] / 5.0)):
+        end = distance * np.sign(w)
+        z[k + 1] = end + (z[k] - end) * np.exp(-abs(w) * step / distance)
+    return z
+
+
+def speeds(kind: str) -> np.ndarray:
+    time = np.arange(800) * 0.005
+    if kind == "sine":
+        return np.asarray(1.5 * np.cos(2 * np.pi * 0.7 * time) + 0.4 * np.sin(2 * np.pi * 2.1 * time))
+    # Short fast moves between long rests: the peak is ten times the root of the mean square.
+    return np.asarray(3.0 * np.sin(np.pi * (time % 2.0) / 0.1) * ((time % 2.0) < 0.1) * np.sign(np.sin(np.pi * time)))
+
+
+def signature_of(name: str) -> TorqueSignature:
+    effect = EFFECTS[name]
+    assert isinstance(effect, TorqueEffect)
+    return TorqueSignature(effect, 0, ("revolute",), tuple(v.name for v in effect.shapes("revolute")))
+
+
+@pytest.mark.parametrize("kind", ["sine", "moves"])
+@pytest.mark.parametrize("distance", [1e-4, 1e-3, 1e-2])
+def test_states_of_presliding(kind: str, distance: float) -> None:
+    dq = speeds(kind)
+    z = signature_of("presliding").states(made_up(dq), {"v0": 0.01, "zs": distance})
+    assert z.shape == (800, 1)
+    assert np.abs(z[:, 0] / distance).max() <= 1 + 1e-9
+    assert z[:, 0] == pytest.approx(dahl(dq, 0.005, distance), abs=0.02 * distance)
+
+
+def test_column_of_presliding_is_dahl_minus_coulomb() -> None:
+    dq = speeds("sine")
+    motion, shapes = made_up(dq), {"v0": 0.02, "zs": 1e-2}
+    made = signature_of("presliding")
+    column = made.columns(motion, shapes, made.states(motion, shapes))[:, 0, 0]
+    assert column == pytest.approx(dahl(dq, 0.005, 1e-2) / 1e-2 - np.tanh(dq / 0.02), abs=0.02)
+
+
+def test_states_do_not_look_ahead() -> None:
+    """The state at a tick follows from the motion before it only."""
+    dq = speeds("sine")
+    changed = dq.copy()
+    changed[400:] *= -1
+    made, shapes = signature_of("presliding"), {"v0": 0.01, "zs": 1e-2}
+    first, second = (made.states(made_up(v), shapes) for v in (dq, changed))
+    assert np.array_equal(first[:401], second[:401])
+    assert not np.array_equal(first[401:], second[401:])
+
+
+# ---- the rest --------------------------------------------------------------------------------------
+
+
+def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
+    """Torque minus load is the friction of the joint."""
+    motion = simulated_motion(bench.workshop, bench.fit)
+    assert motion is not None
+    friction = motion.torque - motion.load
+    for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
+        wanted = fv * motion.dq[:, j] + fc * np.tanh(motion.dq[:, j] / 0.02)
+        assert friction[:, j] == pytest.approx(wanted, abs=2e-3 * bench.size[j])
+
+
+def test_grid_of_the_shapes() -> None:
+    search = {"a": Search(1.0, 100.0, 3), "b": Search(-1.0, 1.0, 5, logarithmic=False)}
+    grid = list(search_grid(search, {"a": 7.0, "c": 9.0}))
+    assert len(grid) == 15
+    assert sorted({g["a"] for g in grid}) == pytest.approx([1, 10, 100])
+    assert sorted({g["b"] for g in grid}) == pytest.approx([-1, -0.5, 0, 0.5, 1])
+    assert {g["c"] for g in grid} == {9.0}
+
+
+def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
+    """Columns at some ticks are those of all ticks, there."""
+    motion = simulated_motion(bench.workshop, bench.fit)
+    assert motion is not None
+    effect = EFFECTS["load_dependent_friction"]
+    assert isinstance(effect, TorqueEffect)
+    made = TorqueSignature(effect, 1, ("revolute", "revolute"), tuple(v.name for v in effect.shapes("revolute")))
+    shapes = {v.name: v.start for v in effect.shapes("revolute")}
+    some = np.array([3, 50, 333])
+    fields = {name: getattr(motion, name)[some] for name in ("time", "q", "dq", "ddq", "torque", "load")}
+    part = replace(motion, **fields, links={j: table[some] for j, table in motion.links.items()})
+    assert made.columns(part, shapes) == pytest.approx(made.columns(motion, shapes)[some])
