@@ -24,6 +24,9 @@ MAXIMUM_HALVINGS = 8
 MAXIMUM_DELAY = 50.0
 RENEW_STEP = 0.02
 """A step larger than this part of a standard deviation makes the sensitivity worth computing again."""
+TORQUE_FLOOR = 1e-3
+"""Part of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, in data
+without noise, has neither size nor standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,8 @@ def efficient_finish(
     """Minimise the weighted torque error from ``start``.
 
     Steps are halved while a simulation fails or the error grows. It has settled when no parameter moves
-    by more than ``tolerance`` times the larger of its size and its standard deviation. ``stage`` names the
-    iterations in the history.
+    by more than ``tolerance`` times the larger of its size and its standard deviation, or moves the torque by less than
+    TORQUE_FLOOR times that part. ``stage`` names the iterations in the history.
     """
     point = start
     history: list[Iteration] = []
@@ -99,8 +102,9 @@ def efficient_finish(
         # Renewed at every step, so that the minimum does not depend on where the steps began.
         deviation = joint_deviation(problem, residual, point.sensitivity)
         cost = float(np.sum(whitened(residual, deviation) ** 2))
-        step = least_squares(whitened(point.sensitivity, deviation), whitened(residual, deviation)).solution
-        scale = np.sqrt(np.diag(covariance_efficient(whitened(point.sensitivity, deviation))))
+        columns = whitened(point.sensitivity, deviation)
+        step = least_squares(columns, whitened(residual, deviation)).solution
+        scale = np.sqrt(np.diag(covariance_efficient(columns)))
         theta, prediction, note = _search(problem, point.theta, step, deviation, cost)
         moved = theta - point.theta
         history.append(
@@ -116,7 +120,9 @@ def efficient_finish(
         )
         progress(history[-1])
         point = Point(theta, prediction, point.sensitivity, deviation, point.condition_number)
-        if (np.abs(moved) <= tolerance * np.maximum(np.abs(theta), scale)).all():
+        size = np.linalg.norm(whitened(problem.measured, deviation)) / np.linalg.norm(columns, axis=0)
+        small = tolerance * np.maximum(np.maximum(np.abs(theta), scale), TORQUE_FLOOR * size)
+        if (np.abs(moved) <= small).all():
             return Finished(point, True, tuple(history))
         renew = bool((np.abs(moved) > RENEW_STEP * scale).any())
     return Finished(point, False, tuple(history))

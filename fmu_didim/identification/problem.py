@@ -12,6 +12,7 @@ from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.identification.parameters import Parameters
 from fmu_didim.identification.probing import RegressorProbe
+from fmu_didim.identification.side_by_side import default_workers
 from fmu_didim.master import InstancePool, Observer, Recording, SampleOperator, System, logged_torque, simulate
 from fmu_didim.signals import Array, Trajectory
 
@@ -73,6 +74,7 @@ class Problem:
         low_pass: filter of the torque and of the regressor.
         substep_factor: multiplies the number of integration substeps of the plant.
         pool: instances that run again, shared with all problems made from this one.
+        workers: simulations side by side where compiled code runs the loop.
     """
 
     system: System
@@ -84,6 +86,7 @@ class Problem:
     low_pass: LowPass | None = None
     substep_factor: int = 1
     pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
+    workers: int = field(default_factory=default_workers, compare=False)
 
     @property
     def joint_count(self) -> int:

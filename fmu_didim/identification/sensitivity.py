@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification.problem import Prediction, Problem, predict_torque
+from fmu_didim.identification.side_by_side import allowed_workers, side_by_side
 from fmu_didim.signals import Array
 
 RELATIVE_STEP = 1e-5
@@ -24,31 +27,41 @@ def sensitivity(problem: Problem, theta: Array, prediction: Prediction, *, with_
     """S = d tau_s / d theta, (N, n, p); a last column for the delay on request.
 
     One further simulation a column for a robot; central differences with a step found by trial for parameters
-    that enter a plant anyhow.
+    that enter a plant anyhow. Where compiled code runs the loop, ``problem.workers`` of them run side by side.
 
     Args:
         theta: (p,) parameters; prediction: of the simulation there.
     """
-    columns = _forward(problem, theta, prediction) if problem.can_refine else _central(problem, theta, prediction)
+    column = _forward if problem.can_refine else _central
+    sizes = parameter_scale(problem, theta, prediction)
+    tasks = [column(problem, theta, prediction, i, float(size)) for i, size in enumerate(sizes)]
     if with_delay:
-        later = predict_torque(problem.with_delay(problem.delay + DELAY_STEP), theta)[0]
-        columns.append((later - prediction.torque) / DELAY_STEP)
-    return np.stack(columns, axis=2)
+        tasks.append(_by_delay(problem, theta, prediction))
+    workers = allowed_workers(problem.workers, problem.system, prediction.recording)
+    return np.stack(side_by_side(tasks, workers), axis=2)
 
 
-def _forward(problem: Problem, theta: Array, prediction: Prediction) -> list[Array]:
-    columns = []
-    for i, size in enumerate(parameter_scale(problem, theta, prediction)):
+def _forward(problem: Problem, theta: Array, prediction: Prediction, i: int, size: float) -> Callable[[], Array]:
+    def column() -> Array:
         moved = theta.copy()
         moved[i] += RELATIVE_STEP * size
-        columns.append((predict_torque(problem, moved)[0] - prediction.torque) / (moved[i] - theta[i]))
-    return columns
+        return np.asarray((predict_torque(problem, moved)[0] - prediction.torque) / (moved[i] - theta[i]))
+
+    return column
 
 
-def _central(problem: Problem, theta: Array, prediction: Prediction) -> list[Array]:
+def _by_delay(problem: Problem, theta: Array, prediction: Prediction) -> Callable[[], Array]:
+    def column() -> Array:
+        later = predict_torque(problem.with_delay(problem.delay + DELAY_STEP), theta)[0]
+        return np.asarray((later - prediction.torque) / DELAY_STEP)
+
+    return column
+
+
+def _central(problem: Problem, theta: Array, prediction: Prediction, i: int, size: float) -> Callable[[], Array]:
     """The shortest step whose two sides agree; the one whose sides agree best if none does."""
-    columns = []
-    for i, size in enumerate(parameter_scale(problem, theta, prediction)):
+
+    def column() -> Array:
         best: tuple[float, Array] | None = None
         for relative in ROUGH_STEPS:
             up, down = theta.copy(), theta.copy()
@@ -71,8 +84,9 @@ def _central(problem: Problem, theta: Array, prediction: Prediction) -> list[Arr
                 got=f"no simulation succeeds near {theta[i]:.6g}",
                 next_step="Start from other values.",
             )
-        columns.append(best[1])
-    return columns
+        return best[1]
+
+    return column
 
 
 def parameter_scale(problem: Problem, theta: Array, prediction: Prediction) -> Array:

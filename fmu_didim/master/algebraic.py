@@ -42,7 +42,19 @@ def algebraic_loops(system: System) -> list[list[str]]:
             continue
         for output, given in pairs:
             follows.setdefault(f"{name}.{output}", []).extend(sources.get(f"{name}.{given}", []))
-    return [group for group in _components(follows) if len(group) > 1 or group[0] in follows.get(group[0], [])]
+    rest = _in_cycles(follows)
+    return [group for group in _components(rest) if len(group) > 1 or group[0] in rest.get(group[0], [])]
+
+
+def _in_cycles(follows: dict[str, list[str]]) -> dict[str, list[str]]:
+    """The graph without the signals that depend on none in it, one after another: empty where there is no cycle."""
+    rest = {name: set(many) for name, many in follows.items()}
+    while True:
+        kept = {name: many & rest.keys() for name, many in rest.items()}
+        kept = {name: many for name, many in kept.items() if many}
+        if len(kept) == len(rest):
+            return {name: [s for s in follows[name] if s in kept] for name in kept}
+        rest = kept
 
 
 def _components(follows: dict[str, list[str]]) -> list[list[str]]:

@@ -48,7 +48,7 @@ class _Part(ctypes.Structure):
         input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
         input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", target="p", source="p",
         gain="p", single="q", every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q",
-        line_count="q", given="p", first_signal="q",
+        line_count="q", given="p", first_signal="q", unseen="q",
     )  # fmt: skip
 
 
@@ -56,8 +56,8 @@ class _Loop(ctypes.Structure):
     _fields_ = _members(
         parts="p", part_count="q", jacobi="q", delayed="q", lag="q", signals="p", signal_count="q", table="p",
         table_rows="q", table_columns="q", start="d", step="d", rows="p", applied="p", sampled="p", lowest="p",
-        highest="p", check_interval="q", failed_part="q", failed_call="q", status="q", failed_tick="q",
-        failed_signal="q", failed_time="d",
+        highest="p", check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q",
+        status="q", failed_tick="q", failed_signal="q", failed_time="d",
     )  # fmt: skip
 
 
@@ -130,6 +130,7 @@ def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
         table_rows=table.shape[0], table_columns=table.shape[1], start=run.start, step=run.system.step_size,
         rows=_address(run.rows, keep), applied=_address(run.applied, keep), sampled=_address(run.sampled, keep),
         lowest=_address(run.lowest, keep), highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL,
+        ticks=run.end,
     )  # fmt: skip
 
 
@@ -144,7 +145,7 @@ def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
         gain=_address(wiring.gains, keep), single=wiring.single, every=part.every, substeps=part.substeps,
         whole=part.whole, part=part.part, line_capacity=capacity, given=_address(run.given[index], keep),
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
-        first_signal=part.place.start,
+        first_signal=part.place.start, unseen=_is_unseen(run, index),
     )  # fmt: skip
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
@@ -161,6 +162,19 @@ def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
     if native.output_scaling:
         result.output_factor, result.output_offset = (_address(a, keep) for a in native.output_scaling)
     return result
+
+
+def _is_unseen(run: Run, index: int) -> bool:
+    """Whether nothing but the recording looks at the outputs of a part between its inputs and its step.
+
+    That is so of the last one in the order, the plant, which every other part has asked before: a computation of
+    its outputs saved at each tick that is not recorded.
+    """
+    part = run.parts[index]
+    if run.delayed or part.after_step or part.every > 1:
+        return False
+    later = run.parts[index:] if not run.system.jacobi else []
+    return not any(((p.wiring.sources >= part.place.start) & (p.wiring.sources < part.place.stop)).any() for p in later)
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

@@ -46,7 +46,7 @@ typedef struct {
     double *line;
     int64_t line_capacity, line_count;
     double *given;
-    int64_t first_signal;
+    int64_t first_signal, unseen;
 } Part;
 
 typedef struct {
@@ -60,10 +60,24 @@ typedef struct {
     const int64_t *rows;
     double *applied, *sampled;
     const double *lowest, *highest;
-    int64_t check_interval;
+    int64_t check_interval, ticks, next_check;
     int64_t failed_part, failed_call, status, failed_tick, failed_signal;
     double failed_time;
 } Loop;
+
+/* For the few numbers of a component a call of memcpy would cost more than the copy. */
+static inline void copy(double *to, const double *from, int64_t count) {
+    switch (count) {
+        case 6: to[5] = from[5]; /* fall through */
+        case 5: to[4] = from[4]; /* fall through */
+        case 4: to[3] = from[3]; /* fall through */
+        case 3: to[2] = from[2]; /* fall through */
+        case 2: to[1] = from[1]; /* fall through */
+        case 1: to[0] = from[0]; /* fall through */
+        case 0: return;
+        default: memcpy(to, from, (size_t)count * sizeof(double));
+    }
+}
 
 static void outputs_of(Linear *s, double *y) {
     for (int64_t i = 0; i < s->outputs; i++) {
@@ -119,9 +133,9 @@ static void sample(Linear *s, double time, double size, double *y) {
     s->live = is_due(s, time + size);
 }
 
-static int set_part(Part *p) {
+static inline int set_part(Part *p) {
     if (p->kind == LINEAR) {
-        memcpy(p->linear->held, p->inputs, (size_t)p->input_count * sizeof(double));
+        copy(p->linear->held, p->inputs, p->input_count);
         return 0;
     }
     if (!p->set) return 0;
@@ -133,7 +147,7 @@ static int set_part(Part *p) {
     return ((values3)p->set)(p->self, p->input_references, n, p->own_inputs, n);
 }
 
-static int get_part(Part *p) {
+static inline int get_part(Part *p) {
     if (p->kind == LINEAR) {
         if (p->linear->live) outputs_of(p->linear, p->outputs);
         return 0;
@@ -148,7 +162,7 @@ static int get_part(Part *p) {
     return status;
 }
 
-static int step_once(Part *p, double time, double size) {
+static inline int step_once(Part *p, double time, double size) {
     if (p->kind == LINEAR) {
         if (p->linear->period > 0)
             sample(p->linear, time, size, p->outputs);
@@ -163,7 +177,7 @@ static int step_once(Part *p, double time, double size) {
     return status > 1 ? status : (stop || early) ? -1 : status;
 }
 
-static int step_part(Part *p, double time, double size) {
+static inline int step_part(Part *p, double time, double size) {
     if (p->substeps == 1) return step_once(p, time, size);
     double piece = size / (double)p->substeps;
     for (int64_t i = 0; i < p->substeps; i++) {
@@ -173,16 +187,16 @@ static int step_part(Part *p, double time, double size) {
     return 0;
 }
 
-static void gather(Part *p, const double *signals) {
-    if (!p->single)
-        for (int64_t i = 0; i < p->wire_count; i++) p->inputs[p->target[i]] = 0.0;
-    for (int64_t i = 0; i < p->wire_count; i++) {
-        double value = p->gain[i] * signals[p->source[i]];
-        if (p->single)
-            p->inputs[p->target[i]] = value;
-        else
-            p->inputs[p->target[i]] += value;
+static inline void gather(Part *p, const double *signals) {
+    const int64_t count = p->wire_count, *target = p->target, *source = p->source;
+    const double *gain = p->gain;
+    double *inputs = p->inputs;
+    if (p->single) {
+        for (int64_t i = 0; i < count; i++) inputs[target[i]] = gain[i] * signals[source[i]];
+        return;
     }
+    for (int64_t i = 0; i < count; i++) inputs[target[i]] = 0.0;
+    for (int64_t i = 0; i < count; i++) inputs[target[i]] += gain[i] * signals[source[i]];
 }
 
 static double *line_at(Part *p, int64_t back) {
@@ -202,11 +216,16 @@ static int broken(Loop *l, int64_t part, int call, int status, int64_t tick, dou
         if (status_ > 1 || status_ < 0) return broken(l, index, what, status_, tick, time);               \
     } while (0)
 
-static int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
+/* Nobody looks at the outputs of an unseen part before it has stepped, but for the recording and the bounds. */
+static bool is_seen(const Loop *l, const Part *p, int64_t tick) {
+    return !p->unseen || l->rows[tick] >= 0 || tick == l->next_check || tick + 1 == l->ticks;
+}
+
+static inline int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
     Part *p = &l->parts[index];
-    size_t bytes = (size_t)p->input_count * sizeof(double);
     double size = l->step * (double)p->every;
     if (p->line) {
+        size_t bytes = (size_t)p->input_count * sizeof(double);
         memcpy(p->line + (p->line_count % p->line_capacity) * p->input_count, p->inputs, bytes);
         p->line_count++;
         if (p->part > 0) {
@@ -218,11 +237,11 @@ static int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
     }
     TRY(set_part(p), CALL_SET);
     if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
-    TRY(get_part(p), CALL_GET);
+    if (is_seen(l, p, tick)) TRY(get_part(p), CALL_GET);
     return DONE;
 }
 
-static int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
+static inline int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
     Part *p = &l->parts[index];
     if (p->after_step || (p->every > 1 && tick % p->every != p->every - 1)) return DONE;
     double size = l->step * (double)p->every;
@@ -233,23 +252,24 @@ static int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
     return DONE;
 }
 
-static void record(Loop *l, int64_t tick) {
+static void record_undelayed(Loop *l, int64_t row) {
+    copy(l->applied + row * l->signal_count, l->signals, l->signal_count);
+    for (int64_t i = 0; i < l->part_count; i++) {
+        Part *p = &l->parts[i];
+        copy(p->given + row * p->input_count, p->inputs, p->input_count);
+    }
+}
+
+static void record_delayed(Loop *l, int64_t tick) {
     int64_t row = l->rows[tick], n = l->signal_count;
-    if (!l->delayed) {
-        if (row < 0) return;
-        memcpy(l->applied + row * n, l->signals, (size_t)n * sizeof(double));
-    } else if (row >= 0)
-        memcpy(l->applied + row * n, l->signals, (size_t)l->table_columns * sizeof(double));
+    if (row >= 0) copy(l->applied + row * n, l->signals, l->table_columns);
     for (int64_t i = 0; i < l->part_count; i++) {
         Part *p = &l->parts[i];
         int64_t back = p->whole * p->every, late = tick >= back ? l->rows[tick - back] : -1;
-        size_t bytes = (size_t)p->output_count * sizeof(double);
-        if (l->delayed && late >= 0)
-            memcpy(l->applied + late * n + p->first_signal, l->signals + p->first_signal, bytes);
-        if (l->delayed && row >= 0 && !p->line)
-            memcpy(l->sampled + row * n + p->first_signal, l->signals + p->first_signal, bytes);
-        if (late >= 0)
-            memcpy(p->given + late * p->input_count, p->inputs, (size_t)p->input_count * sizeof(double));
+        const double *outputs = l->signals + p->first_signal;
+        if (late >= 0) copy(l->applied + late * n + p->first_signal, outputs, p->output_count);
+        if (row >= 0 && !p->line) copy(l->sampled + row * n + p->first_signal, outputs, p->output_count);
+        if (late >= 0) copy(p->given + late * p->input_count, p->inputs, p->input_count);
     }
 }
 
@@ -265,29 +285,72 @@ static int outside(Loop *l, int64_t tick, double time) {
     return DONE;
 }
 
+/* One tick of a part that only has to be called: FMI 2.0 in its own units, one step a tick, no delay. */
+static inline int apply_plain(Loop *l, Part *p, int64_t index, int64_t tick, double time, bool seen) {
+    const size_t given = (size_t)p->input_count, taken = (size_t)p->output_count;
+    gather(p, l->signals);
+    if (p->set) TRY(((values2)p->set)(p->self, p->input_references, given, p->inputs), CALL_SET);
+    if (seen && p->get) TRY(((values2)p->get)(p->self, p->output_references, taken, p->outputs), CALL_GET);
+    return DONE;
+}
+
+static inline int advance_plain(Loop *l, Part *p, int64_t index, int64_t tick, double time) {
+    TRY(((step2)p->step)(p->self, time, l->step, 1), CALL_STEP);
+    if (p->get)
+        TRY(((values2)p->get)(p->self, p->output_references, (size_t)p->output_count, p->outputs), CALL_GET);
+    return DONE;
+}
+
+static bool is_plain(const Loop *l) {
+    if (l->jacobi || l->delayed) return false;
+    for (int64_t i = 0; i < l->part_count; i++) {
+        const Part *p = &l->parts[i];
+        if (p->kind != FMI2 || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
+            p->input_factor || p->output_factor || p->own_inputs != p->inputs || p->own_outputs != p->outputs)
+            return false;
+    }
+    return true;
+}
+
+static int tick_of(Loop *l, int64_t tick, double time) {
+    for (int64_t i = 0; l->jacobi && i < l->part_count; i++)
+        if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i], l->signals);
+    for (int64_t i = 0; i < l->part_count; i++) {
+        if (!is_own_tick(&l->parts[i], tick)) continue;
+        if (!l->jacobi) gather(&l->parts[i], l->signals);
+        int result = apply_part(l, i, tick, time);
+        if (result) return result;
+    }
+    return DONE;
+}
+
 /* Ticks first to last - 1; the bounds are looked at as well after the last one of all if `finish` is set. */
 EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
-    double time = 0.0;
-    int64_t n = l->signal_count;
+    const int64_t columns = l->table_columns, parts = l->part_count, *rows = l->rows;
+    const bool plain = is_plain(l);
+    double time = 0.0, *signals = l->signals;
+    int result = DONE;
     for (int64_t tick = first; tick < last; tick++) {
         time = l->start + (double)tick * l->step;
-        int64_t line = tick < l->table_rows ? tick : l->table_rows - 1;
-        for (int64_t i = 0; i < l->table_columns; i++) l->signals[i] = l->table[line * l->table_columns + i];
-        if (l->delayed && l->rows[tick] >= 0)
-            memcpy(l->sampled + l->rows[tick] * n, l->signals, (size_t)n * sizeof(double));
-        if (l->jacobi)
-            for (int64_t i = 0; i < l->part_count; i++)
-                if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i], l->signals);
-        for (int64_t i = 0; i < l->part_count; i++) {
-            if (!is_own_tick(&l->parts[i], tick)) continue;
-            if (!l->jacobi) gather(&l->parts[i], l->signals);
-            int result = apply_part(l, i, tick, time);
-            if (result) return result;
+        const int64_t row = rows[tick];
+        copy(signals, l->table + (tick < l->table_rows ? tick : l->table_rows - 1) * columns, columns);
+        if (l->delayed && row >= 0) copy(l->sampled + row * l->signal_count, signals, l->signal_count);
+        if (plain)
+            for (int64_t i = 0; i < parts && !result; i++)
+                result = apply_plain(l, &l->parts[i], i, tick, time, is_seen(l, &l->parts[i], tick));
+        else
+            result = tick_of(l, tick, time);
+        if (result) return result;
+        if (l->delayed)
+            record_delayed(l, tick);
+        else if (row >= 0)
+            record_undelayed(l, row);
+        if (tick == l->next_check) {
+            l->next_check += l->check_interval; /* counted, as a division a tick would be felt */
+            if (outside(l, tick, time)) return OUT_OF_BOUNDS;
         }
-        if (l->delayed || l->rows[tick] >= 0) record(l, tick);
-        if (tick % l->check_interval == 0 && outside(l, tick, time)) return OUT_OF_BOUNDS;
-        for (int64_t i = 0; i < l->part_count; i++) {
-            int result = advance_part(l, i, tick, time);
+        for (int64_t i = 0; i < parts; i++) {
+            result = plain ? advance_plain(l, &l->parts[i], i, tick, time) : advance_part(l, i, tick, time);
             if (result) return result;
         }
     }

@@ -213,6 +213,11 @@ class RobotModel:
         Args:
             values: parameter values that replace those of the description.
         """
+        return self._block.with_parameters(dict(values)) if values else self._block
+
+    @cached_property
+    def _block(self) -> Block:
+        """The plant with the values of the description."""
         robot, n, states = self.description, self.joint_count, self._equations.states
         standard = [self.parameters[i] for i in self.active]
         starts = list(self._motion_variables("q_start{}", "dq_start{}"))
@@ -231,7 +236,7 @@ class RobotModel:
         begin = ca.vertcat(first[: 2 * n], *(v.start for v in states), *([first[2 * n]] if timed else []))
         elastic = robot.elastic_joints()  # their gears start without twist
         begin = ca.vertcat(begin, *(first[j] for j in elastic), *(first[n + j] for j in elastic))
-        block = Block(
+        return Block(
             name=robot.name,
             description=robot.description,
             inputs=self._motion_variables("tau{}"),
@@ -244,7 +249,6 @@ class RobotModel:
             rate_bound=ca.Function("rate_bound", [x, p], [ca.densify(self._rate(chi, shapes))]),
             fixed=frozenset(v.name for v in starts),
         )
-        return block.with_parameters(dict(values or {}))
 
     def _plant(self, chi: ca.SX, shapes: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Acceleration, de/dt, observed loads and accelerations of links, for parameters that are expressions."""

@@ -1,0 +1,70 @@
+"""Simulations side by side: compiled loops release Python's lock, so threads use several cores."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from fmu_didim.components import FmuComponent
+from fmu_didim.components.fmu.rerun import OWN_TOOL
+from fmu_didim.errors import InputError
+from fmu_didim.master import Recording, System
+
+MOST_WORKERS = 4
+"""More threads than this wait for memory and for Python's part of a simulation."""
+VARIABLE = "FMU_DIDIM_WORKERS"
+"""Environment variable with the number of threads."""
+
+_Result = TypeVar("_Result")
+
+
+def default_workers() -> int:
+    """Threads for simulations: what the variable FMU_DIDIM_WORKERS says, else the cores up to MOST_WORKERS.
+
+    One in a process that another one started, which has given the other cores to others already.
+
+    Raises:
+        InputError: the variable is no positive whole number.
+    """
+    stated = os.environ.get(VARIABLE)
+    if stated is not None:
+        if not (stated.isascii() and stated.isdigit() and int(stated) > 0):
+            raise InputError(
+                "The number of threads is not valid.", where=f"environment variable {VARIABLE}", got=stated,
+                valid="1, 2, 3, ...",
+            )  # fmt: skip
+        return int(stated)
+    if multiprocessing.parent_process() is not None:
+        return 1
+    return min(os.cpu_count() or 1, MOST_WORKERS)
+
+
+def allowed_workers(workers: int, system: System, recording: Recording) -> int:
+    """How many of the ``workers`` may simulate this system at once: one where Python runs its loop, or where an FMU
+    of another tool takes part, whose instances may share memory.
+
+    Args:
+        recording: of a run of the system.
+    """
+    if not recording.compiled:
+        return 1
+    for component in system.components.values():
+        form = component.compiled()
+        if isinstance(form, FmuComponent) and not form.fmu.tool.startswith(OWN_TOOL):
+            return 1
+    return workers
+
+
+def side_by_side(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]:
+    """Results of the tasks in their order; the first error of one is raised when all have ended.
+
+    Args:
+        workers: threads at the same time; 1 runs all in this one.
+    """
+    if workers < 2 or len(tasks) < 2:
+        return [task() for task in tasks]
+    with ThreadPoolExecutor(min(workers, len(tasks))) as threads:
+        return list(threads.map(lambda task: task(), tasks))
