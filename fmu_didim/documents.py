@@ -22,6 +22,12 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Number = Annotated[float | None, BeforeValidator(_finite_or_none)]
+"""A number of a saved result; null where it is not defined (NaN and infinity have no place in JSON)."""
 _ANGLE = re.compile(
     r"^\s*(?P<sign>[+-]?)\s*(?:(?P<factor>\d+(?:\.\d+)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d+)?))?\s*$"
 )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
+from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 
 FINDINGS_FILE = "findings.json"
@@ -21,15 +21,8 @@ VERDICT_TEXT: dict[str, str] = {
 }
 
 
-def _finite_or_none(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_finite_or_none)]
-
-
-class _Document(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+class _Document(Strict):
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class ValueFound(_Document):

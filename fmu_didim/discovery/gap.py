@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fmu_didim.discovery.findings import GapPair
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.signals import Array
 
@@ -23,6 +24,16 @@ BLOCK_S = 0.5
 def joint_gaps(residual: Array, noise: Noise) -> Array:
     """(n,) gap of each joint in units of its noise."""
     return np.asarray(np.sqrt(np.maximum(np.mean(residual**2, axis=0) / noise.deviation**2 - 1, 0.0)))
+
+
+def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
+    """The gaps of two residuals (N, n), as they are saved."""
+    return GapPair(
+        before=total_gap(before, noise),
+        after=total_gap(after, noise),
+        before_per_joint=joint_gaps(before, noise).tolist(),
+        after_per_joint=joint_gaps(after, noise).tolist(),
+    )
 
 
 def total_gap(residual: Array, noise: Noise) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.discovery.fit import Fit, minimise
-from fmu_didim.discovery.gap import joint_gaps, total_gap
+from fmu_didim.discovery.gap import gap_pair
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.push import PUSH
 from fmu_didim.discovery.pushes import Pushed, push_knobs
@@ -113,12 +113,7 @@ def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:
             pair = [f.model.residual(f.values, label) for f in (before, after)]
         except SimulationError:
             continue
-        result[label] = GapPair(
-            before=total_gap(pair[0], noise),
-            after=total_gap(pair[1], noise),
-            before_per_joint=joint_gaps(pair[0], noise).tolist(),
-            after_per_joint=joint_gaps(pair[1], noise).tolist(),
-        )
+        result[label] = gap_pair(pair[0], pair[1], noise)
     return result
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.compete import (
     Contender,
-    Screened,
     contend,
     contender,
     proposal_of,
@@ -19,7 +18,7 @@ from fmu_didim.discovery.compete import (
     shortlist,
 )
 from fmu_didim.discovery.fit import Fit, minimise
-from fmu_didim.discovery.gap import BLOCK_S, Ratio, delta_bic, explained, joint_gaps, rms_ratio, total_gap
+from fmu_didim.discovery.gap import BLOCK_S, Ratio, delta_bic, explained, joint_gaps, rms_ratio
 from fmu_didim.discovery.library import Library
 from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.noise import Noise
@@ -68,7 +67,6 @@ class Step:
         ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
             other members of its class.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
-        rivals: all contenders of the round.
         members: the effect and those ambiguous ones that were fitted, with their values.
     """
 
@@ -80,7 +78,6 @@ class Step:
     before: dict[str, Array]
     after: dict[str, Array]
     ratio: Ratio | None
-    rivals: tuple[tuple[Addition, float], ...] = ()
     members: tuple[Proposal, ...] = ()
 
 
@@ -97,7 +94,6 @@ class Discovery:
     final: Fit
     steps: tuple[Step, ...]
     refused: tuple[tuple[Addition, str], ...] = ()
-    notes: tuple[str, ...] = field(default=())
 
 
 def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, say: Say) -> Discovery:
@@ -244,7 +240,6 @@ def _step(
         before=gaps(fit, noise),
         after=gaps(accepted.fit, noise),
         ratio=held_out_ratio(fit, accepted.fit, noise, options),
-        rivals=tuple((c.addition, c.delta_bic) for c in contenders),
         members=tuple(proposal_of(c) for c in fitted),
     )
 
@@ -304,6 +299,3 @@ def saturation(workshop: Workshop, fit: Fit, noise: Noise, options: Options, say
         return None
     say(f"added: torque_saturation on joint {found[0].addition.joint}")
     return _step(found[0], found, workshop, fit, noise, options), found[0].fit
-
-
-__all__ = ["Discovery", "Options", "Screened", "Step", "run_rounds", "total_gap"]

@@ -23,7 +23,7 @@ from fmu_didim.discovery.findings import (
     WindowResult,
 )
 from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.gap import joint_gaps, total_gap
+from fmu_didim.discovery.gap import gap_pair, joint_gaps
 from fmu_didim.discovery.library import simulated_motion
 from fmu_didim.discovery.localise import force_windows, regions
 from fmu_didim.discovery.loop_model import Addition
@@ -44,6 +44,10 @@ NO_HELD_OUT = (
 )
 REMAINDER = 0.6
 """Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
+
+
+Residuals = dict[str, tuple[Array, Array]]
+"""Label of each experiment -> residuals (N, n) of the base and of the final model."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +103,13 @@ def discover(
     found_regions = regions(base.residual, motion, ticks, noise, units) if motion is not None else []
     discovery = run_rounds(workshop, start, noise, options, say)
     outside: list[FindingResult] = []
-    windows = _windows(discovery, noise)
+    windows: list[WindowResult] = []
     if pushed is not None:
         final, free = refitted(pushed, discovery.final, noise)
         discovery = replace(discovery, base=base, final=final)
         outside = [push_finding(pushed, base, free, noise)]
-        windows = [*push_windows(free, noise), *_windows(discovery, noise)]
+        windows = push_windows(free, noise)
+    residuals = _residuals(discovery)
     verdict = _verdict(discovery, noise)
     ratio = held_out_ratio(base, discovery.final, noise, options) if discovery.steps else None
     document = FindingsDocument(
@@ -112,8 +117,8 @@ def discover(
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
         findings=[*outside, *(_finding(step, discovery, workshop, noise) for step in discovery.steps)],
-        gap=_gap_pairs(discovery, noise),
-        error_percent=_errors(discovery),
+        gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
+        error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=_noise(noise),
         regions=[
@@ -123,12 +128,12 @@ def discover(
             )
             for r in found_regions
         ],
-        windows=windows,
+        windows=[*windows, *_windows(discovery, residuals, noise)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         base_parameters=_values(discovery.final, noise, lambda knob: knob.effect is None),
         torque_unit=list(units),
         seconds=clock.perf_counter() - begin,
-        notes=[*prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]), *discovery.notes],
+        notes=[*prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])],
         files={},
         provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(effects)},
     )  # fmt: skip
@@ -187,19 +192,7 @@ def _values(fit: Fit, noise: Noise, wanted: Callable[[Any], bool]) -> list[Value
     ]  # fmt: skip
 
 
-def _gap_pairs(discovery: Discovery, noise: Noise) -> dict[str, GapPair]:
-    result = {}
-    for label, (before, after) in _residuals(discovery).items():
-        result[label] = GapPair(
-            before=total_gap(before, noise),
-            after=total_gap(after, noise),
-            before_per_joint=joint_gaps(before, noise).tolist(),
-            after_per_joint=joint_gaps(after, noise).tolist(),
-        )
-    return result
-
-
-def _residuals(discovery: Discovery) -> dict[str, tuple[Array, Array]]:
+def _residuals(discovery: Discovery) -> Residuals:
     """Label of each experiment -> residuals of the base and of the final model; infinite where one cannot be run."""
     result = {}
     for label, run in discovery.base.model.runs.items():
@@ -213,19 +206,19 @@ def _residuals(discovery: Discovery) -> dict[str, tuple[Array, Array]]:
     return result
 
 
-def _errors(discovery: Discovery) -> dict[str, tuple[float | None, float | None]]:
+def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
     result = {}
-    for label, pair in _residuals(discovery).items():
+    for label, pair in residuals.items():
         measured = discovery.base.model.runs[label].measured
         percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
         result[label] = (percent[0], percent[1])
     return result
 
 
-def _windows(discovery: Discovery, noise: Noise) -> list[WindowResult]:
+def _windows(discovery: Discovery, residuals: Residuals, noise: Noise) -> list[WindowResult]:
     """Intervals with a force of their own, in what the final model leaves: the drive must make up for it."""
     result = []
-    for label, (_, residual) in _residuals(discovery).items():
+    for label, (_, residual) in residuals.items():
         if not np.isfinite(residual).all():
             continue
         run = discovery.final.model.runs[label]

@@ -6,14 +6,14 @@ The models of this module are the schema of the file (``result_schema()`` gives 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
+from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.identification.consistency import Consistency
 from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Status
@@ -24,19 +24,7 @@ from fmu_didim.signals import Array, trajectory, write_csv
 RESULT_FILE = "result.json"
 
 
-def _finite_or_none(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_finite_or_none)]
-"""A number; null where it is not defined (NaN and infinity have no place in JSON)."""
-
-
-class _Document(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ParameterResult(_Document):
+class ParameterResult(Strict):
     """One identified parameter."""
 
     value: float = Field(description="estimate, in the unit")
@@ -47,7 +35,7 @@ class ParameterResult(_Document):
     standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
 
 
-class StageResult(_Document):
+class StageResult(Strict):
     """Values at the end of a stage, by parameter."""
 
     value: dict[str, float]
@@ -55,14 +43,14 @@ class StageResult(_Document):
     formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
 
 
-class ErrorResult(_Document):
+class ErrorResult(Strict):
     """Relative torque error 100 |y - y_s| / |y|."""
 
     total: Number
     per_joint: list[Number]
 
 
-class IterationResult(_Document):
+class IterationResult(Strict):
     """One iteration."""
 
     stage: str
@@ -74,7 +62,7 @@ class IterationResult(_Document):
     note: str
 
 
-class ColumnResult(_Document):
+class ColumnResult(Strict):
     """A column of the regressor, from the plant against from the robot description."""
 
     difference: float = Field(description="relative")
@@ -83,7 +71,7 @@ class ColumnResult(_Document):
     joint: int = Field(description="where they differ most")
 
 
-class ConsistencyResult(_Document):
+class ConsistencyResult(Strict):
     """Whether a plant that was given apart from the robot description agrees with it."""
 
     agrees: bool
@@ -96,7 +84,7 @@ class ConsistencyResult(_Document):
     warnings: list[str]
 
 
-class ResultDocument(_Document):
+class ResultDocument(Strict):
     """The content of ``result.json``."""
 
     schema_version: Literal[1] = 1
