@@ -14,6 +14,7 @@ from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.library import Library, Signature, simulated_motion
 from fmu_didim.discovery.loop_model import Addition, loop_model
 from fmu_didim.discovery.prepare import with_nuisances
+from fmu_didim.discovery.response import load_response
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
 from tests.discovery_helpers import arm_problem, known_noise
@@ -61,10 +62,8 @@ def compared(bench: Bench, signature: Signature, amplitude: str) -> tuple[float,
 
 
 def chosen(bench: Bench, name: str, joint: int) -> Signature:
-    """Shapes to which the loop can answer: ripple of a low number, friction over a wide range of speed or distance."""
+    """Friction over a wide range of speed or distance; the middle of the other grids."""
     found = signatures(bench, name, joint)
-    if name in ("torque_ripple", "current_ripple"):
-        return min(found, key=lambda s: abs(s.shapes["nr"] - 10))
     return found[3 * len(found) // 4]
 
 
@@ -80,38 +79,44 @@ def test_column_is_the_change_of_the_closed_loop(bench: Bench, name: str, joint:
             assert np.abs(signature.columns[:, :, i]).max() < 1e-9
             continue
         correlation, slope = compared(bench, signature, amplitude)
-        assert correlation > 0.9, amplitude
-        assert slope == pytest.approx(1, abs=0.2), amplitude
+        assert correlation > 0.99, amplitude
+        assert slope == pytest.approx(1, abs=0.1), amplitude
 
 
 @pytest.mark.parametrize(
-    ("name", "least"), [("stribeck", 0.5), ("presliding", 0.75), ("lugre", 0.75), ("torque_ripple", 0.7)]
+    ("name", "least"), [("stribeck", 0.85), ("presliding", 0.99), ("lugre", 0.95), ("torque_ripple", 0.99)]
 )
-def test_spikes_too_fast_for_the_loop_are_only_like_their_column(bench: Bench, name: str, least: float) -> None:
-    """Exceptions: where friction changes within milliseconds of a reversal, or ripple is faster than the loop, the
-    robot gives way instead of the controller pushing. Screening then sees the right sign and most of the shape; the
-    closed-loop fit decides."""
+def test_friction_that_is_sharp_at_a_reversal_is_only_like_its_column(bench: Bench, name: str, least: float) -> None:
+    """Where friction changes within milliseconds of a reversal the loop is not linear: screening sees the right sign
+    and most of the shape, and the closed-loop fit decides."""
     for joint in (1, 2):
         found = signatures(bench, name, joint)
-        signature = found[3 * len(found) // 4] if name == "torque_ripple" else found[len(found) // 4]
+        signature = found[len(found) // 4]
         for amplitude in signature.amplitudes:
             correlation, slope = compared(bench, signature, amplitude)
             assert correlation > least
-            assert 0.3 < slope < 1.2
+            assert 0.5 < slope < 1.2
 
 
-def test_tighter_loop_follows_the_column_better(tmp_path: Path) -> None:
-    """Why a column stands for a closed loop at all: the better the tracking, the truer it is."""
-    found = []
+def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) -> None:
+    """With a twentieth of the gains the ripple reaches the command late and reshaped."""
     for factor in (0.05, 1.0):
         folder = tmp_path / f"{factor}"
         problem = arm_problem(folder, rate_hz=200.0, seconds=4.0, gain_factor=factor)
         fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise(0.1))
         workshop = Workshop(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
         bench = Bench(workshop, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
-        found.append(compared(bench, chosen(bench, "torque_ripple", 1), "Rsin")[0])
-    assert found[1] > 0.98
-    assert found[0] < found[1] - 0.03
+        ripple = min(signatures(bench, "torque_ripple", 1), key=lambda s: abs(s.shapes["nr"] - 10))
+        correlation, slope = compared(bench, ripple, "Rsin")
+        assert correlation > 0.99
+        assert slope == pytest.approx(1, abs=0.05)
+
+
+def test_slow_loads_come_back_whole(bench: Bench) -> None:
+    """The taps of the response sum to one on their own joint and to nothing across."""
+    taps = load_response(bench.fit).taps
+    assert taps.sum(axis=0) == pytest.approx(np.eye(2), abs=0.05)
+    assert np.abs(taps[0]).max() < 0.1 * np.abs(taps).max()  # nothing before the robot has moved
 
 
 # ---- states ----------------------------------------------------------------------------------------

@@ -28,6 +28,7 @@ from fmu_didim.identification.problem import Experiment, Problem, predict
 from fmu_didim.master import Connection, System, logged_torque, sample_operator, simulate, splice_effect
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.description import write_robot
+from fmu_didim.robot.tilt import horizontal_axes
 from fmu_didim.signals import Trajectory, trajectory, write_csv
 from fmu_didim.workflow import identify, simulate_case
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, reference, scara, scara_pd
@@ -341,11 +342,19 @@ class TestEquationsOfTheStructure:
     def test_tilt_turns_gravity(self) -> None:
         x, y = 0.2, -0.3
         about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
-        about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+        about_z = np.array([[np.cos(y), -np.sin(y), 0], [np.sin(y), np.cos(y), 0], [0, 0, 1]])
         tilted = arm(joint1={"effects": ["base_tilt"], "tilt_x": x, "tilt_y": y})
-        turned = arm().model_copy(update={"gravity": tuple(about_x @ about_y @ np.array([0, -9.81, 0]))})
+        turned = arm().model_copy(update={"gravity": tuple(about_x @ about_z @ np.array([0, -9.81, 0]))})
         assert np.abs(closed(tilted) - closed(turned)).max() < 1e-9
         assert np.abs(closed(tilted) - closed(arm())).max() > 0.5
+
+    def test_a_base_tilts_about_horizontal_axes(self) -> None:
+        first, second = horizontal_axes(np.array([0.0, 0.0, -9.81]))
+        assert first == pytest.approx([1, 0, 0]) and second == pytest.approx([0, 1, 0])
+        gravity = np.array([2.4, -9.4, 0.0])  # an arm in a vertical plane tilts in it about z
+        first, second = horizontal_axes(gravity)
+        assert first == pytest.approx([0, 0, 1])
+        assert second @ gravity == pytest.approx(0, abs=1e-12) and second @ first == 0
 
     @pytest.mark.parametrize("case", ["both", "backlash"])
     def test_the_augmented_fmu_is_valid_and_equals_the_model(self, case: str) -> None:

@@ -181,6 +181,8 @@ class Workshop:
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
             as_shape = is_shape or nonlinear
             name = f"{variable.name}_{addition.joint}" if as_shape else f"{variable.name}{addition.joint}"
+            if nonlinear and not is_shape and variable.name not in proposal.values:
+                continue  # nothing to be seen of it: it stays as it is without the effect
             value = proposal.values.get(variable.name, variable.start)
             low, high = -np.inf, np.inf
             if isinstance(effect, NonlinearEffect):

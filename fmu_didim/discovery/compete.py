@@ -186,7 +186,7 @@ def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hop
     neutral = getattr(workshop.effect(proposal.addition), "neutral", {})
     for part in (1.0, 0.3, 0.03):
         values = dict(proposal.values)
-        for name in (v.name for v in workshop.free_parameters(proposal.addition)[0]):
+        for name in (v.name for v in workshop.free_parameters(proposal.addition)[0] if v.name in values):
             off = neutral.get(name, 0.0)
             if np.isfinite(off):
                 values[name] = off + part * (values[name] - off)

@@ -12,6 +12,7 @@ from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.blackbox import motion_from_outputs
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.response import load_response
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.effects.nonlinear import NonlinearEffect
@@ -22,6 +23,9 @@ from fmu_didim.signals import Array, Variable
 
 GRID_LIMIT = 400
 """Largest number of shapes tried of one effect; a finer grid is thinned."""
+SEEN = 0.1
+"""Part of the largest column of an effect below which another one is of second order, such as a tilt out of the plane
+of an arm."""
 LARGEST = 1e12
 """A column larger than this comes from states that the offline integration could not follow."""
 
@@ -59,9 +63,10 @@ class Library:
 
     def __init__(self, workshop: Workshop, fit: Fit, *, candidates: Sequence[Addition]) -> None:
         self.workshop, self._fit = workshop, fit
-        self._operator = fit.model.runs["train"].operator
         self._signatures: list[Signature] = []
+        self._response = load_response(fit)
         self.motion = simulated_motion(workshop, fit)
+        self._thinned = None if self.motion is None else _at(self.motion, self._response.ticks)
         for addition in candidates:
             self._signatures += list(self._make(addition))
 
@@ -86,12 +91,12 @@ class Library:
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
         search = self.workshop.search(addition)
-        at_samples = _at(motion, self._operator.ticks)
+        assert self._thinned is not None
         for shapes in _thinned(search, defaults):
-            states = made.states(motion, shapes)[self._operator.ticks] if made.has_states else None
-            columns = self._operator.apply(made.columns(at_samples, shapes, states))
-            if 0 < np.abs(columns).max() < LARGEST:
-                yield Signature(addition, shapes, names, columns, {})
+            states = made.states(motion, shapes)[self._response.ticks] if made.has_states else None
+            loads = made.columns(self._thinned, shapes, states)
+            if 0 < np.abs(loads).max() < LARGEST:
+                yield Signature(addition, shapes, names, self._response.at_samples(loads), {})
 
     def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
@@ -126,9 +131,12 @@ class Library:
             for column in columns:
                 if np.abs(column).max() > 0:
                     yield Signature(addition, at, (amplitudes[0].name,), column[:, :, None], neutral, inverse)
-        elif all(np.abs(column).max() > 0 for column in columns):
-            names = tuple(v.name for v in amplitudes)
-            yield Signature(addition, at, names, np.stack(columns, axis=2), neutral, inverse)
+        elif columns:
+            sizes = np.array([np.linalg.norm(column) for column in columns])
+            seen = np.flatnonzero(sizes > SEEN * sizes.max())
+            if seen.size and sizes.max() > 0:
+                names = tuple(amplitudes[i].name for i in seen)
+                yield Signature(addition, at, names, np.stack([columns[i] for i in seen], axis=2), neutral, inverse)
 
     def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
         def difference() -> Array:

@@ -27,6 +27,8 @@ SHARE = 0.6
 """Part of the gap that pushes must explain before they are taken for what is missing."""
 LINEAR_SHARE = 0.5
 """The same of the linear search, whose times are only those of control periods."""
+LONGEST = 0.5
+"""Part of the data that pushes may last: what lasts longer, or does not end, may as well be an offset or a load."""
 STAIRCASE = 0.25
 """Part of the pushes that may follow each other without a pause: more of them only copy what else is missing."""
 
@@ -71,7 +73,10 @@ def find_pushes(fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda t
             found = linear_pushes(fit, noise, joint, response + 1.0 if is_logged else response, is_logged)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
-    if best is None or best[0] < LINEAR_SHARE or _is_staircase(best[1]) or _comes_back(best[1], noise):
+    if best is None or best[0] < LINEAR_SHARE:
+        return None
+    time = fit.model.runs["train"].problem.experiment.reference.time
+    if _is_staircase(best[1]) or _comes_back(best[1], noise) or _is_lasting(best[1], time):
         return None
     say(f"{len(best[1])} torques from outside on joint {best[1][0].joint}")
     return _fitted(fit, noise, best[1])
@@ -80,6 +85,13 @@ def find_pushes(fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda t
 def _is_staircase(pushes: list[Push]) -> bool:
     following = sum(a.end_s == b.begin_s for a, b in pairwise(pushes))
     return following > STAIRCASE * len(pushes)
+
+
+def _is_lasting(pushes: list[Push], time: Array) -> bool:
+    """Whether most of the time is pushed, or most of that in pushes of which no end or no begin is seen."""
+    lengths = np.array([p.end_s - p.begin_s for p in pushes])
+    bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in pushes])
+    return bool(lengths.sum() > LONGEST * (time[-1] - time[0]) or lengths[~bounded].sum() > 0.5 * lengths.sum())
 
 
 def _comes_back(pushes: list[Push], noise: Noise) -> bool:

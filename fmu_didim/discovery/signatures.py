@@ -1,8 +1,8 @@
 """Signatures: how the logged torque would change, to first order, if an effect were there.
 
-For an effect in the torque balance that is its regressor at the simulated motion, because the controller makes the
-robot follow its reference whatever the torque it takes. All other effects have the difference of two closed-loop
-simulations (:mod:`fmu_didim.discovery.library`).
+For an effect in the torque balance that is its regressor at the simulated motion, here, as the closed loop answers it
+(:mod:`fmu_didim.discovery.response`). All other effects have the difference of two closed-loop simulations
+(:mod:`fmu_didim.discovery.library`).
 """
 
 from __future__ import annotations

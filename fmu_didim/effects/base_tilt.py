@@ -11,11 +11,13 @@ from fmu_didim.signals import Variable
 
 
 class BaseTilt(StructureEffect):
-    """Gravity in the frame of the base is Rx(tilt_x) Ry(tilt_y) g, with the angles in rad. Listed at joint 1."""
+    """Gravity in the frame of the base is R(h_x, tilt_x) R(h_y, tilt_y) g, with the angles in rad about two horizontal
+    axes: x and y of the base where gravity acts along z, else the axis of the base closest to horizontal, and the
+    one perpendicular to it. Listed at joint 1."""
 
     name = "base_tilt"
     title = "Tilt of the base"
-    equation = "g -> Rx(tilt_x)*Ry(tilt_y)*g"
+    equation = "g -> R(h_x, tilt_x)*R(h_y, tilt_y)*g"
     class_name = "base_tilt"
     confounded_with = ("torque_offset", "spring")
     signature = "Residual like gravity on all joints; that of a first vertical joint is taken for its MX and MY."
@@ -27,8 +29,8 @@ class BaseTilt(StructureEffect):
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (
-            Variable("tilt_x", "rad", "parameter", 0.0, "rotation of gravity about the x axis of the base"),
-            Variable("tilt_y", "rad", "parameter", 0.0, "rotation of gravity about the y axis of the base"),
+            Variable("tilt_x", "rad", "parameter", 0.0, "rotation of gravity about the first horizontal axis"),
+            Variable("tilt_y", "rad", "parameter", 0.0, "rotation of gravity about the second one"),
         )
 
     def search(self, joint_type: JointType) -> Mapping[str, Search]:
