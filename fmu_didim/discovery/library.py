@@ -110,33 +110,39 @@ class Library:
         }
 
     def _by_simulation(self, addition: Addition, effect: NonlinearEffect) -> Iterator[Signature]:
-        """Difference of two closed-loop simulations for each of a few values of each parameter."""
+        """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
         amplitudes, shapes = self.workshop.free_parameters(addition)
         searched = self.workshop.search(addition)
         size = float(np.sqrt(np.mean(self._fit.torque[:, addition.joint - 1] ** 2)))
-        at = {v.name: _middle(searched[v.name]) for v in shapes}
-        tried: list[tuple[str, float, float]] = []
-        for variable in amplitudes:
-            off = effect.neutral.get(variable.name, 0.0)
-            for value in _trials(variable, searched[variable.name], size, off)[: 2 if len(amplitudes) == 1 else 1]:
-                # A stiffness is nothing when it is infinite: its inverse is the amplitude.
-                tried.append((variable.name, value, value - off if np.isfinite(off) else 1 / value))
-        start = {n: v for n, v in effect.neutral.items() if np.isfinite(v)} | at
-        tasks = [self._task(addition, {**start, name: value}) for name, value, _ in tried]
-        differences = self._fit.model.side_by_side(tasks)
-        columns = [d / change for d, (_, _, change) in zip(differences, tried, strict=True)]
-        inverse = not all(np.isfinite(effect.neutral.get(v.name, 0.0)) for v in amplitudes)
+        off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
+        trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
+        tried = [
+            (at, name, value)
+            for at in _one_at_a_time({v.name: searched[v.name] for v in shapes})
+            for name, values in trials.items()
+            for value in values[: 2 if len(amplitudes) == 1 else 1]
+        ]
+        tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
+        columns = [
+            # A stiffness is nothing when it is infinite: its inverse is the amplitude.
+            difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
+            for difference, (_, name, value) in zip(self._fit.model.side_by_side(tasks), tried, strict=True)
+        ]
         if len(amplitudes) == 1:
-            for column in columns:
+            inverse = not np.isfinite(off[amplitudes[0].name])
+            for column, (at, name, _) in zip(columns, tried, strict=True):
                 if np.abs(column).max() > 0:
-                    yield Signature(addition, at, (amplitudes[0].name,), column[:, :, None], neutral, inverse)
-        elif columns:
-            sizes = np.array([np.linalg.norm(column) for column in columns])
+                    yield Signature(addition, at, (name,), column[:, :, None], neutral, inverse)
+            return
+        for first in range(0, len(columns), len(amplitudes)):
+            together = columns[first : first + len(amplitudes)]
+            sizes = np.array([np.linalg.norm(column) for column in together])
             seen = np.flatnonzero(sizes > SEEN * sizes.max())
-            if seen.size and sizes.max() > 0:
+            if seen.size:
                 names = tuple(amplitudes[i].name for i in seen)
-                yield Signature(addition, at, names, np.stack([columns[i] for i in seen], axis=2), neutral, inverse)
+                table = np.stack([together[i] for i in seen], axis=2)
+                yield Signature(addition, tried[first][0], names, table, neutral)
 
     def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
         def difference() -> Array:
@@ -152,6 +158,16 @@ class Library:
 def _middle(search: Search) -> float:
     both = (search.lowest, search.highest)
     return float(np.sqrt(both[0] * both[1]) if search.logarithmic else np.mean(both))
+
+
+def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
+    """Shapes on their grids, one after the other, with the others in the middle of theirs."""
+    middle = {name: _middle(s) for name, s in search.items()}
+    found = [middle]
+    for name, s in search.items():
+        found += [{**middle, **at} for at in search_grid({name: s}, {})]
+    distinct = {tuple(round(v, 12) for v in at.values()): at for at in found}
+    return list(distinct.values())
 
 
 def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:

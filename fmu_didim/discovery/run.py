@@ -42,6 +42,9 @@ from fmu_didim.statistics import relative_error_percent
 NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
 )
+BEGIN_S = 0.25
+"""Left out at the begin of each experiment: the state in which the machine starts is not known (gears in their play,
+friction's deflection, the loop before the first sample)."""
 REMAINDER = 0.6
 """Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
 
@@ -89,6 +92,8 @@ def discover(
     begin = clock.perf_counter()
     options = options or Options()
     say("base model")
+    problem = problem.on(problem.experiment.after(BEGIN_S))
+    held_out = held_out.on(held_out.experiment.after(BEGIN_S)) if held_out is not None else None
     prepared = prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")

@@ -51,7 +51,7 @@ class EncoderEccentricity(SplicedEffect):
         return {
             "eccentricity_cosine": Search(1e-4, 1e-2, 2),
             "eccentricity_sine": Search(1e-4, 1e-2, 2),
-            "eccentricity_number": Search(1.0, 6.0, 6, logarithmic=False, cost=3.0),
+            "eccentricity_number": Search(1.0, 9.0, 9, logarithmic=False, cost=3.0),
         }
 
     def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:

@@ -60,6 +60,11 @@ class Experiment:
         """Mean rate of the torque log."""
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
+    def after(self, seconds: float) -> Experiment:
+        """The same without the samples of the first ``seconds`` of the reference."""
+        first = int(np.searchsorted(self.time, self.reference.time[0] + seconds - 1e-9))
+        return replace(self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first))
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -42,6 +42,10 @@ class SampleOperator:
         """Number of logged samples N."""
         return int(self.matrix.shape[0])
 
+    def after(self, first: int) -> SampleOperator:
+        """The operator for the samples from ``first`` on."""
+        return SampleOperator(self.ticks, sparse.csr_array(self.matrix[first:]))
+
     def apply(self, values: Array) -> Array:
         """(K, ...) values at the ticks -> (N, ...) samples."""
         flat = values.reshape(values.shape[0], -1)
