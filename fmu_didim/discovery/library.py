@@ -119,9 +119,9 @@ class Library:
         trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
         tried = [
             (at, name, value)
-            for at in _one_at_a_time({v.name: searched[v.name] for v in shapes})
+            for i, at in enumerate(_one_at_a_time({v.name: searched[v.name] for v in shapes}))
             for name, values in trials.items()
-            for value in values[: 2 if len(amplitudes) == 1 else 1]
+            for value in ((values[:2] if i == 0 else values[-1:]) if len(amplitudes) == 1 else values[:1])
         ]
         tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
         columns = [
