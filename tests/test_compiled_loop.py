@@ -7,10 +7,12 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import control
 import numpy as np
 import pytest
 
+from fmu_didim.block import Block
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.errors import DivergedError, FmuDidimError, InputError, SimulationError
@@ -146,6 +148,80 @@ def test_a_refused_step_is_the_same_in_both() -> None:
         told.append(str(caught.value))
     assert told[0] == told[1]
     assert "DoStep" in told[0]
+
+
+def smoothing() -> Block:
+    """y = x + 0.3 u, x[k+1] = 0.6 x + 0.3 u."""
+    x, u, p = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("p", 0)
+    return Block(
+        name="smoothing",
+        inputs=ports("u"),
+        outputs=ports("y", causality="output"),
+        states=ports("x", causality="local"),
+        parameters=(),
+        update=ca.Function("update", [x, u, p], [0.6 * x + 0.3 * u]),
+        output=ca.Function("output", [x, u, p], [x + 0.3 * u]),
+        start=ca.Function("start", [u, p], [ca.SX(0)]),
+        sample_time=PERIOD,
+    )
+
+
+@pytest.mark.parametrize("jacobi", [False, True])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_outputs_that_nobody_reads_are_recorded_all_the_same(version: str, jacobi: bool) -> None:
+    """Filters read before their step, after it, by themselves only, and by none."""
+    one = load_fmu(build_fmu(smoothing(), fmi_version=version))
+    wires = (
+        Connection("reference.r", "first.u"),
+        Connection("last.y", "first.u", 0.2),
+        Connection("first.y", "itself.u", 0.5),
+        Connection("itself.y", "itself.u", -0.4),
+        Connection("first.y", "last.u"),
+        Connection("last.y", "unread.u", 2.0),
+    )
+    names = ("first", "itself", "last", "unread")
+    system = System(dict.fromkeys(names, one), wires, names, PERIOD, jacobi=jacobi, algebraic_loops="previous")
+    for ticks in (None, np.array([0, 31, 32, 33, 77])):
+        fast, slow = (simulate(system, ramp(90), ticks=ticks, compiled=c) for c in (True, False))
+        assert_same(fast, slow)
+        assert all(np.ptp(fast.applied[f"{name}.y"]) > 1.0 for name in names)
+
+
+@pytest.mark.parametrize("options", [{}, {"delays": {"amplifier": 1}}])
+def test_a_recorded_value_that_is_not_finite_stops_both(options: Mapping[str, Any]) -> None:
+    """At a tick between two looks at the bounds, and finite again after it."""
+    amplifier = wrap_control(control.ss([], [], [], [[1e200]], inputs=["r"], outputs=["y"], dt=PERIOD))
+    system = System(
+        {"amplifier": amplifier}, (Connection("reference.r", "amplifier.r"),), ("amplifier",), PERIOD, **options
+    )
+    motion = trajectory(np.arange(80) * PERIOD, {"r": np.where(np.arange(80) == 45, 1e200, 0.0)})
+    told = []
+    for compiled in (True, False):
+        with pytest.raises(DivergedError, match="not finite") as caught:
+            simulate(system, motion, compiled=compiled)
+        told.append(str(caught.value))
+    assert told[0] == told[1]
+    missed = simulate(system, motion, ticks=np.array([44, 46]), compiled=True)
+    assert missed.applied["amplifier.y"].tolist() == [0.0, 0.0]
+
+
+def test_a_recording_keeps_its_values_while_others_are_made() -> None:
+    """Its memory is used again only when nothing refers to it any more, not even a view of a column."""
+    system, motion = system_of("linear"), reference(100.0)
+    others = (system, replace(system, delays={"plant": 1}), system)
+    kept = simulate(system, motion)
+    assert kept.compiled and kept.time.size > 20_000
+    groups = {"time": {"": kept.time}, "applied": kept.applied, "inputs": kept.inputs}
+    wanted = {(group, name): x.copy() for group, columns in groups.items() for name, x in columns.items()}
+    for other in others:
+        simulate(other, motion)
+    for (group, name), x in wanted.items():
+        np.testing.assert_array_equal(groups[group][name], x)
+    column = kept.applied["plant.q1"][::2]
+    del kept, groups
+    for other in others:
+        simulate(other, motion)
+    np.testing.assert_array_equal(column, wanted["applied", "plant.q1"][::2])
 
 
 # ---- rates, seen by components that keep a log ---------------------------------------------------------------

@@ -46,19 +46,23 @@ class _Part(ctypes.Structure):
     _fields_ = _members(
         kind="i", after_step="i", self="p", set="p", get="p", step="p", input_references="p", output_references="p",
         input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
-        input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", target="p", source="p",
-        gain="p", single="q", every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q",
-        line_count="q", given="p", first_signal="q", unseen="q",
+        input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", wires="p", single="q",
+        every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q", line_count="q", first_input="q",
+        first_output="q", next_row="q", read_before="q", read_after="q",
     )  # fmt: skip
 
 
 class _Loop(ctypes.Structure):
     _fields_ = _members(
-        parts="p", part_count="q", jacobi="q", delayed="q", lag="q", signals="p", signal_count="q", table="p",
-        table_rows="q", table_columns="q", start="d", step="d", rows="p", applied="p", sampled="p", lowest="p",
-        highest="p", check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q",
-        status="q", failed_tick="q", failed_signal="q", failed_time="d",
+        parts="p", part_count="q", jacobi="q", delayed="q", values="p", signal_count="q", value_count="q", table="p",
+        table_rows="q", table_columns="q", start="d", step="d", recorded="p", recorded_count="q", next_row="q",
+        applied="p", sampled="p", times="p", sound_rows="q", unsound="q", lowest="p", highest="p", check_interval="q",
+        ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q", failed_signal="q",
+        failed_time="d",
     )  # fmt: skip
+
+
+_WIRE = np.dtype([("input", np.uintp), ("signal", np.uintp), ("gain", np.float64)])
 
 
 @cache
@@ -112,6 +116,7 @@ def run_compiled(run: Run, natives: list[Native]) -> None:
         result = function(ctypes.byref(loop), first, last, last == end)
         if result != _DONE:
             raise _error(run, loop, result, natives)
+    run.finite = not loop.unsound
 
 
 def _address(array: Any, keep: list[Any]) -> int | None:
@@ -123,29 +128,30 @@ def _address(array: Any, keep: list[Any]) -> int | None:
 
 
 def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
-    table = np.ascontiguousarray(run.table)
+    table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
     return _Loop(
         parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
-        lag=run.lag, signals=_address(run.signals, keep), signal_count=run.signals.size, table=_address(table, keep),
-        table_rows=table.shape[0], table_columns=table.shape[1], start=run.start, step=run.system.step_size,
-        rows=_address(run.rows, keep), applied=_address(run.applied, keep), sampled=_address(run.sampled, keep),
-        lowest=_address(run.lowest, keep), highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL,
-        ticks=run.end,
+        values=_address(run.values, keep), signal_count=run.signals.size, value_count=run.values.size,
+        table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
+        step=run.system.step_size, recorded=_address(ticks, keep), recorded_count=ticks.size,
+        applied=_address(run.record, keep), sampled=_address(run.sampled, keep), times=_address(run.time, keep),
+        lowest=_address(run.lowest, keep),
+        highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL, ticks=run.end,
     )  # fmt: skip
 
 
 def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
     part = run.parts[index]
     wiring, capacity = part.wiring, part.whole + 2
-    outputs = run.signals[part.place]
+    outputs = run.values[part.place]
+    read_before, read_after = _reads(run, index)
     result = _Part(
         after_step=part.after_step, input_count=part.inputs.size, output_count=outputs.size,
         inputs=_address(part.inputs, keep), outputs=_address(outputs, keep), wire_count=wiring.targets.size,
-        target=_address(wiring.targets, keep), source=_address(wiring.sources, keep),
-        gain=_address(wiring.gains, keep), single=wiring.single, every=part.every, substeps=part.substeps,
-        whole=part.whole, part=part.part, line_capacity=capacity, given=_address(run.given[index], keep),
+        wires=_address(_wires(run, part), keep), single=wiring.single, every=part.every, substeps=part.substeps,
+        whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
-        first_signal=part.place.start, unseen=_is_unseen(run, index),
+        first_output=part.place.start, read_before=read_before, read_after=read_after,
     )  # fmt: skip
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
@@ -164,17 +170,32 @@ def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
     return result
 
 
-def _is_unseen(run: Run, index: int) -> bool:
-    """Whether nothing but the recording looks at the outputs of a part between its inputs and its step.
+def _wires(run: Run, part: Part) -> Any:
+    """The wiring of a part as the loop follows it: addresses and gain."""
+    wires = np.empty(part.wiring.targets.size, dtype=_WIRE)
+    wires["input"] = part.inputs.ctypes.data + 8 * part.wiring.targets
+    wires["signal"] = run.values.ctypes.data + 8 * part.wiring.sources
+    wires["gain"] = part.wiring.gains
+    return wires
 
-    That is so of the last one in the order, the plant, which every other part has asked before: a computation of
-    its outputs saved at each tick that is not recorded.
+
+def _reads(run: Run, index: int) -> tuple[bool, bool]:
+    """Whether a part reads the outputs of this one from its inputs to its step, and from its step to its next inputs.
+
+    Where none does they need not be computed, but for the recording and the bounds: of the plant, which the
+    controller has asked before, at each tick that is not recorded; of the controller after each step.
     """
     part = run.parts[index]
     if run.delayed or part.after_step or part.every > 1:
-        return False
-    later = run.parts[index:] if not run.system.jacobi else []
-    return not any(((p.wiring.sources >= part.place.start) & (p.wiring.sources < part.place.stop)).any() for p in later)
+        return True, True
+    readers = [i for i, p in enumerate(run.parts) if _overlap(p.wiring.sources, part.place)]
+    return any(i > index and not run.system.jacobi for i in readers), any(
+        i <= index or run.system.jacobi for i in readers
+    )
+
+
+def _overlap(sources: Any, place: slice) -> bool:
+    return bool(((sources >= place.start) & (sources < place.stop)).any())
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

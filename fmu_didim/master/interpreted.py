@@ -37,7 +37,7 @@ def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolve
                 part.apply(time)
             if solver is not None:
                 solver.solve(signals, due, time)
-        _record(run, k, count)
+        _record(run, k, time, count)
         if observe is not None and k >= lag and rows[k - lag] >= 0:
             observe(int(rows[k - lag]), instances)
         if k % CHECK_INTERVAL == 0:
@@ -48,22 +48,24 @@ def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolve
     _check_bounds(run, time)
 
 
-def _record(run: Run, k: int, count: int) -> None:
+def _record(run: Run, k: int, time: float, count: int) -> None:
     row = run.rows[k]
+    if row >= 0:
+        run.time[row] = time
     if not run.delayed:
         if row < 0:
             return
         run.applied[row] = run.signals
     elif row >= 0:
         run.applied[row, :count] = run.signals[:count]
-    for part, given in zip(run.parts, run.given, strict=True):
+    for part in run.parts:
         late = run.rows[k - part.lag] if k >= part.lag else -1
         if run.delayed and late >= 0:
             run.applied[late, part.place] = run.signals[part.place]
         if run.delayed and row >= 0 and not part.delayed:
             run.sampled[row, part.place] = run.signals[part.place]
         if late >= 0:
-            given[late] = part.inputs
+            run.record[late, part.given] = part.inputs
 
 
 def _check_bounds(run: Run, time: float) -> None:

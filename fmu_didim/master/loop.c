@@ -14,6 +14,7 @@
 enum { FMI2 = 2, FMI3 = 3, LINEAR = 10 };
 enum { DONE = 0, FAILED = 1, STOPPED = 2, OUT_OF_BOUNDS = 3 };
 enum { CALL_SET = 0, CALL_GET = 1, CALL_STEP = 2 };
+enum { MOST_PLAIN = 16 };
 
 typedef int (*values2)(void *, const uint32_t *, size_t, double *);
 typedef int (*step2)(void *, double, double, int);
@@ -29,6 +30,13 @@ typedef struct {
     int32_t live, padding;
 } Linear;
 
+/* *input = gain * *signal, or += where several wires end at one input. */
+typedef struct {
+    double *input;
+    const double *signal;
+    double gain;
+} Wire;
+
 typedef struct {
     int32_t kind, after_step;
     void *self, *set, *get, *step;
@@ -38,27 +46,28 @@ typedef struct {
     const double *input_factor, *input_offset, *output_factor, *output_offset;
     Linear *linear;
     int64_t wire_count;
-    const int64_t *target, *source;
-    const double *gain;
+    const Wire *wires;
     int64_t single;
     int64_t every, substeps, whole;
     double part;
     double *line;
     int64_t line_capacity, line_count;
-    double *given;
-    int64_t first_signal, unseen;
+    int64_t first_input, first_output, next_row;
+    int64_t read_before, read_after; /* whether another part reads its outputs before or after its step */
 } Part;
 
 typedef struct {
     Part *parts;
-    int64_t part_count, jacobi, delayed, lag;
-    double *signals;
-    int64_t signal_count;
+    int64_t part_count, jacobi, delayed;
+    double *values; /* the signals, then the inputs of all parts */
+    int64_t signal_count, value_count;
     const double *table;
     int64_t table_rows, table_columns;
     double start, step;
-    const int64_t *rows;
-    double *applied, *sampled;
+    const int64_t *recorded; /* the ticks to record, increasing */
+    int64_t recorded_count, next_row;
+    double *applied, *sampled, *times; /* rows of values, rows of signals, instants */
+    int64_t sound_rows, unsound; /* rows looked at already; whether one of them holds what is not finite */
     const double *lowest, *highest;
     int64_t check_interval, ticks, next_check;
     int64_t failed_part, failed_call, status, failed_tick, failed_signal;
@@ -187,16 +196,14 @@ static inline int step_part(Part *p, double time, double size) {
     return 0;
 }
 
-static inline void gather(Part *p, const double *signals) {
-    const int64_t count = p->wire_count, *target = p->target, *source = p->source;
-    const double *gain = p->gain;
-    double *inputs = p->inputs;
+static inline void gather(const Part *p) {
+    const Wire *wire = p->wires, *end = wire + p->wire_count;
     if (p->single) {
-        for (int64_t i = 0; i < count; i++) inputs[target[i]] = gain[i] * signals[source[i]];
+        for (; wire < end; wire++) *wire->input = wire->gain * *wire->signal;
         return;
     }
-    for (int64_t i = 0; i < count; i++) inputs[target[i]] = 0.0;
-    for (int64_t i = 0; i < count; i++) inputs[target[i]] += gain[i] * signals[source[i]];
+    for (; wire < end; wire++) *wire->input = 0.0;
+    for (wire = p->wires; wire < end; wire++) *wire->input += wire->gain * *wire->signal;
 }
 
 static double *line_at(Part *p, int64_t back) {
@@ -213,15 +220,15 @@ static int broken(Loop *l, int64_t part, int call, int status, int64_t tick, dou
 #define TRY(call, what)                                                                                   \
     do {                                                                                                  \
         int status_ = (call);                                                                             \
-        if (status_ > 1 || status_ < 0) return broken(l, index, what, status_, tick, time);               \
+        if ((unsigned)status_ > 1) return broken(l, index, what, status_, tick, time);                    \
     } while (0)
 
-/* Nobody looks at the outputs of an unseen part before it has stepped, but for the recording and the bounds. */
-static bool is_seen(const Loop *l, const Part *p, int64_t tick) {
-    return !p->unseen || l->rows[tick] >= 0 || tick == l->next_check || tick + 1 == l->ticks;
+/* The recording and the bounds look at all outputs, before the step; the bounds also after the last one. */
+static inline bool all_are_read(const Loop *l, int64_t row, int64_t tick) {
+    return row >= 0 || tick == l->next_check || tick + 1 == l->ticks;
 }
 
-static inline int apply_part(Loop *l, int64_t index, int64_t tick, double time) {
+static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick, double time) {
     Part *p = &l->parts[index];
     double size = l->step * (double)p->every;
     if (p->line) {
@@ -237,7 +244,7 @@ static inline int apply_part(Loop *l, int64_t index, int64_t tick, double time) 
     }
     TRY(set_part(p), CALL_SET);
     if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
-    if (is_seen(l, p, tick)) TRY(get_part(p), CALL_GET);
+    if (p->read_before || all_are_read(l, row, tick)) TRY(get_part(p), CALL_GET);
     return DONE;
 }
 
@@ -248,28 +255,27 @@ static inline int advance_part(Loop *l, int64_t index, int64_t tick, double time
     double begin = l->start + (double)(tick - p->every + 1) * l->step;
     double piece = p->part > 0 ? (1 - p->part) * size : size;
     TRY(step_part(p, begin + p->part * size, piece), CALL_STEP);
-    TRY(get_part(p), CALL_GET);
+    if (p->read_after || tick + 1 == l->ticks) TRY(get_part(p), CALL_GET);
     return DONE;
 }
 
-static void record_undelayed(Loop *l, int64_t row) {
-    copy(l->applied + row * l->signal_count, l->signals, l->signal_count);
-    for (int64_t i = 0; i < l->part_count; i++) {
-        Part *p = &l->parts[i];
-        copy(p->given + row * p->input_count, p->inputs, p->input_count);
-    }
+/* The row of a tick, -1 if it is not recorded; asked in the order of the ticks. */
+static inline int64_t row_of(const Loop *l, int64_t *next, int64_t tick) {
+    return *next < l->recorded_count && l->recorded[*next] == tick ? (*next)++ : -1;
 }
 
-static void record_delayed(Loop *l, int64_t tick) {
-    int64_t row = l->rows[tick], n = l->signal_count;
-    if (row >= 0) copy(l->applied + row * n, l->signals, l->table_columns);
+static void record_delayed(Loop *l, int64_t row, int64_t tick) {
+    const int64_t width = l->value_count;
+    if (row >= 0) copy(l->applied + row * width, l->values, l->table_columns);
     for (int64_t i = 0; i < l->part_count; i++) {
         Part *p = &l->parts[i];
-        int64_t back = p->whole * p->every, late = tick >= back ? l->rows[tick - back] : -1;
-        const double *outputs = l->signals + p->first_signal;
-        if (late >= 0) copy(l->applied + late * n + p->first_signal, outputs, p->output_count);
-        if (row >= 0 && !p->line) copy(l->sampled + row * n + p->first_signal, outputs, p->output_count);
-        if (late >= 0) copy(p->given + late * p->input_count, p->inputs, p->input_count);
+        const int64_t late = row_of(l, &p->next_row, tick - p->whole * p->every);
+        const double *outputs = l->values + p->first_output;
+        if (row >= 0 && !p->line)
+            copy(l->sampled + row * l->signal_count + p->first_output, outputs, p->output_count);
+        if (late < 0) continue;
+        copy(l->applied + late * width + p->first_output, outputs, p->output_count);
+        copy(l->applied + late * width + p->first_input, p->inputs, p->input_count);
     }
 }
 
@@ -278,81 +284,135 @@ static bool is_own_tick(const Part *p, int64_t tick) { return p->every == 1 || t
 
 static int outside(Loop *l, int64_t tick, double time) {
     for (int64_t i = 0; i < l->signal_count; i++)
-        if (!(l->signals[i] >= l->lowest[i] && l->signals[i] <= l->highest[i])) {
+        if (!(l->values[i] >= l->lowest[i] && l->values[i] <= l->highest[i])) {
             l->failed_signal = i, l->failed_tick = tick, l->failed_time = time;
             return OUT_OF_BOUNDS;
         }
     return DONE;
 }
 
-/* One tick of a part that only has to be called: FMI 2.0 in its own units, one step a tick, no delay. */
-static inline int apply_plain(Loop *l, Part *p, int64_t index, int64_t tick, double time, bool seen) {
-    const size_t given = (size_t)p->input_count, taken = (size_t)p->output_count;
-    gather(p, l->signals);
-    if (p->set) TRY(((values2)p->set)(p->self, p->input_references, given, p->inputs), CALL_SET);
-    if (seen && p->get) TRY(((values2)p->get)(p->self, p->output_references, taken, p->outputs), CALL_GET);
+static int look(Loop *l, int64_t tick, double time) {
+    l->next_check += l->check_interval; /* counted, as a division a tick would be felt */
+    return outside(l, tick, time);
+}
+
+/* While the rows are still near: x - x is 0 but for what is not finite. Four sums, as one would wait for itself. */
+static void look_at_rows(Loop *l, int64_t end) {
+    const double *x = l->applied + l->sound_rows * l->value_count;
+    const int64_t count = (end - l->sound_rows) * l->value_count;
+    double sum[4] = {0};
+    int64_t i = 0;
+    for (; i + 4 <= count; i += 4)
+        for (int j = 0; j < 4; j++) sum[j] += x[i + j] - x[i + j];
+    for (; i < count; i++) sum[0] += x[i] - x[i];
+    l->unsound |= sum[0] + sum[1] + sum[2] + sum[3] != 0.0, l->sound_rows = end;
+}
+
+static int apply_all(Loop *l, int64_t row, int64_t tick, double time) {
+    for (int64_t i = 0; l->jacobi && i < l->part_count; i++)
+        if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i]);
+    for (int64_t i = 0; i < l->part_count; i++) {
+        if (!is_own_tick(&l->parts[i], tick)) continue;
+        if (!l->jacobi) gather(&l->parts[i]);
+        int result = apply_part(l, i, row, tick, time);
+        if (result) return result;
+    }
     return DONE;
 }
 
-static inline int advance_plain(Loop *l, Part *p, int64_t index, int64_t tick, double time) {
-    TRY(((step2)p->step)(p->self, time, l->step, 1), CALL_STEP);
-    if (p->get)
-        TRY(((values2)p->get)(p->self, p->output_references, (size_t)p->output_count, p->outputs), CALL_GET);
+static int run_any(Loop *l, int64_t first, int64_t last) {
+    const int64_t columns = l->table_columns, signals = l->signal_count;
+    for (int64_t tick = first; tick < last; tick++) {
+        const double time = l->start + (double)tick * l->step;
+        const int64_t row = row_of(l, &l->next_row, tick);
+        if (row >= 0) l->times[row] = time;
+        copy(l->values, l->table + (tick < l->table_rows ? tick : l->table_rows - 1) * columns, columns);
+        if (l->delayed && row >= 0) copy(l->sampled + row * signals, l->values, signals);
+        int result = apply_all(l, row, tick, time);
+        if (result) return result;
+        if (l->delayed)
+            record_delayed(l, row, tick);
+        else if (row >= 0)
+            copy(l->applied + row * l->value_count, l->values, l->value_count);
+        if (tick == l->next_check && look(l, tick, time)) return OUT_OF_BOUNDS;
+        for (int64_t i = 0; i < l->part_count; i++)
+            if ((result = advance_part(l, i, tick, time))) return result;
+    }
     return DONE;
 }
 
+/* Whether the parts only have to be called: FMI 2.0 in its own units, one step a tick, no delay. */
 static bool is_plain(const Loop *l) {
-    if (l->jacobi || l->delayed) return false;
+    if (l->jacobi || l->delayed || l->part_count > MOST_PLAIN) return false;
     for (int64_t i = 0; i < l->part_count; i++) {
         const Part *p = &l->parts[i];
-        if (p->kind != FMI2 || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
+        if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
             p->input_factor || p->output_factor || p->own_inputs != p->inputs || p->own_outputs != p->outputs)
             return false;
     }
     return true;
 }
 
-static int tick_of(Loop *l, int64_t tick, double time) {
-    for (int64_t i = 0; l->jacobi && i < l->part_count; i++)
-        if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i], l->signals);
-    for (int64_t i = 0; i < l->part_count; i++) {
-        if (!is_own_tick(&l->parts[i], tick)) continue;
-        if (!l->jacobi) gather(&l->parts[i], l->signals);
-        int result = apply_part(l, i, tick, time);
-        if (result) return result;
+/* A part that only has to be called, near together. */
+typedef struct {
+    const Wire *wires, *wires_end;
+    void *self;
+    values2 set, get, get_before, get_after; /* NULL: not asked for, but where all are */
+    step2 step;
+    const uint32_t *input_references, *output_references;
+    size_t input_count, output_count;
+    double *inputs, *outputs;
+} Plain;
+
+static Plain plain_of(const Part *p) {
+    const values2 get = (values2)p->get;
+    return (Plain){p->wires, p->wires + p->wire_count, p->self, (values2)p->set, get, p->read_before ? get : 0,
+                   p->read_after ? get : 0, (step2)p->step, p->input_references, p->output_references,
+                   (size_t)p->input_count, (size_t)p->output_count, p->inputs, p->outputs};
+}
+
+/* The same as run_any without asking at each tick what is known before. */
+static int run_plain(Loop *l, int64_t first, int64_t last) {
+    const int64_t columns = l->table_columns, width = l->value_count, count = l->part_count;
+    const double start = l->start, step = l->step, *given = l->table + first * columns;
+    double *const values = l->values;
+    Plain plain[MOST_PLAIN];
+    for (int64_t i = 0; i < count; i++) plain[i] = plain_of(&l->parts[i]);
+    int64_t index = 0;
+    for (int64_t tick = first; tick < last; tick++, given += columns) {
+        const double time = start + (double)tick * step;
+        const bool due = l->recorded[l->next_row] == tick, checked = tick == l->next_check, ends = tick + 1 == l->ticks;
+        const bool all = due || checked || ends;
+        copy(values, given, columns);
+        for (index = 0; index < count; index++) {
+            const Plain *p = &plain[index];
+            for (const Wire *w = p->wires; w < p->wires_end; w++) *w->input = w->gain * *w->signal;
+            const values2 get = all ? p->get : p->get_before;
+            if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
+            if (get) TRY(get(p->self, p->output_references, p->output_count, p->outputs), CALL_GET);
+        }
+        if (due) {
+            l->times[l->next_row] = time;
+            copy(l->applied + l->next_row++ * width, values, width);
+        }
+        if (checked) {
+            if (look(l, tick, time)) return OUT_OF_BOUNDS;
+            look_at_rows(l, l->next_row);
+        }
+        for (index = 0; index < count; index++) {
+            const Plain *p = &plain[index];
+            const values2 get = ends ? p->get : p->get_after;
+            TRY(p->step(p->self, time, step, 1), CALL_STEP);
+            if (get) TRY(get(p->self, p->output_references, p->output_count, p->outputs), CALL_GET);
+        }
     }
     return DONE;
 }
 
 /* Ticks first to last - 1; the bounds are looked at as well after the last one of all if `finish` is set. */
 EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
-    const int64_t columns = l->table_columns, parts = l->part_count, *rows = l->rows;
-    const bool plain = is_plain(l);
-    double time = 0.0, *signals = l->signals;
-    int result = DONE;
-    for (int64_t tick = first; tick < last; tick++) {
-        time = l->start + (double)tick * l->step;
-        const int64_t row = rows[tick];
-        copy(signals, l->table + (tick < l->table_rows ? tick : l->table_rows - 1) * columns, columns);
-        if (l->delayed && row >= 0) copy(l->sampled + row * l->signal_count, signals, l->signal_count);
-        if (plain)
-            for (int64_t i = 0; i < parts && !result; i++)
-                result = apply_plain(l, &l->parts[i], i, tick, time, is_seen(l, &l->parts[i], tick));
-        else
-            result = tick_of(l, tick, time);
-        if (result) return result;
-        if (l->delayed)
-            record_delayed(l, tick);
-        else if (row >= 0)
-            record_undelayed(l, row);
-        if (tick == l->next_check) {
-            l->next_check += l->check_interval; /* counted, as a division a tick would be felt */
-            if (outside(l, tick, time)) return OUT_OF_BOUNDS;
-        }
-        for (int64_t i = 0; i < parts; i++) {
-            result = plain ? advance_plain(l, &l->parts[i], i, tick, time) : advance_part(l, i, tick, time);
-            if (result) return result;
-        }
-    }
-    return finish ? outside(l, last - 1, time) : DONE;
+    int result = is_plain(l) ? run_plain(l, first, last) : run_any(l, first, last);
+    if (result || !finish) return result;
+    look_at_rows(l, l->recorded_count);
+    return outside(l, last - 1, l->start + (double)(last - 1) * l->step);
 }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.components import Instance
 from fmu_didim.errors import DivergedError, UnknownNameError
+from fmu_didim.master.memory import recording_memory
 from fmu_didim.master.pool import InstancePool
 from fmu_didim.master.system import REFERENCE, System, split_delay
 from fmu_didim.signals import Array, Trajectory
@@ -42,14 +44,17 @@ class Part:
 
     Attributes:
         instance, wiring: the running component and where its inputs come from.
-        inputs: its input buffer; place: its outputs among the signals.
+        place: its outputs among the values of the run; given: its inputs there; inputs: these values.
         every: ticks between its communication points; substeps: its steps in between.
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
     """
 
-    def __init__(self, name: str, system: System, instance: Instance, wiring: Wiring, inputs: Array, place: slice):
-        self.name, self.instance, self.wiring, self.inputs, self.place = name, instance, wiring, inputs, place
+    def __init__(
+        self, name: str, system: System, instance: Instance, wiring: Wiring, values: Array, place: slice, given: slice
+    ) -> None:
+        self.name, self.instance, self.wiring, self.place, self.given = name, instance, wiring, place, given
+        self.inputs = values[given]
         self.every = system.every.get(name, 1)
         self.substeps = system.substeps.get(name, 1)
         self.after_step = name in system.after_step
@@ -115,19 +120,27 @@ class Run:
     """A system and the memory of one run of it.
 
     Attributes:
-        names: of the signals, the columns of the reference first; signals: their present values.
+        names: of the signals, the columns of the reference first.
+        values: present values of the signals, then of the inputs of all parts; signals: the first of them.
         parts: in the order of evaluation.
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
-        applied, sampled: (K, signals); given: (K, inputs) a part.
+        record: (K, values), the signals and inputs when these begin to act; applied: its signals.
+        sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
+        time: (K,) instants of the recorded ticks.
+        finite: whether all recorded signals are finite, None where nobody has looked.
         lowest, highest: bounds of the signals.
     """
 
     system: System
     reference: Trajectory
     names: list[str]
-    signals: Array
+    values: Array
     parts: list[Part]
     ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    finite: bool | None = None
+
+    def __post_init__(self) -> None:
+        self.signals = self.values[: len(self.names)]
 
     @property
     def table(self) -> Array:
@@ -143,17 +156,22 @@ class Run:
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
-        self.rows = np.full(self.table.shape[0] + self.lag, -1, dtype=np.int64)
-        self.rows[ticks] = np.arange(ticks.size)
-        self.applied = np.zeros((ticks.size, len(self.names)))
-        self.sampled = np.zeros_like(self.applied) if self.delayed else self.applied
-        self.given = [np.zeros((ticks.size, part.inputs.size)) for part in self.parts]
+        self.record = recording_memory(ticks.size, self.values.size)
+        self.time = recording_memory(ticks.size, 1)[:, 0]
+        self.applied = self.record[:, : len(self.names)]
+        self.sampled = recording_memory(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
         for name, (low, high) in bounds.items():
             if name not in self.names:
                 raise UnknownNameError("signal", name, self.names, where="bounds")
             i = self.names.index(name)
             self.lowest[i], self.highest[i] = low, high
+
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        rows = np.full(self.table.shape[0] + self.lag, -1, dtype=np.int64)
+        rows[self.ticks] = np.arange(self.ticks.size)
+        return rows
 
     @property
     def end(self) -> int:
@@ -204,17 +222,19 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None) -
     for connection in system.connections:
         if connection.source not in index:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
-    run = Run(system, reference, names, np.zeros(len(names)), [])
+    end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
+    run = Run(system, reference, names, np.zeros(size), [])
     try:
         for name in system.order:
             component = system.components[name]
             instance = pool.take(component) if pool is not None else component.instantiate()
             rows = {f"{name}.{v.name}": i for i, v in enumerate(component.inputs)}
             entries = [(rows[c.target], index[c.source], c.gain) for c in system.connections if c.target in rows]
+            given = slice(end, end := end + len(component.inputs))
             # An input that nothing is connected to keeps its start value.
-            inputs = np.array([v.start for v in component.inputs], dtype=float)
-            run.parts.append(Part(name, system, instance, Wiring(entries), inputs, places[name]))
-            instance.bind(inputs, run.signals[places[name]])
+            run.values[given] = [v.start for v in component.inputs]
+            run.parts.append(Part(name, system, instance, Wiring(entries), run.values, places[name], given))
+            instance.bind(run.values[given], run.values[places[name]])
     except BaseException:
         run.close(None, reusable=False)
         raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ def simulate(
     """
     _check_reference(system, reference, ticks)
     if ticks is None:
-        ticks = np.arange(reference.time.size, dtype=np.int64)
+        ticks = _all_ticks(reference.time.size)
     if compiled is not False and observe is None and loop_library() is not None:
         system = _compiled_components(system)
     run = assemble(system, reference, pool)
@@ -126,6 +127,13 @@ def _loop_solver(run: Run) -> LoopSolver | None:
     )
 
 
+@lru_cache(maxsize=2)
+def _all_ticks(count: int) -> NDArray[np.int64]:
+    ticks = np.arange(count, dtype=np.int64)
+    ticks.flags.writeable = False
+    return ticks
+
+
 def _check_reference(system: System, reference: Trajectory, ticks: NDArray[np.int64] | None) -> None:
     time, h = reference.time, system.step_size
     late = np.arange(time.size, dtype=float)
@@ -150,19 +158,16 @@ def _check_reference(system: System, reference: Trajectory, ticks: NDArray[np.in
 
 
 def _recording(run: Run, *, compiled: bool) -> Recording:
-    time = np.asarray(run.ticks * run.system.step_size, dtype=float)
-    time += run.start
-    # The sum is finite where all are, but for values near the largest number, which the second look clears.
-    if not (np.isfinite(run.applied.sum()) or np.isfinite(run.applied).all()):
+    if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
-        raise DivergedError("The closed loop gave values that are not finite.", time=float(time[bad]))
+        raise DivergedError("The closed loop gave values that are not finite.", time=float(run.time[bad]))
     return Recording(
         ticks=run.ticks,
-        time=time,
+        time=run.time,
         applied={name: run.applied[:, i] for i, name in enumerate(run.names)},
         inputs={
-            f"{part.name}.{variable.name}": values[:, i]
-            for part, values in zip(run.parts, run.given, strict=True)
+            f"{part.name}.{variable.name}": run.record[:, part.given.start + i]
+            for part in run.parts
             for i, variable in enumerate(run.system.components[part.name].inputs)
         },
         sampled={name: run.sampled[:, i] for i, name in enumerate(run.names)},

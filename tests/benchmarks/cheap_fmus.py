@@ -138,7 +138,6 @@ class Slaves:
             yb = b.getReal(b.output_references)[0]
             record[k] = r, ya, yb
             a.doStep(currentCommunicationPoint=time, communicationStepSize=STEP_S)
-            a.getReal(a.output_references)
             b.doStep(currentCommunicationPoint=time, communicationStepSize=STEP_S)
             yb = b.getReal(b.output_references)[0]
         return record
