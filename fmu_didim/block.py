@@ -86,7 +86,7 @@ class Block:
             if name not in names:
                 raise UnknownNameError("parameter", name, names, where=f"block '{self.name}'")
         return replace(
-            self, parameters=tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
+            self, parameters=tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
         )
 
     def digest(self) -> str:

@@ -11,6 +11,7 @@ import csv
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,12 @@ class Variable:
     causality: str = "output"
     start: float = 0.0
     description: str = ""
+
+    def starting_at(self, start: float) -> Variable:
+        """The same variable with another start value."""
+        if start == self.start:
+            return self
+        return Variable(self.name, self.unit, self.causality, start, self.description)
 
 
 @dataclass(frozen=True)
@@ -98,6 +105,20 @@ class Trajectory:
             if name not in index:
                 raise UnknownNameError("column", name, self.names, where=self.source)
         return self.values[:, [index[name] for name in names]]
+
+    def deviation(self, step: float) -> float:
+        """Largest distance of an instant from t0 + k * step, s; kept, as a run of the loop costs little more."""
+        known = self._deviations
+        if step not in known:
+            late = np.arange(self.time.size, dtype=float)
+            late *= -step  # in place: fresh memory costs more than the sums
+            late += self.time
+            known[step] = float(max(late.max() - self.time[0], self.time[0] - late.min()))
+        return known[step]
+
+    @cached_property
+    def _deviations(self) -> dict[float, float]:
+        return {}
 
     def digest(self) -> str:
         """SHA-256 of time, values and names, for the provenance of a result."""

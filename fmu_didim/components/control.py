@@ -55,7 +55,7 @@ class ControlComponent(Component):
         if self.block is not None:  # the matrices of a linear block depend on its parameters
             block = self.block.with_parameters(dict(values))
             return replace(self, block=block, system=to_control(block), parameters=block.parameters)
-        changed = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
+        changed = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
         return replace(self, parameters=changed)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ class Wiring:
         self.targets = np.array([e[0] for e in entries], dtype=np.int64)
         self.sources = np.array([e[1] for e in entries], dtype=np.int64)
         self.gains = np.array([e[2] for e in entries], dtype=float)
-        self.single = np.unique(self.targets).size == self.targets.size
+        self.single = len({e[0] for e in entries}) == len(entries)
 
     def gather(self, signals: Array, inputs: Array) -> None:
         """Fill the connected inputs."""

@@ -136,10 +136,7 @@ def _all_ticks(count: int) -> NDArray[np.int64]:
 
 def _check_reference(system: System, reference: Trajectory, ticks: NDArray[np.int64] | None) -> None:
     time, h = reference.time, system.step_size
-    late = np.arange(time.size, dtype=float)
-    late *= -h  # in place: fresh memory costs more than the sums
-    late += time
-    worst = float(max(late.max() - time[0], time[0] - late.min()))
+    worst = reference.deviation(h)
     if worst > 0.01 * h:
         raise InputError(
             "The reference is not sampled at the control rate.",

@@ -120,7 +120,7 @@ def _with_values(fmu: FmuComponent, values: Mapping[str, float], net: Net) -> Fm
     parameters = {*(v.name for v in fmu.parameters), *fmu.start_values}
     inputs = {v.name for v in fmu.inputs}
     fmu = fmu.with_parameters({name: value for name, value in values.items() if name in parameters})
-    started = tuple(replace(v, start=values.get(v.name, v.start)) for v in fmu.inputs)
+    started = tuple(v.starting_at(values.get(v.name, v.start)) for v in fmu.inputs)
     fmu = fmu.with_names(started, fmu.outputs)
     options = {name: value for name, value in values.items() if name not in parameters | inputs}
     for name, value in options.items():

@@ -36,9 +36,9 @@ class Binding2(Binding):
     def _instantiate(self) -> int | None:
         d = self.description
         name = self.interface.identifier.encode()
-        where = (d.folder / "resources").resolve().as_uri().encode()
+        where = d.resources.as_uri().encode()
         kind = 1 if self.co_simulation else 0
-        callbacks = ctypes.byref(self.messages.callbacks)
+        callbacks = ctypes.byref(self.messages.callbacks_2)
         address: int | None = self.library["fmi2Instantiate"](name, kind, d.token.encode(), where, callbacks, 0, 0)
         return address
 
@@ -90,8 +90,7 @@ class Binding3(Binding):
         self._flags = (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool())
         self._last_time = ctypes.c_double()
         name, token = self.interface.identifier.encode(), d.token.encode()
-        folder = d.folder / "resources"
-        where = f"{folder.resolve()}/".encode() if folder.is_dir() else None
+        where = f"{d.resources}/".encode() if d.resources.is_dir() else None
         address: int | None
         if self.co_simulation:
             from fmpy.fmi3 import fmi3IntermediateUpdateCallback

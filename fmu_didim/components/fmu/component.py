@@ -112,7 +112,7 @@ class FmuComponent(Component):
         values = {n: v for n, v in values.items() if n not in options}
         starts = tuple(Variable(name) for name in self.start_values)
         check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
-        parameters = tuple(replace(v, start=float(values.get(v.name, v.start))) for v in self.parameters)
+        parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
         start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
         changed = replace(self, parameters=parameters, start_values=start_values, changed=self.changed | set(values))
         return changed.with_options(options) if options else changed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 
@@ -190,4 +191,16 @@ class FmuDescription:
 
     def of_causality(self, causality: str, types: tuple[str, ...] = PORT_TYPES) -> tuple[FmuVariable, ...]:
         """The variables of a causality and of some types, in the order of the file."""
-        return tuple(v for v in self.variables if v.causality == causality and v.type in types)
+        key = (causality, types)
+        if key not in self._found:
+            self._found[key] = tuple(v for v in self.variables if v.causality == causality and v.type in types)
+        return self._found[key]
+
+    @cached_property
+    def _found(self) -> dict[tuple[str, tuple[str, ...]], tuple[FmuVariable, ...]]:
+        return {}
+
+    @cached_property
+    def resources(self) -> Path:
+        """The folder ``resources`` as a whole path; not all FMUs have one."""
+        return (self.folder / "resources").resolve()

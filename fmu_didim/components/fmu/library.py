@@ -13,7 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -144,16 +144,22 @@ def load_library(description: FmuDescription, interface: Interface) -> Library:
     Raises:
         FmuError: there is no library for this machine, it does not load, or a function is missing.
     """
-    file = library_file(description, interface)
-    prefix = f"{interface.identifier}_fmi" if description.major == 1 else ""  # the functions of FMI 1.0 bear its name
+    key = (description.folder, description.major, interface.kind, interface.identifier)
     with _one_at_a_time:  # the working directory, which is changed for a moment, belongs to all threads
-        return _load(file, description.major, interface.kind == CO_SIMULATION, prefix, str(description.path))
+        if key not in _loaded:
+            file = library_file(description, interface)
+            # The functions of FMI 1.0 bear its name.
+            prefix = f"{interface.identifier}_fmi" if description.major == 1 else ""
+            _loaded[key] = _load(
+                file, description.major, interface.kind == CO_SIMULATION, prefix, str(description.path)
+            )
+        return _loaded[key]
 
 
 _one_at_a_time = threading.Lock()
+_loaded: dict[tuple[Path, int, str, str], Library] = {}
 
 
-@lru_cache(maxsize=256)
 def _load(file: Path, major: int, co_simulation: bool, prefix: str, where: str) -> Library:
     here = Path.cwd()
     try:
@@ -240,20 +246,36 @@ class Messages:
     """What an FMU writes to its logger: the last lines, kept for error messages."""
 
     def __init__(self) -> None:
-        from fmpy import calloc, fmi1, fmi2, fmi3, free
-
         self.lines: list[str] = []
+
+    @cached_property
+    def callbacks_1(self) -> Any:
+        """For FMI 1.0."""
+        from fmpy import calloc, fmi1, free
+
+        callbacks = fmi1.fmi1CallbackFunctions()
+        callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(self._log_2)
+        callbacks.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
+        callbacks.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
+        return callbacks
+
+    @cached_property
+    def callbacks_2(self) -> Any:
+        """For FMI 2.0."""
+        from fmpy import calloc, fmi2, free
+
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log_2)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        self.callbacks = callbacks
-        callbacks_1 = fmi1.fmi1CallbackFunctions()
-        callbacks_1.logger = fmi1.fmi1CallbackLoggerTYPE(self._log_2)
-        callbacks_1.allocateMemory = fmi1.fmi1CallbackAllocateMemoryTYPE(calloc)
-        callbacks_1.freeMemory = fmi1.fmi1CallbackFreeMemoryTYPE(free)
-        self.callbacks_1 = callbacks_1
-        self.callback_3 = fmi3.fmi3LogMessageCallback(self._log_3)
+        return callbacks
+
+    @cached_property
+    def callback_3(self) -> Any:
+        """For FMI 3.0."""
+        from fmpy import fmi3
+
+        return fmi3.fmi3LogMessageCallback(self._log_3)
 
     def _log_2(self, environment: Any, name: bytes, status: int, category: bytes, message: bytes) -> None:
         self._keep(message)
