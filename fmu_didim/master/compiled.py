@@ -55,10 +55,10 @@ class _Part(ctypes.Structure):
 class _Loop(ctypes.Structure):
     _fields_ = _members(
         parts="p", part_count="q", jacobi="q", delayed="q", values="p", signal_count="q", value_count="q", table="p",
-        table_rows="q", table_columns="q", start="d", step="d", recorded="p", recorded_count="q", next_row="q",
-        applied="p", sampled="p", times="p", sound_rows="q", unsound="q", lowest="p", highest="p", check_interval="q",
-        ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q", failed_signal="q",
-        failed_time="d",
+        table_rows="q", table_columns="q", start="d", step="d", recorded="p", first_recorded="q", recorded_count="q",
+        next_row="q", applied="p", sampled="p", sound_rows="q", unsound="q", lowest="p", highest="p",
+        check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q",
+        failed_signal="q", failed_time="d",
     )  # fmt: skip
 
 
@@ -129,14 +129,15 @@ def _address(array: Any, keep: list[Any]) -> int | None:
 
 def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
     table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
+    gapless = ticks[-1] - ticks[0] + 1 == ticks.size
     return _Loop(
         parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
         values=_address(run.values, keep), signal_count=run.signals.size, value_count=run.values.size,
         table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
-        step=run.system.step_size, recorded=_address(ticks, keep), recorded_count=ticks.size,
-        applied=_address(run.record, keep), sampled=_address(run.sampled, keep), times=_address(run.time, keep),
-        lowest=_address(run.lowest, keep),
-        highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL, ticks=run.end,
+        step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
+        recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
+        lowest=_address(run.lowest, keep), highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL,
+        ticks=run.end,
     )  # fmt: skip
 
 
@@ -188,14 +189,9 @@ def _reads(run: Run, index: int) -> tuple[bool, bool]:
     part = run.parts[index]
     if run.delayed or part.after_step or part.every > 1:
         return True, True
-    readers = [i for i, p in enumerate(run.parts) if _overlap(p.wiring.sources, part.place)]
-    return any(i > index and not run.system.jacobi for i in readers), any(
-        i <= index or run.system.jacobi for i in readers
-    )
-
-
-def _overlap(sources: Any, place: slice) -> bool:
-    return bool(((sources >= place.start) & (sources < place.stop)).any())
+    own = range(part.place.start, part.place.stop)
+    later = [i > index and not run.system.jacobi for i, p in enumerate(run.parts) if p.wiring.reads(own)]
+    return any(later), not all(later)
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

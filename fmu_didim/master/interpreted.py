@@ -37,7 +37,7 @@ def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolve
                 part.apply(time)
             if solver is not None:
                 solver.solve(signals, due, time)
-        _record(run, k, time, count)
+        _record(run, k, count)
         if observe is not None and k >= lag and rows[k - lag] >= 0:
             observe(int(rows[k - lag]), instances)
         if k % CHECK_INTERVAL == 0:
@@ -48,10 +48,8 @@ def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolve
     _check_bounds(run, time)
 
 
-def _record(run: Run, k: int, time: float, count: int) -> None:
+def _record(run: Run, k: int, count: int) -> None:
     row = run.rows[k]
-    if row >= 0:
-        run.time[row] = time
     if not run.delayed:
         if row < 0:
             return

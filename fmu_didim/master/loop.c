@@ -64,9 +64,9 @@ typedef struct {
     const double *table;
     int64_t table_rows, table_columns;
     double start, step;
-    const int64_t *recorded; /* the ticks to record, increasing */
-    int64_t recorded_count, next_row;
-    double *applied, *sampled, *times; /* rows of values, rows of signals, instants */
+    const int64_t *recorded; /* the ticks to record, increasing; NULL: all from first_recorded on */
+    int64_t first_recorded, recorded_count, next_row;
+    double *applied, *sampled; /* rows of values; rows of signals */
     int64_t sound_rows, unsound; /* rows looked at already; whether one of them holds what is not finite */
     const double *lowest, *highest;
     int64_t check_interval, ticks, next_check;
@@ -261,7 +261,8 @@ static inline int advance_part(Loop *l, int64_t index, int64_t tick, double time
 
 /* The row of a tick, -1 if it is not recorded; asked in the order of the ticks. */
 static inline int64_t row_of(const Loop *l, int64_t *next, int64_t tick) {
-    return *next < l->recorded_count && l->recorded[*next] == tick ? (*next)++ : -1;
+    if (*next >= l->recorded_count) return -1;
+    return tick == (l->recorded ? l->recorded[*next] : l->first_recorded + *next) ? (*next)++ : -1;
 }
 
 static void record_delayed(Loop *l, int64_t row, int64_t tick) {
@@ -325,7 +326,6 @@ static int run_any(Loop *l, int64_t first, int64_t last) {
     for (int64_t tick = first; tick < last; tick++) {
         const double time = l->start + (double)tick * l->step;
         const int64_t row = row_of(l, &l->next_row, tick);
-        if (row >= 0) l->times[row] = time;
         copy(l->values, l->table + (tick < l->table_rows ? tick : l->table_rows - 1) * columns, columns);
         if (l->delayed && row >= 0) copy(l->sampled + row * signals, l->values, signals);
         int result = apply_all(l, row, tick, time);
@@ -374,6 +374,7 @@ static Plain plain_of(const Part *p) {
 /* The same as run_any without asking at each tick what is known before. */
 static int run_plain(Loop *l, int64_t first, int64_t last) {
     const int64_t columns = l->table_columns, width = l->value_count, count = l->part_count;
+    const int64_t *const recorded = l->recorded;
     const double start = l->start, step = l->step, *given = l->table + first * columns;
     double *const values = l->values;
     Plain plain[MOST_PLAIN];
@@ -381,7 +382,8 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
     int64_t index = 0;
     for (int64_t tick = first; tick < last; tick++, given += columns) {
         const double time = start + (double)tick * step;
-        const bool due = l->recorded[l->next_row] == tick, checked = tick == l->next_check, ends = tick + 1 == l->ticks;
+        const bool due = recorded ? recorded[l->next_row] == tick : tick >= l->first_recorded;
+        const bool checked = tick == l->next_check, ends = tick + 1 == l->ticks;
         const bool all = due || checked || ends;
         copy(values, given, columns);
         for (index = 0; index < count; index++) {
@@ -391,10 +393,7 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
             if (get) TRY(get(p->self, p->output_references, p->output_count, p->outputs), CALL_GET);
         }
-        if (due) {
-            l->times[l->next_row] = time;
-            copy(l->applied + l->next_row++ * width, values, width);
-        }
+        if (due) copy(l->applied + l->next_row++ * width, values, width);
         if (checked) {
             if (look(l, tick, time)) return OUT_OF_BOUNDS;
             look_at_rows(l, l->next_row);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ class Recording:
     """Signals recorded at some ticks.
 
     Attributes:
-        ticks: (K,) tick numbers; time: (K,) their instants in s.
+        ticks: (K,) tick numbers; start: instant of tick 0 in s; step_size: of a tick, s.
         applied: name -> (K,) values; those of a component whose inputs are delayed are taken when the
             input computed at the tick acts, so that torque and motion of a row belong together.
         inputs: name -> (K,) values of the inputs of the components, when they begin to act.
@@ -26,11 +27,17 @@ class Recording:
     """
 
     ticks: NDArray[np.int64]
-    time: Array
+    start: float
+    step_size: float
     applied: Mapping[str, Array]
     inputs: Mapping[str, Array]
     sampled: Mapping[str, Array]
     compiled: bool = False
+
+    @cached_property
+    def time(self) -> Array:
+        """(K,) instants of the ticks, t0 + k h, s."""
+        return np.asarray(self.ticks * self.step_size + self.start, dtype=float)
 
     def table(self, names: list[str], *, sampled: bool = False) -> Array:
         """(K, len(names)) of the named signals ``component.variable``."""

@@ -26,8 +26,13 @@ class Wiring:
     def __init__(self, entries: list[tuple[int, int, float]]) -> None:
         self.targets = np.array([e[0] for e in entries], dtype=np.int64)
         self.sources = np.array([e[1] for e in entries], dtype=np.int64)
+        self._source_numbers = tuple(e[1] for e in entries)
         self.gains = np.array([e[2] for e in entries], dtype=float)
         self.single = len({e[0] for e in entries}) == len(entries)
+
+    def reads(self, signals: range) -> bool:
+        """Whether one of these signals goes into an input."""
+        return any(source in signals for source in self._source_numbers)
 
     def gather(self, signals: Array, inputs: Array) -> None:
         """Fill the connected inputs."""
@@ -126,7 +131,6 @@ class Run:
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
-        time: (K,) instants of the recorded ticks.
         finite: whether all recorded signals are finite, None where nobody has looked.
         lowest, highest: bounds of the signals.
     """
@@ -157,7 +161,6 @@ class Run:
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
         self.record = recording_memory(ticks.size, self.values.size)
-        self.time = recording_memory(ticks.size, 1)[:, 0]
         self.applied = self.record[:, : len(self.names)]
         self.sampled = recording_memory(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)

@@ -157,10 +157,12 @@ def _check_reference(system: System, reference: Trajectory, ticks: NDArray[np.in
 def _recording(run: Run, *, compiled: bool) -> Recording:
     if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
-        raise DivergedError("The closed loop gave values that are not finite.", time=float(run.time[bad]))
+        time = float(run.ticks[bad] * run.system.step_size + run.start)
+        raise DivergedError("The closed loop gave values that are not finite.", time=time)
     return Recording(
         ticks=run.ticks,
-        time=run.time,
+        start=run.start,
+        step_size=run.system.step_size,
         applied={name: run.applied[:, i] for i, name in enumerate(run.names)},
         inputs={
             f"{part.name}.{variable.name}": run.record[:, part.given.start + i]

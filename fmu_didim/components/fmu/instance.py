@@ -80,11 +80,11 @@ class FmuInstance(Instance):
         self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
         self.bind(*buffers(component.inputs, component.outputs))
 
-    def bind(self, inputs: Array, outputs: Array) -> None:
-        super().bind(inputs, outputs)
+    def _connect(self) -> None:
+        """Make the calls that pass values from and to the buffers."""
         component, scaled_in, scaled_out = self._component, self._input_scaling, self._output_scaling
-        own_inputs = scaled_in.own if scaled_in else inputs
-        own_outputs = scaled_out.own if scaled_out else outputs
+        own_inputs = scaled_in.own if scaled_in else self.inputs
+        own_outputs = scaled_out.own if scaled_out else self.outputs
         self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), own_inputs)
         self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), own_outputs)
 
@@ -117,6 +117,7 @@ class FmuInstance(Instance):
         return True
 
     def begin_initialisation(self, time: float) -> None:
+        self._connect()
         component = self._component
         values = {**component.start_values, **component.parameter_values()}
         self._set_own({name: values[name] for name in values if name in component.changed})
@@ -129,7 +130,7 @@ class FmuInstance(Instance):
     def end_initialisation(self) -> None:
         self._binding.exit_initialisation()
         if not self._binding.gives_initial_outputs:
-            self.bind(self.inputs, self.outputs)
+            self._connect()
 
     def set(self) -> None:
         if self._input_scaling is not None:
