@@ -73,6 +73,19 @@ def test_both_loops_give_the_same_bits(kind: str, timing: str) -> None:
     assert np.abs(fast.applied["plant.q1"]).max() > 0.1
 
 
+@pytest.mark.parametrize("timing", ["plain", "a fraction of delay", "whole delays on both"])
+def test_a_part_of_the_ticks_holds_the_rows_of_all(timing: str) -> None:
+    system, ticks = system_of("fmu 2", **TIMINGS[timing]), np.arange(50, 120)
+    every, some = (
+        simulate(system, reference(), compiled=True),
+        simulate(system, reference(), ticks=ticks, compiled=True),
+    )
+    np.testing.assert_array_equal(some.time, every.time[ticks])
+    for group in ("applied", "inputs", "sampled"):
+        for name, values in getattr(every, group).items():
+            np.testing.assert_array_equal(getattr(some, group)[name], values[ticks], err_msg=f"{group}: {name}")
+
+
 def test_a_model_is_run_by_its_compiled_code_only_with_a_twin() -> None:
     plain = loop(ModelComponent(scara().block()), ModelComponent(scara_pd()), reference())
     assert not simulate(plain, reference()).compiled
@@ -181,7 +194,7 @@ def test_outputs_that_nobody_reads_are_recorded_all_the_same(version: str, jacob
     )
     names = ("first", "itself", "last", "unread")
     system = System(dict.fromkeys(names, one), wires, names, PERIOD, jacobi=jacobi, algebraic_loops="previous")
-    for ticks in (None, np.array([0, 31, 32, 33, 77])):
+    for ticks in (None, np.array([0, 31, 32, 33, 77]), np.arange(40, 80)):
         fast, slow = (simulate(system, ramp(90), ticks=ticks, compiled=c) for c in (True, False))
         assert_same(fast, slow)
         assert all(np.ptp(fast.applied[f"{name}.y"]) > 1.0 for name in names)
