@@ -181,6 +181,18 @@ def test_lags_add_up_and_none_holds_the_command_again(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["point", "average"])
+@pytest.mark.parametrize("order", ["cut first", "shifted first"])
+def test_a_log_may_be_cut_and_shifted_in_any_order(kind: Kind, order: str) -> None:
+    operator = plain(START + STEP * (8.3 + 4.0 * np.arange(40)), kind=kind)
+    whole = operator.stamped_later(3.4, COUNT)
+    later = operator.after(7).stamped_later(3.4, COUNT) if order == "cut first" else whole.after(7)
+    again = later.stamped_later(1.0, COUNT).stamped_later(-1.0, COUNT)
+    for cut in (later, again):
+        wanted = whole.apply(STAIRS[whole.ticks])[7:]
+        np.testing.assert_allclose(cut.apply(STAIRS[cut.ticks]), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
 def test_samples_are_continuous_in_the_lag(kind: Kind) -> None:
     operator = plain(START + STEP * (8.0 + 4.0 * np.arange(40)), kind=kind)
 

@@ -16,7 +16,6 @@ from fmu_didim.discovery.response import load_response
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
@@ -80,7 +79,7 @@ class Library:
     def _make(self, addition: Addition) -> Iterator[Signature]:
         effect = self.workshop.effect(addition)
         if isinstance(effect, NonlinearEffect):
-            if isinstance(effect, SplicedEffect) or self.workshop.can_add(addition):
+            if self.workshop.can_add(addition):
                 yield from self._by_simulation(addition, effect)
         elif isinstance(effect, TorqueEffect) and self.motion is not None and self.workshop.can_add(addition):
             yield from self._by_regressor(addition, effect, self.motion)
