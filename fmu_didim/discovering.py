@@ -17,7 +17,7 @@ from fmu_didim.discovery.augment import Workshop
 from fmu_didim.discovery.experiment import design_experiment
 from fmu_didim.discovery.findings import FindingsDocument, save_findings
 from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.loop_model import BASE, PLANT, LoopModel
+from fmu_didim.discovery.loop_model import BASE, LOG, PLANT, LoopModel
 from fmu_didim.discovery.rounds import HELD_OUT, Options
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_problem
@@ -196,7 +196,7 @@ def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.nd
     """Simulated positions and velocities at the tick before each sample."""
     run = model.runs[label]
     recording = model.record(values, label, all_ticks=True)
-    times = run.problem.experiment.time
+    times = run.problem.experiment.time - model.operator(values, label).lag * run.problem.system.step_size
     place = np.clip(np.searchsorted(recording.time, times + 1e-9, side="right") - 1, 0, recording.time.size - 1)
     result = {}
     for name in ("q", "dq"):
@@ -216,7 +216,7 @@ def augmented_robot(workshop: Workshop, fit: Fit) -> RobotDescription:
     for knob, value in zip(fit.model.knobs, fit.values, strict=True):
         if knob.owner == PLANT:
             values[knob.key] = float(value)
-        elif knob.owner != BASE and knob.effect is not None:
+        elif knob.owner not in (BASE, LOG) and knob.effect is not None:
             values[f"{knob.key}_{fit.model.additions[knob.effect].joint}"] = float(value)
     return described.with_values(values)
 
@@ -233,6 +233,10 @@ def _write_robot(workshop: Workshop, fit: Fit, case: Case, out: Path) -> dict[st
     document = _relocated(load_yaml(case.path), case.folder, out)
     document["robot"] = ROBOT_FILE
     document["plant"] = {"kind": "fmu"}
+    shift = fit.model.log_shift_s(fit.values)
+    logs = [document[which].get("torque") for which in ("train", "validation") if which in document]
+    for log in (log for log in logs if log and shift):
+        log["log_shift_s"] = log.get("log_shift_s", 0.0) + shift
     (out / CASE_FILE).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
 
@@ -281,12 +285,13 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
         recording = bare.record(fit.values, system=read_ssp(path))
     except (InputError, SimulationError) as error:
         return {}, f"The augmented loop could not be written as an SSP archive: {error}"
-    torque = fit.model.runs["train"].operator.apply(bare.logged_torque(recording, fit.values))
+    torque = bare.operator(fit.values).apply(bare.logged_torque(recording, fit.values))
     wanted = bare.torque(fit.values)
     worst = float(np.abs(torque - wanted).max() / np.abs(wanted).max())
-    return {
-        "system": path.name
-    }, f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
+    note = f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
+    shift = fit.model.log_shift_s(fit.values)
+    told = f" A case with it states of the torque log: log_shift_s: {shift:.6g}." if shift else ""
+    return {"system": path.name}, note + told
 
 
 def _rerun(path: Path, final: Fit, found: Found) -> str:

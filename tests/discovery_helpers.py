@@ -16,6 +16,7 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.identification.problem import Problem, predict_torque
+from fmu_didim.master import sample_operator
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
 from tests.blind.campaign import Order, make_order
 from tests.blind.translate import translate
@@ -108,30 +109,40 @@ def arm_case(
     folder: Path,
     added: Mapping[str, Mapping[str, float]] | None = None,
     *,
+    joints: int = 1,
+    rate_hz: float = 100.0,
+    late_s: float = 0.0,
     sigma: float = 0.1,
     held_out: bool = True,
 ) -> Path:
-    """Case of the arm with one joint, whose plant has further effects that the robot description of the case lacks.
+    """Case of the arm, whose plant has further effects on joint 1 that the robot description of the case lacks.
 
     Args:
         added: effect -> its parameters by plain name, shapes included.
-        sigma: of the white noise; held_out: whether the case has a validation experiment.
+        late_s: how late the torque log is stamped; its torque is interpolated between the ticks of the control.
+        sigma: of the white noise on joint 1, a third of it on joint 2; held_out: whether there is a validation run.
     """
     added = added or {}
-    problem = arm_problem(folder, effects={1: tuple(added)}, values=added)
+    problem = arm_problem(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added)
+    deviation = sigma * np.array([1.0, 1 / 3][:joints])
     rng = np.random.default_rng(0)
     document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
-    for label, motion in (("train", sines(8.0)), ("validation", sines(8.0, period_s=4.4))):
+    for label, period_s in (("train", 4.0), ("validation", 4.4)):
         if label == "validation" and not held_out:
             continue
+        motion = sines(8.0, joints=joints, period_s=period_s)
         write_csv(motion, folder / f"{label}_reference.csv")
-        run = problem.on(replace(problem.experiment, reference=motion))
-        torque = predict_torque(run, problem.parameters.nominal())[0] + sigma * rng.normal(size=problem.measured.shape)
-        write_csv(trajectory(problem.experiment.time, {"tau1": torque[:, 0]}), folder / f"{label}_torque.csv")
+        every = sample_operator(motion.time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
+        run = problem.on(replace(problem.experiment, reference=motion, operator=every))
+        command = predict_torque(run, problem.parameters.nominal())[0]
+        noise = deviation * rng.normal(size=problem.measured.shape)
+        shown = problem.experiment.time - late_s
+        columns = {f"tau{j + 1}": np.interp(shown, motion.time, command[:, j]) + noise[:, j] for j in range(joints)}
+        write_csv(trajectory(problem.experiment.time, columns), folder / f"{label}_torque.csv")
         document[label] = {
             "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
         }  # fmt: skip
-    (folder / "robot.yaml").write_text(yaml.safe_dump(arm_document(1), sort_keys=False), encoding="utf-8")
+    (folder / "robot.yaml").write_text(yaml.safe_dump(arm_document(joints), sort_keys=False), encoding="utf-8")
     (folder / "case.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     return folder / "case.yaml"
 

@@ -14,6 +14,7 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_summary
+from fmu_didim.signals import read_trajectory, trajectory, write_csv
 from fmu_didim.workflow import identify, simulate_case
 
 SCARA = Path("examples/scara/identify.yaml")
@@ -108,6 +109,34 @@ def test_averages_and_points_are_told_apart(tmp_path: Path) -> None:
     assert (np.abs(outcome.estimate.value - truth) <= 3 * outcome.estimate.standard_deviation).all()
     # Twenty samples make an average, so its noise is smaller than that of a point.
     assert outcome.document.relative_error_percent["train"].total < 2.0  # type: ignore[operator]
+
+
+def test_late_stamps_are_taken_back(tmp_path: Path) -> None:
+    """The log of the example, stamped 17 ms late: the estimate of the right stamps if that is told, else another."""
+    log = read_trajectory(SCARA.parent / "train_200hz.csv")
+    torque = log.select(["tau1", "tau2"])[:-20:20]
+    path = scara(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    found = {}
+    for name, late_s, told_s in (("right", 0.0, 0.0), ("told", 0.017, 0.017), ("not told", 0.017, 0.0)):
+        columns = {f"tau{j + 1}": torque[:, j] for j in range(2)}
+        write_csv(trajectory(log.time[:-20:20] + late_s, columns), tmp_path / f"{name}.csv")
+        content["train"]["torque"] = {"file": f"{name}.csv", "log_shift_s": told_s}
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        found[name] = identify(path).estimate.value
+        assert simulate_case(path).time.size == simulate_case(SCARA).time.size
+    np.testing.assert_allclose(found["told"], found["right"], rtol=1e-6)
+    assert np.abs(found["not told"] / found["right"] - 1).max() > 0.1
+
+
+@pytest.mark.parametrize("value", [1.5, -1.01, float("nan"), "late"])
+def test_impossible_shifts_of_the_log_are_refused(tmp_path: Path, value: object) -> None:
+    path = scara(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["train"]["torque"]["log_shift_s"] = value
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"train\.torque\.log_shift_s"):
+        load_case(path)
 
 
 def test_all_problems_are_listed_with_their_paths(tmp_path: Path) -> None:

@@ -45,8 +45,12 @@ def sines(seed: int, seconds: float = 12.0, period_s: float = 4.0, rate_hz: floa
     return trajectory(time, columns)
 
 
-def vendor_case(folder: Path, hidden: str = "", joint: int = 1, **values: float) -> Path:
-    """A case whose plant is an FMU without the hidden effect, its data made by a robot with it, noise added."""
+def vendor_case(folder: Path, hidden: str = "", joint: int = 1, *, late: int = 0, **values: float) -> Path:
+    """A case whose plant is an FMU without the hidden effect, its data made by a robot with it, noise added.
+
+    Args:
+        late: control periods by which the torque log is stamped late.
+    """
     robot = read_robot("fmus/scara/robot.yaml")
     plant = build_fmu(RobotModel(robot).block(), directory=folder)
     joints = list(robot.joints)
@@ -77,7 +81,7 @@ def vendor_case(folder: Path, hidden: str = "", joint: int = 1, **values: float)
         }  # fmt: skip
         (folder / "making.yaml").write_text(yaml.safe_dump(making), encoding="utf-8")
         table = simulate_case(folder / "making.yaml")
-        torque = table.select(["tau1", "tau2"])[:-1:2]
+        torque = table.select(["tau1", "tau2"])[np.maximum(np.arange(0, table.time.size - 1, 2) - late, 0)]
         torque = torque + np.array(NOISE) * rng.normal(size=torque.shape)
         write_csv(trajectory(table.time[:-1:2], {"tau1": torque[:, 0], "tau2": torque[:, 1]}), folder / f"{label}.csv")
         document[label] = {"reference": reference, "torque": {"file": f"{label}.csv"}}
@@ -113,6 +117,16 @@ def test_hidden_effect_is_named_and_spliced_in(
     assert (found.ratio_interval[1] or 9.0) < 1.0
     part = load_fmu(tmp_path / "out" / found.files[f"part_{found.findings[0].effect}{joint}"])
     assert [v.name for v in part.inputs] == (["u"] if hidden == "actuator_lag" else ["u", "q", "dq"])
+
+
+def test_late_log_is_named_and_told_to_the_case(tmp_path: Path) -> None:
+    found = discover(vendor_case(tmp_path, late=3), tmp_path / "out")
+    assert [(f.effect, f.joint) for f in found.findings] == [("log_time_shift", 1)]
+    (value,) = found.findings[0].parameters
+    assert value.interval[0] < 0.015 < value.interval[1]  # type: ignore[operator]
+    (note,) = [n for n in found.notes if "augmented loop" in n]
+    assert f"log_shift_s: {value.value:.6g}" in note
+    assert float(note.split(" to ")[1].split(" of ")[0]) < 1e-12
 
 
 def test_nothing_is_named_on_a_plant_that_is_complete(tmp_path: Path) -> None:

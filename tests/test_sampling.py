@@ -15,8 +15,12 @@ SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
 
 
 def sampled(times: np.ndarray, **options: object) -> np.ndarray:
-    operator = sample_operator(times, start=START, step=STEP, tick_count=COUNT, **options)  # type: ignore[arg-type]
+    operator = plain(times, **options)
     return operator.apply(STAIRS[operator.ticks])
+
+
+def plain(times: np.ndarray, **options: object) -> SampleOperator:
+    return sample_operator(times, start=START, step=STEP, tick_count=COUNT, **options)  # type: ignore[arg-type]
 
 
 def mean_of_stairs(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -139,6 +143,65 @@ def test_operator_counts_rows() -> None:
     operator = sample_operator(np.array([0.0, 0.1, 0.2]), start=0.0, step=0.1, tick_count=3)
     assert isinstance(operator, SampleOperator)
     assert operator.count == 3
+
+
+# ---- a log whose clock is late or early ------------------------------------------------------------
+
+
+LATE_S = 3.4 * STEP
+
+
+@pytest.mark.parametrize("lag_s", [LATE_S, -LATE_S, 0.2 * STEP, 7 * STEP])
+def test_late_points_lie_on_straight_lines_between_ticks(lag_s: float) -> None:
+    """On stamps between ticks, too; the ends of the command go on."""
+    times = START + STEP * np.sort(np.random.default_rng(5).uniform(0, COUNT - 0.1, 90))
+    operator = plain(times).stamped_later(lag_s / STEP, COUNT)
+    wanted = np.interp(times - lag_s, START + STEP * np.arange(COUNT), STAIRS)
+    np.testing.assert_allclose(operator.apply(STAIRS[operator.ticks]), wanted, atol=1e-11)
+    np.testing.assert_allclose(operator.matrix.sum(axis=1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("lag_s", [LATE_S, -LATE_S])
+@pytest.mark.parametrize("window", ["preceding", "following"])
+def test_windows_of_a_late_log_lie_earlier(lag_s: float, window: Window) -> None:
+    times = START + STEP * np.arange(20, 180, 4)
+    operator = plain(times, kind="average", window=window).stamped_later(lag_s / STEP, COUNT)
+    low = times - lag_s + SHIFT[window] * 4 * STEP
+    np.testing.assert_allclose(operator.apply(STAIRS[operator.ticks]), mean_of_stairs(low, low + 4 * STEP), atol=1e-11)
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
+def test_lags_add_up_and_none_holds_the_command_again(kind: Kind) -> None:
+    operator = plain(START + STEP * (8.3 + 4.0 * np.arange(40)), kind=kind)
+    assert operator.stamped_later(0.0, COUNT) is operator
+    once, twice = operator.stamped_later(3.4, COUNT), operator.stamped_later(5.0, COUNT).stamped_later(-1.6, COUNT)
+    np.testing.assert_allclose(twice.apply(STAIRS[twice.ticks]), once.apply(STAIRS[once.ticks]), atol=1e-12)
+    assert twice.lag == pytest.approx(3.4)
+    assert once.stamped_later(-once.lag, COUNT) is operator
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
+@pytest.mark.parametrize("order", ["cut first", "shifted first"])
+def test_a_log_may_be_cut_and_shifted_in_any_order(kind: Kind, order: str) -> None:
+    operator = plain(START + STEP * (8.3 + 4.0 * np.arange(40)), kind=kind)
+    whole = operator.stamped_later(3.4, COUNT)
+    later = operator.after(7).stamped_later(3.4, COUNT) if order == "cut first" else whole.after(7)
+    again = later.stamped_later(1.0, COUNT).stamped_later(-1.0, COUNT)
+    for cut in (later, again):
+        wanted = whole.apply(STAIRS[whole.ticks])[7:]
+        np.testing.assert_allclose(cut.apply(STAIRS[cut.ticks]), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
+def test_samples_are_continuous_in_the_lag(kind: Kind) -> None:
+    operator = plain(START + STEP * (8.0 + 4.0 * np.arange(40)), kind=kind)
+
+    def at(lag: float) -> np.ndarray:
+        later = operator.stamped_later(lag, COUNT)
+        return later.apply(STAIRS[later.ticks])
+
+    for lag in (-3.0, 0.0, 0.5, 2.0):
+        assert np.abs(at(lag + 1e-9) - at(lag - 1e-9)).max() < 1e-7
 
 
 # ---- a slower log ---------------------------------------------------------------------------------

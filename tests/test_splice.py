@@ -23,9 +23,7 @@ from fmu_didim.master import (
     Connection,
     Recording,
     System,
-    interpolating_operator,
     logged_torque,
-    sample_operator,
     simulate,
     splice,
     splice_effect,
@@ -249,22 +247,6 @@ class TestOrderOfADrive:
             splice_effect(system, ActuatorLag(), 1, "revolute")
         assert logged_torque(pickle.loads(pickle.dumps(system)), 1) == "actuator_lag1.u"
         assert system.describe()["components"]["actuator_lag1"]["parameters"] == {"T": 0.01}
-
-
-class TestInterpolatingOperator:
-    def test_it_equals_point_samples_at_the_ticks(self) -> None:
-        values = np.random.default_rng(3).normal(size=(41, 2))
-        times = 2.0 + np.arange(0, 40, 4) * PERIOD
-        ours = interpolating_operator(times, start=2.0, step=PERIOD, tick_count=41)
-        theirs = sample_operator(times, start=2.0, step=PERIOD, tick_count=41)
-        assert np.abs(ours.apply(values[ours.ticks]) - theirs.apply(values[theirs.ticks])).max() < 1e-11
-
-    def test_it_interpolates_between_them_and_holds_the_ends(self) -> None:
-        values = np.random.default_rng(4).normal(size=21)
-        times = np.sort(np.random.default_rng(5).uniform(-0.02, 0.12, 60))
-        operator = interpolating_operator(times, start=0.0, step=PERIOD, tick_count=21)
-        wanted = np.interp(times, np.arange(21) * PERIOD, values)
-        assert np.abs(operator.apply(values[operator.ticks]) - wanted).max() < 1e-12
 
 
 def run_alone(part: Component, inputs: np.ndarray) -> np.ndarray:

@@ -449,7 +449,7 @@ class TestInARobotDescription:
         ("joint", "change", "message"),
         [
             (2, {"effects": ["base_tilt"]}, "belongs to joint 1"),
-            (2, {"effects": ["log_time_shift"]}, "offset_s"),
+            (2, {"effects": ["log_time_shift"]}, "log_shift_s"),
             (2, {"effects": ["actuator_lag"], "T": -0.1}, "T = -0.1 must lie in 0 to 1"),
             (2, {"effects": ["joint_elasticity"], "D": -1.0}, "D = -1 must lie"),
             (2, {"effects": ["joint_elasticity"], "motor_share": 0.3}, "unknown parameters motor_share"),

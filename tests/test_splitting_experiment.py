@@ -277,13 +277,19 @@ def test_lag_and_delay_are_not_promised() -> None:
 
 
 def test_what_can_be_split_is_split_beside_what_cannot() -> None:
-    members = [member("actuator_lag", T=0.004), member("log_time_shift", log_shift=-0.004), member("stribeck", Fs=0.5)]
+    members = [member("actuator_lag", T=0.004), member("delay", delay=0.004), member("stribeck", Fs=0.5)]
     found = design(members, motion(**SLOWER), rate_hz=100.0, evaluations=20, draws=3)
     assert found.reference is not None
     same = {frozenset((p.truth.effect, p.rival.effect)) for p in found.pairs if p.same}
-    assert same == {frozenset(("actuator_lag", "log_time_shift"))}
+    assert same == {frozenset(("actuator_lag", "delay"))}
     assert found.separation_then > found.separation_now > 0
     assert not found.is_sufficient
+
+
+def test_a_shifted_log_moves_the_torque_of_all_joints_and_a_lag_that_of_one() -> None:
+    found = design([member("actuator_lag", T=0.004), member("log_time_shift", log_shift=-0.004)], motion(**QUICK))
+    assert found.reference is not None
+    assert not any(p.same for p in found.pairs)
 
 
 def test_members_that_no_motion_shows_are_said_to_be_so() -> None:

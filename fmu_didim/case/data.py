@@ -126,6 +126,6 @@ def read_experiment(
     operator = sample_operator(
         times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
-    )  # fmt: skip
+    ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
     positions = read_signals(source.positions, folder) if source.positions is not None else None
     return Experiment(reference, times, torque, operator, positions, label)

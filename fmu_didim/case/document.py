@@ -134,6 +134,8 @@ class TorqueFile(SignalFile):
         sampling: ``point`` samples, or the ``average`` over a window.
         window, window_s: where the window of an average lies, and its length (one period by default).
         offset_s: added to the time of the log, to bring it on the clock of the reference.
+        log_shift_s: how late the log is stamped, at most a second either way: the samples at t show the torque at
+            t - log_shift_s, interpolated between ticks; what lies before the reference or after it counts as its end.
     """
 
     quantity: Literal["torque", "command"] = "torque"
@@ -143,6 +145,7 @@ class TorqueFile(SignalFile):
     window: Literal["preceding", "centred", "following"] = "preceding"
     window_s: Positive | None = None
     offset_s: float = 0.0
+    log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
 
 
 class ExperimentSource(Strict):

@@ -15,9 +15,9 @@ import numpy as np
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.blackbox import TorquePart, can_be_added, finer, splice_part, torque_part
-from fmu_didim.discovery.loop_model import PLANT, Addition, Knob, LoopModel, Run
+from fmu_didim.discovery.loop_model import LOG, PLANT, Addition, Knob, LoopModel, Run
 from fmu_didim.discovery.ranges import travelled
-from fmu_didim.effects import EFFECTS, Effect, Search, TorqueEffect
+from fmu_didim.effects import EFFECTS, Effect, MeasurementEffect, Search, TorqueEffect
 from fmu_didim.effects.coulomb import Coulomb
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.spliced import SplicedEffect
@@ -68,6 +68,13 @@ class Workshop:
     def effect(self, addition: Addition) -> Effect:
         """The effect of an addition."""
         return self.effects[addition.effect]
+
+    def joints(self, name: str) -> tuple[int, ...]:
+        """The joints, from 1, on which an effect may be; of one of the whole log the first stands for all."""
+        return tuple(range(1, self.base.joint_count + 1))[: 1 if self._is_of_log(name) else None]
+
+    def _is_of_log(self, name: str) -> bool:
+        return isinstance(self.effects[name], MeasurementEffect)
 
     def joint_type(self, joint: int) -> str:
         """Type of a joint, counted from 1."""
@@ -168,7 +175,7 @@ class Workshop:
         """The robot description with all effects, wherever they act."""
         if self.description is None:
             return None
-        return self._description(additions)
+        return self._description([a for a in additions if not self._is_of_log(a.effect)])
 
     def _knobs(self, proposal: Proposal, index: int) -> list[Knob]:
         addition = proposal.addition
@@ -176,11 +183,12 @@ class Workshop:
         amplitudes, shapes = self.free_parameters(addition)
         search = self.search(addition)
         spliced, nonlinear = self.is_spliced(addition), isinstance(effect, NonlinearEffect)
-        owner = splice_name(addition) if spliced else PLANT
+        of_log = isinstance(effect, MeasurementEffect)
+        owner = splice_name(addition) if spliced else LOG if of_log else PLANT
         knobs = []
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
-            as_shape = is_shape or nonlinear
-            name = f"{variable.name}_{addition.joint}" if as_shape else f"{variable.name}{addition.joint}"
+            number = f"_{addition.joint}" if is_shape or nonlinear else f"{addition.joint}"
+            name = variable.name if of_log else f"{variable.name}{number}"
             if nonlinear and not is_shape and variable.name not in proposal.values:
                 continue  # nothing to be seen of it: it stays as it is without the effect
             value = proposal.values.get(variable.name, variable.start)
@@ -207,7 +215,8 @@ class Workshop:
 
     def can_add(self, addition: Addition) -> bool:
         """Whether an effect can be added to this plant: to a black box only what its wiring can take."""
-        return self.description is not None or self.part(addition) is not None
+        anywhere = self.description is not None or self._is_of_log(addition.effect)
+        return anywhere or self.part(addition) is not None
 
     def is_spliced(self, addition: Addition) -> bool:
         """Whether an effect is a component of its own in the wiring."""
@@ -223,7 +232,7 @@ class Workshop:
         return effect if isinstance(effect, SplicedEffect) else None
 
     def _plant(self, additions: Sequence[Addition]) -> Component:
-        inner = tuple(a for a in additions if not self.is_spliced(a) and self.effect(a).place != "measurement")
+        inner = tuple(a for a in additions if not self.is_spliced(a) and not self._is_of_log(a.effect))
         if not inner:
             return self.base.plant
         if self.description is None:

@@ -13,7 +13,7 @@ from fmu_didim.discovery.augment import Proposal
 from fmu_didim.discovery.experiment_motions import motion_table
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
-from fmu_didim.effects import Effect, Surroundings, TorqueEffect
+from fmu_didim.effects import Effect, MeasurementEffect, Surroundings, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
@@ -45,7 +45,7 @@ WIRING: Mapping[str, Callable[[Motion, int], Array]] = {
     "dead_zone": _sign,
     "drive_gain": lambda motion, joint: -motion.torque[:, joint],
 }
-"""Effects of drive and log whose first-order column follows from the torque alone; (K,) for their own joint."""
+"""Effects of drive and log whose first-order column follows from the torque alone; (K,) for a joint."""
 
 
 def _play(motion: Motion, joint: int) -> Array:
@@ -213,7 +213,9 @@ class Member:
             table = self._made.columns(scene.sampled, shapes, states)
         elif self.effect.name in WIRING:
             table = np.zeros((*scene.sampled.q.shape, 1))
-            table[:, self.joint, 0] = WIRING[self.effect.name](scene.motion, self.joint)[scene.ticks]
+            whole = isinstance(self.effect, MeasurementEffect)
+            for joint in range(scene.joints) if whole else (self.joint,):
+                table[:, joint, 0] = WIRING[self.effect.name](scene.motion, joint)[scene.ticks]
         else:
             shift = STRUCTURES[self.effect.name](scene.motion, self.joint)
             table = _displaced(self._model, self._setting.chi, scene.motion, self.joint, shift)[scene.ticks]

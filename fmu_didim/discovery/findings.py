@@ -59,7 +59,7 @@ class FindingResult(_Document):
     effect: str
     title: str
     class_: str = Field(alias="class")
-    joint: int = Field(description="from 1")
+    joint: int = Field(description="from 1; 1 also for what concerns the whole log")
     place: str
     equation: str
     parameters: list[ValueFound]

@@ -16,7 +16,6 @@ from fmu_didim.discovery.response import load_response
 from fmu_didim.discovery.signatures import Motion, TorqueSignature, motion_of, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
@@ -59,10 +58,14 @@ class Signature:
 
 
 class Library:
-    """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added."""
+    """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added.
+
+    Attributes:
+        workshop: builds the loops; fit: the motion's.
+    """
 
     def __init__(self, workshop: Workshop, fit: Fit, *, candidates: Sequence[Addition]) -> None:
-        self.workshop, self._fit = workshop, fit
+        self.workshop, self.fit = workshop, fit
         self._signatures: list[Signature] = []
         self._response = load_response(fit)
         self.motion = simulated_motion(workshop, fit)
@@ -76,7 +79,7 @@ class Library:
     def _make(self, addition: Addition) -> Iterator[Signature]:
         effect = self.workshop.effect(addition)
         if isinstance(effect, NonlinearEffect):
-            if isinstance(effect, SplicedEffect) or self.workshop.description is not None:
+            if self.workshop.can_add(addition):
                 yield from self._by_simulation(addition, effect)
         elif isinstance(effect, TorqueEffect) and self.motion is not None and self.workshop.can_add(addition):
             yield from self._by_regressor(addition, effect, self.motion)
@@ -101,7 +104,7 @@ class Library:
     def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
         kind = self.workshop.joint_type(addition.joint)
-        present = {knob.name: knob.value for knob in self._fit.model.knobs}
+        present = {knob.name: knob.value for knob in self.fit.model.knobs}
         robot = self.workshop.description
         own = robot.joints[addition.joint - 1].parameters if robot is not None else {}
         return {
@@ -113,21 +116,23 @@ class Library:
         """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
         amplitudes, shapes = self.workshop.free_parameters(addition)
         searched = self.workshop.search(addition)
-        size = float(np.sqrt(np.mean(self._fit.torque[:, addition.joint - 1] ** 2)))
+        size = float(np.sqrt(np.mean(self.fit.torque[:, addition.joint - 1] ** 2)))
         off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
         trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
+        if len(amplitudes) == 1:
+            trials = {name: _mirrored(values[:2], effect, name) for name, values in trials.items()}
         tried = [
             (at, name, value)
             for i, at in enumerate(_one_at_a_time({v.name: searched[v.name] for v in shapes}))
             for name, values in trials.items()
-            for value in ((values[:2] if i == 0 else values[-1:]) if len(amplitudes) == 1 else values[:1])
+            for value in ((values if i == 0 else values[-1:]) if len(amplitudes) == 1 else values[:1])
         ]
         tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
         columns = [
             # A stiffness is nothing when it is infinite: its inverse is the amplitude.
             difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
-            for difference, (_, name, value) in zip(self._fit.model.side_by_side(tasks), tried, strict=True)
+            for difference, (_, name, value) in zip(self.fit.model.side_by_side(tasks), tried, strict=True)
         ]
         if len(amplitudes) == 1:
             inverse = not np.isfinite(off[amplitudes[0].name])
@@ -146,11 +151,11 @@ class Library:
 
     def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
         def difference() -> Array:
-            model = self.workshop.build(self._fit.model, [Proposal(addition, values)])
+            model = self.workshop.build(self.fit.model, [Proposal(addition, values)])
             try:
-                return model.torque(model.start) - self._fit.torque
+                return model.torque(model.start) - self.fit.torque
             except SimulationError:
-                return np.zeros_like(self._fit.torque)
+                return np.zeros_like(self.fit.torque)
 
         return difference
 
@@ -180,6 +185,13 @@ def _trials(variable: Variable, search: Search, size: float, neutral: float) -> 
         values = [search.lowest + 0.75 * (search.highest - search.lowest)]
     apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > 1e-9]
     return apart or [search.highest]
+
+
+def _mirrored(values: list[float], effect: NonlinearEffect, name: str) -> list[float]:
+    """The values, and with them those as far on the other side of the neutral one, if the parameter has two sides."""
+    off = effect.neutral.get(name, 0.0)
+    low, high = effect.limits.get(name, (off, off))
+    return [*values, *(2 * off - v for v in values)] if name in effect.signed and low < off < high else values
 
 
 def _thinned(search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:

@@ -22,7 +22,7 @@ from fmu_didim.master import Connection, Recording, SampleOperator, System, simu
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.signals import Array
 
-BASE, PLANT, DELAY = "base", "plant", "delay"
+BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
 STEP = 1e-4
 """Step of the forward differences, in units of a knob's scale: our loops are smooth to 1e-10, truncation rules."""
 
@@ -34,7 +34,8 @@ class Knob:
     Attributes:
         name: unique, shown to the user; unit.
         owner: ``base`` (a base parameter), ``plant``, ``push`` (a torque from outside), ``delay`` (of the command, in
-            samples, beyond that of the problem), or the name of a spliced component; key: its name there.
+            samples, beyond that of the problem), ``log`` (how late it is stamped, in s), or the name of a spliced
+            component; key: its name there.
         value: where it starts; scale: size of a noticeable change.
         lowest, highest: limits.
         effect: index of the addition it belongs to, None for base parameters and nuisances.
@@ -68,7 +69,7 @@ class Run:
     Attributes:
         problem: base system, data and instances kept for re-runs.
         system: with all splices.
-        operator: how the log follows from the command.
+        operator: how the log follows from the command, by the stamps that it has.
         pushes: torques from outside that acted in this experiment.
         finer: ticks in a control period, for components that need shorter steps; inputs are held as without.
     """
@@ -136,7 +137,8 @@ class LoopModel:
         by_owner: dict[str, dict[str, float]] = {}
         for knob, value in zip(self.knobs[count:], values[count:], strict=True):
             by_owner.setdefault(knob.owner, {})[knob.key] = float(value)
-        by_owner.pop(PUSH, None)
+        for outside in (PUSH, LOG):
+            by_owner.pop(outside, None)
         for samples in by_owner.pop(DELAY, {}).values():
             system = system.with_delay(problem.plant, max(problem.delay + samples, 0.0))
         wanted = {**problem.parameters.values(values[:count]), **problem._start_values(), **by_owner.pop(PLANT, {})}
@@ -166,13 +168,23 @@ class LoopModel:
                     found[int(index)] = found[int(index)].moved(name, float(value))
         return tuple(found)
 
+    def log_shift_s(self, values: Array) -> float:
+        """How late the log is stamped, in s, beyond what its operator knows."""
+        return sum(float(value) for knob, value in zip(self.knobs, values, strict=True) if knob.owner == LOG)
+
+    def operator(self, values: Array, which: str = "train") -> SampleOperator:
+        """How the log of an experiment follows from the command."""
+        run = self.runs[which]
+        experiment, step = run.problem.experiment, run.problem.system.step_size
+        return run.operator.stamped_later(self.log_shift_s(values) / step, experiment.reference.time.size)
+
     def record(
         self, values: Array, which: str = "train", *, all_ticks: bool = False, system: System | None = None
     ) -> Recording:
         """Simulate, another system like the own one if given; raises DivergedError, SimulationError."""
         run = self.runs[which]
         reference = with_pushes(run.problem.experiment.reference, self.pushes(values, which))
-        ticks = np.arange(reference.time.size) if all_ticks else run.operator.ticks
+        ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, which).ticks
         system = system or self.simulated(values, which)
         if run.finer > 1:
             reference, ticks = held(reference, run.finer), ticks * run.finer
@@ -193,7 +205,7 @@ class LoopModel:
         """(N, n) simulated torque at the samples."""
         recording = self.record(values, which)
         run = self.runs[which]
-        torque = run.operator.apply(self.logged_torque(recording, values, which))
+        torque = self.operator(values, which).apply(self.logged_torque(recording, values, which))
         if not np.isfinite(torque).all():
             raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
         return run.problem.filtered(torque)
@@ -263,16 +275,7 @@ def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int 
     parameters = problem.parameters
     nominal = parameters.nominal()
     knobs = tuple(
-        Knob(
-            name,
-            unit,
-            BASE,
-            name,
-            float(value),
-            float(abs(value)) or 1.0,
-            lowest=float(low),
-            highest=float(high),
-        )
+        Knob(name, unit, BASE, name, float(value), float(abs(value)) or 1.0, lowest=float(low), highest=float(high))
         for name, unit, value, low, high in zip(
             parameters.names,
             parameters.units,

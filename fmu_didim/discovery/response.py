@@ -130,7 +130,7 @@ def _command(model: LoopModel, values: Array, pushes: Sequence[Push]) -> Array:
 
 def _sampling(fit: Fit, every: int, count: int) -> sparse.csr_array:
     """(N, K): straight lines between the ticks of the response, then the samples of the log."""
-    operator = fit.model.runs["train"].operator
+    operator = fit.model.operator(fit.values)
     place = np.minimum(operator.ticks / every, count - 1.0)
     left = np.minimum(place.astype(int), max(count - 2, 0))
     part = place - left

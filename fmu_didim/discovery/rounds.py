@@ -8,19 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.compete import (
-    Contender,
-    contend,
-    contender,
-    proposal_of,
-    refit,
-    screen,
-    shortlist,
-)
+from fmu_didim.discovery.compete import Contender, contend, contender, proposal_of, refit, screen, shortlist
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import BLOCK_S, Ratio, delta_bic, explained, joint_gaps, rms_ratio
 from fmu_didim.discovery.library import Library
-from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.loop_model import LOG, Addition
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
@@ -65,7 +57,7 @@ class Step:
     Attributes:
         addition, delta_bic, size, share: as of :class:`~fmu_didim.discovery.compete.Contender`.
         ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
-            other members of its class.
+            other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
     """
@@ -117,6 +109,9 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
             steps.append(step)
             fit = accepted.fit
             fit, steps = _backward(workshop, fit, noise, steps, options, say)
+            if _shifts_log(fit) != _shifts_log(library.fit):  # signatures at other samples
+                left = [c for c in candidates if c not in fit.model.additions]
+                library = Library(workshop, fit, candidates=left)
         else:
             refused = accepted
             break
@@ -125,18 +120,20 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
     return Discovery(base, fit, tuple(steps), refused)
 
 
+def _shifts_log(fit: Fit) -> bool:
+    return any(knob.owner == LOG for knob in fit.model.knobs)
+
+
 def _candidates(workshop: Workshop, options: Options) -> list[Addition]:
     names = [
         name
-        for name, effect in workshop.effects.items()
+        for name in workshop.effects
         if name not in BASIC | COMPOSED
         and name not in options.forbid
         and name != "torque_saturation"  # the pre-check's
-        and effect.place != "measurement"  # reported with its class
     ]
     present = _present(workshop)
-    joints = range(1, workshop.base.joint_count + 1)
-    return [Addition(name, j) for name in names for j in joints if (name, j) not in present]
+    return [Addition(name, j) for name in names for j in workshop.joints(name) if (name, j) not in present]
 
 
 def _present(workshop: Workshop) -> set[tuple[str, int]]:
@@ -229,7 +226,9 @@ def _step(
     effect = workshop.effect(accepted.addition)
     for name, other in workshop.effects.items():
         member = Addition(name, accepted.addition.joint)
-        if other.class_name == effect.class_name and member not in named:
+        # Whether a shift of the log may stand for a lag of the loop, or the other way round, only their fits tell.
+        alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
+        if alike and member not in named:
             near.append((member, float("nan")))
     return Step(
         addition=accepted.addition,

@@ -248,7 +248,7 @@ def _noise(noise: Noise) -> NoiseResult:
 
 def _nearest_ticks(problem: Problem) -> Array:
     reference, step = problem.experiment.reference, problem.system.step_size
-    ticks = np.round((problem.experiment.time - reference.time[0]) / step).astype(int)
+    ticks = np.round((problem.experiment.time - reference.time[0]) / step - problem.experiment.operator.lag).astype(int)
     return np.asarray(np.clip(ticks, 0, reference.time.size - 1))
 
 

@@ -13,7 +13,8 @@ from fmu_didim.signals import Variable
 class LogTimeShift(MeasurementEffect):
     """tau_log(t) = tau(t - log_shift), with log_shift in s: the log lags behind the clock of the reference.
 
-    Negative values mean that it leads. The loop itself is not touched, so that nothing but the torque moves.
+    Negative values mean that it leads. A log has one clock, so that all joints are shifted alike. The loop itself is
+    not touched, so that nothing but the torque moves.
     """
 
     name = "log_time_shift"
@@ -22,13 +23,12 @@ class LogTimeShift(MeasurementEffect):
     place = "measurement"
     class_name = "lag"
     confounded_with = ("actuator_lag", "delay")
-    signature = "Residual proportional to the rate of change of the torque; the loop itself is not changed."
+    signature = "Residual proportional to the rate of change of the torque on all joints; the loop is not changed."
     experiment = "Logged positions or a step of the command: a lag or delay in the loop changes the motion, too."
     source = "definition of a time stamp; its effect to first order is -log_shift*dtau/dt"
     neutral: ClassVar[Mapping[str, float]] = {"log_shift": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"log_shift": (-1.0, 1.0)}
     signed = frozenset({"log_shift"})
-    shift = "log_shift"
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("log_shift", "s", "parameter", 0.0, "lag of the torque log"),)

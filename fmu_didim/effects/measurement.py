@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from fmu_didim.effects.nonlinear import NonlinearEffect
 
 
 class MeasurementEffect(NonlinearEffect):
-    """One effect of the torque log of a joint; the loop runs as without it.
+    """An effect of the torque log as a whole; the loop runs as without it.
 
-    Class attributes:
-        shift: name of the parameter by which the log lags, s; the samples at t then show the torque at t - shift.
+    Its one parameter is the lag of the log in s: the samples at t show the torque at t - lag, of all joints.
     """
-
-    shift: ClassVar[str]

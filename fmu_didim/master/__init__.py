@@ -3,7 +3,7 @@
 from fmu_didim.master.interpreted import Observer
 from fmu_didim.master.pool import InstancePool
 from fmu_didim.master.recording import Recording
-from fmu_didim.master.sampling import SampleOperator, decimated_times, interpolating_operator, sample_operator
+from fmu_didim.master.sampling import SampleOperator, decimated_times, sample_operator
 from fmu_didim.master.simulation import simulate
 from fmu_didim.master.splice import logged_torque, splice, splice_effect, splice_output
 from fmu_didim.master.system import Connection, System, closed_loop
@@ -17,7 +17,6 @@ __all__ = [
     "System",
     "closed_loop",
     "decimated_times",
-    "interpolating_operator",
     "logged_torque",
     "sample_operator",
     "simulate",

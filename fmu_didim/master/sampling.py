@@ -7,7 +7,7 @@ of the rows of the regressor belongs to it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -32,10 +32,16 @@ class SampleOperator:
     Attributes:
         ticks: (K,) the ticks that matter, increasing.
         matrix: (N, K) weights.
+        positions: (N,) instants of point samples in control periods from tick 0; None for averages.
+        lag: control periods by which :meth:`stamped_later` has moved the stamps.
+        origin: the operator without that; None for one that was not moved.
     """
 
     ticks: NDArray[np.int64]
     matrix: sparse.csr_array
+    positions: Array | None = None
+    lag: float = 0.0
+    origin: SampleOperator | None = None
 
     @property
     def count(self) -> int:
@@ -44,12 +50,54 @@ class SampleOperator:
 
     def after(self, first: int) -> SampleOperator:
         """The operator for the samples from ``first`` on."""
-        return SampleOperator(self.ticks, sparse.csr_array(self.matrix[first:]))
+        return replace(
+            self,
+            matrix=sparse.csr_array(self.matrix[first:]),
+            positions=None if self.positions is None else self.positions[first:],
+            origin=None if self.origin is None else self.origin.after(first),
+        )
 
     def apply(self, values: Array) -> Array:
         """(K, ...) values at the ticks -> (N, ...) samples."""
         flat = values.reshape(values.shape[0], -1)
         return np.asarray(self.matrix @ flat).reshape(self.count, *values.shape[1:])
+
+    def stamped_later(self, periods: float, tick_count: int) -> SampleOperator:
+        """The operator of the same log with its stamps later by so many control periods; negative: earlier.
+
+        What a sample took at the position x then comes from x - p, between two ticks on the straight line
+
+            tau(x) = (1 - d) tau_k + d tau_(k+1),      k = floor(x),  d = x - k
+
+        which unlike the held command is continuous in p. A point sample is one such position, an average the sum of
+        those of the ticks in its window. Before the first tick and after the last one the command is taken as there.
+
+        Args:
+            periods: p, added to the lag that there is. With none in all the command is held again.
+            tick_count: number of ticks of the reference.
+        """
+        origin, lag = self.origin or self, self.lag + periods
+        if lag == 0:
+            return origin
+        if origin.positions is not None:
+            ticks, matrix = _lines(origin.positions - lag, tick_count)
+        else:
+            ticks, between = _lines(origin.ticks.astype(np.float64) - lag, tick_count)
+            matrix = sparse.csr_array(origin.matrix @ between)
+        return SampleOperator(ticks, matrix, None, lag, origin)
+
+
+def _lines(positions: Array, tick_count: int) -> tuple[NDArray[np.int64], sparse.csr_array]:
+    """The ticks (K,) around positions (N,), and the weights (N, K) of straight lines between them."""
+    low = np.floor(positions)
+    ends = np.stack([low, low + 1], axis=1).astype(np.int64).clip(0, tick_count - 1)
+    wanted = np.zeros(tick_count, dtype=bool)
+    wanted[ends] = True
+    columns = (np.cumsum(wanted) - 1)[ends].ravel()
+    weights = np.stack([1 - (positions - low), positions - low], axis=1).ravel()
+    ticks = np.flatnonzero(wanted)
+    rows = np.arange(0, weights.size + 1, 2)
+    return ticks, sparse.csr_array((weights, columns, rows), shape=(positions.size, ticks.size))
 
 
 def sample_operator(
@@ -98,28 +146,7 @@ def sample_operator(
         rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)
     support, place = np.unique(columns, return_inverse=True)
     matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
-    return SampleOperator(support.astype(np.int64), matrix)
-
-
-def interpolating_operator(times: Array, *, start: float, step: float, tick_count: int) -> SampleOperator:
-    """Point samples of the command interpolated linearly between its values at neighbouring ticks.
-
-    A point sample of a held command jumps as its instant passes a tick; this one is continuous in ``times`` and
-    equals it at the ticks, so that a shift of the log can be searched for. Instants beyond the first or the last tick
-    count as those.
-
-    Args:
-        times: (N,) instants in s; start, step: instant of tick 0 and control period, s.
-        tick_count: number of ticks of the reference, at least 2.
-    """
-    position = np.clip((times - start) / step, 0.0, tick_count - 1.0)
-    low = np.minimum(np.floor(position).astype(np.int64), tick_count - 2)
-    part = position - low
-    rows = np.concatenate([np.arange(times.size)] * 2)
-    support, place = np.unique(np.concatenate([low, low + 1]), return_inverse=True)
-    weights = np.concatenate([1 - part, part])
-    matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
-    return SampleOperator(support.astype(np.int64), matrix)
+    return SampleOperator(support.astype(np.int64), matrix, position if kind == "point" else None)
 
 
 def _length(times: Array, window_s: float | None) -> float:

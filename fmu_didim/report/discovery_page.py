@@ -26,6 +26,7 @@ from fmu_didim.report.discovery_words import (
     experiment_head,
     experiment_title,
     interval_text,
+    located,
     noise_source,
     refused_line,
     rival_text,
@@ -128,7 +129,7 @@ def _card(number: int, finding: FindingResult) -> Card:
     facts.append(("gain in BIC", significant(finding.delta_bic)))
     return Card(
         number=number,
-        title=f"{finding.title}, joint {finding.joint}",
+        title=f"{finding.title}, {located(finding.effect, finding.joint)}",
         place=finding.place,
         equation=finding.equation,
         parameters=_values(finding.parameters),
@@ -157,7 +158,8 @@ def _rounds(document: FindingsDocument) -> Table | None:
     heads += [f"gap, {experiment_title(label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
     rows = [
         (
-            str(number), f"{f.title}, joint {f.joint}", share_text(f.share_of_gap), significant(f.delta_bic),
+            str(number), f"{f.title}, {located(f.effect, f.joint)}",
+            share_text(f.share_of_gap), significant(f.delta_bic),
             *(step_text(f.gap.get(label)) for label in labels), interval_text(f.ratio_interval),
         )
         for number, f in enumerate(document.findings, start=1)

@@ -14,6 +14,7 @@ from fmu_didim.report.discovery_words import (
     experiment_head,
     experiment_title,
     interval_text,
+    located,
     noise_joint,
     noise_source,
     refused_line,
@@ -70,7 +71,7 @@ def _entries(entries: Sequence[tuple[str, str]], indent: str) -> list[str]:
 
 def _finding(number: int, finding: FindingResult) -> list[str]:
     """One named effect: values, what it is worth, what it is mistaken for."""
-    head = f"{number}  {finding.title}, joint {finding.joint} ({finding.place})"
+    head = f"{number}  {finding.title}, {located(finding.effect, finding.joint)} ({finding.place})"
     entries = [(p.name, value_line(p)) for p in finding.parameters]
     entries.append(("share of the gap", share_text(finding.share_of_gap)))
     if finding.ratio_interval is not None:
@@ -84,7 +85,7 @@ def _gaps(document: FindingsDocument) -> list[str]:
     """Round by round, then base against final model: over all joints and of each one."""
     labels = list(document.gap)
     rows = [
-        (f"{number}  {f.title}, joint {f.joint}", [f.gap.get(label) for label in labels])
+        (f"{number}  {f.title}, {located(f.effect, f.joint)}", [f.gap.get(label) for label in labels])
         for number, f in enumerate(document.findings, start=1)
     ]
     final = [document.gap[label] for label in labels]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
-from fmu_didim.report.discovery_words import experiment_title, gap_text
+from fmu_didim.report.discovery_words import experiment_title, gap_text, located
 from fmu_didim.report.numbers import Verdict
 
 HEADS = {
@@ -34,7 +34,8 @@ def verdict_of(document: FindingsDocument) -> Verdict:
 
 def _named(finding: FindingResult, *, first: bool) -> str:
     others = len(finding.ambiguous)
-    text = f"{'Joint' if first else 'joint'} {finding.joint}: {finding.title}"
+    where = located(finding.effect, finding.joint)
+    text = f"{where[:1].upper() + where[1:] if first else where}: {finding.title}"
     if others:
         text += (
             f" (or {'another one' if others == 1 else f'one of {others} others'} that these data cannot tell from it)"

@@ -13,6 +13,7 @@ from fmu_didim.discovery.findings import (
     ValueFound,
     WindowResult,
 )
+from fmu_didim.effects import EFFECTS, MeasurementEffect
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -91,7 +92,12 @@ def value_line(found: ValueFound) -> str:
 def rival_text(rival: Rival) -> str:
     """An effect that may stand for the same gap."""
     why = "same class" if rival.bic_behind is None else f"BIC {significant(rival.bic_behind, 2)} behind"
-    return f"{rival.title}, joint {rival.joint} ({why})"
+    return f"{rival.title}, {located(rival.effect, rival.joint)} ({why})"
+
+
+def located(effect: str, joint: int) -> str:
+    """Where an effect is: its joint, or the whole log."""
+    return "whole log" if isinstance(EFFECTS.get(effect), MeasurementEffect) else f"joint {joint}"
 
 
 def experiment_head(finding: FindingResult) -> str:
@@ -124,7 +130,7 @@ def noise_joint(noise: NoiseResult, index: int, units: Sequence[str]) -> str:
 def refused_line(refused: tuple[str, int, str]) -> str:
     """A contender that was not accepted, and why."""
     effect, joint, why = refused
-    return f"{effect.replace('_', ' ')}, joint {joint}: {why}"
+    return f"{effect.replace('_', ' ')}, {located(effect, joint)}: {why}"
 
 
 def error_text(before: float | None, after: float | None, *, changed: bool = True) -> str:

@@ -56,7 +56,7 @@ class Joint(Strict):
                 problems.append(str(error))
                 continue
             if isinstance(found, MeasurementEffect):
-                problems.append(f"{name} belongs to the log, not to the robot: use torque: offset_s in the case")
+                problems.append(f"{name} belongs to the log, not to the robot: use torque: log_shift_s in the case")
         doubled = sorted({name for name in value if value.count(name) > 1})
         problems += [f"effect {name} is listed twice" for name in doubled]
         if problems:
