@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import csv
 import io
 import json
 from collections.abc import Callable, Mapping
@@ -436,6 +437,38 @@ def test_harness_in_processes_and_with_failures(tmp_path: Path) -> None:
         reduced({"verdict": "maybe"})
     with pytest.raises(ValueError, match="without effect"):
         reduced({"verdict": "named", "findings": [{"joint": 1}]})
+
+
+def test_evaluation_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    made(tmp_path / "cases", "stribeck")
+    folders = case_folders(tmp_path / "cases")
+    out = tmp_path / "a.jsonl"
+    first = evaluate(folders[:1], out, tmp_path / "a", fake_discover)
+    both = evaluate(folders, out, tmp_path / "a", failing_discover, resume=True)
+    assert both[0] == first[0]
+    assert [row["verdict"] for row in both] == ["named", "error"]
+    assert read_lines(out) == both
+
+
+def test_campaigns_are_published_with_their_failures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made(tmp_path / "cases", "stribeck")
+    names = [folder.name for folder in case_folders(tmp_path / "cases")]
+    out = tmp_path / "lines.jsonl"
+    joint = read_truth(tmp_path / "cases" / names[0]).effects[0][1]
+    assert joint is not None
+    rows = [line(names[0], ("stribeck", joint)), line(names[1], ("dead_zone", joint))]
+    out.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    table = tmp_path / "matrix.csv"
+    assert main(["publish", str(table), str(tmp_path / "cases"), str(out)]) == 0
+    with table.open() as stream:
+        first, second = csv.DictReader(stream)
+    assert (first["hidden"], first["right"], first["named"]) == (f"stribeck@{joint}", "1", f"stribeck@{joint}")
+    assert (second["right"], second["campaign"], second["test_after"]) == ("0", "cases", "0.500")
+    shown = capsys.readouterr().out
+    assert "| stribeck | stribeck 1 | dead zone 1 |" in shown
+    assert "| right class, below 50 Hz | 0.0 % | 0 of 1 | ≥ 85 % |" in shown
+    with pytest.raises(SystemExit):
+        main(["publish", str(table), str(tmp_path / "cases")])
 
 
 def test_truth_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 python -m tests.blind make FOLDER --seeds 20 --rates 100 20     make cases
 python -m tests.blind FOLDER --out FILE [--score]               run discovery on cases, and score it
+python -m tests.blind publish CSV FOLDER FILE [FOLDER FILE ...] all cases of campaigns as a table, and Markdown
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.blind.campaign import PAIRS, make_campaign
 from tests.blind.harness import case_folders, evaluate, read_lines
+from tests.blind.publish import collected, markdown, write_rows
 from tests.blind.score import read_truth, score, text
 from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
 
@@ -28,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given[:1] == ["make"]:
         return _make(given[1:])
+    if given[:1] == ["publish"]:
+        return _publish(given[1:])
     parser = argparse.ArgumentParser(prog="python -m tests.blind", description="Run discovery on blind cases.")
     parser.add_argument("folder", type=Path, help="folder of case folders")
     parser.add_argument("--out", type=Path, required=True, help="file of JSON lines, one a case")
@@ -36,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
     parser.add_argument("--plant", choices=("model", "fmu"), default="model", help="how plant and controller run")
     parser.add_argument("--score", action="store_true", help="compare with the truth afterwards")
+    parser.add_argument("--resume", action="store_true", help="run only cases that --out does not hold yet")
     parser.add_argument("--no-run", action="store_true", help="score the lines that --out already holds")
     options = parser.parse_args(given)
     try:
@@ -48,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as scratch:
             lines = evaluate(
                 folders, options.out, options.work or Path(scratch),
-                jobs=options.jobs, plant=options.plant, progress=_progress,
+                jobs=options.jobs, plant=options.plant, resume=options.resume, progress=_progress,
             )  # fmt: skip
     if not options.score:
         return 0
@@ -56,6 +61,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = score([line for line in lines if line["case"] in truths], truths)
     print(text(found))
     return 0 if found.passed else 1
+
+
+def _publish(given: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind publish", description="Publish campaigns.")
+    parser.add_argument("csv", type=Path, help="file to write, one row a case")
+    parser.add_argument("campaigns", type=Path, nargs="+", metavar="FOLDER FILE", help="cases and their lines")
+    options = parser.parse_args(given)
+    if len(options.campaigns) % 2:
+        parser.error("every folder of cases needs its file of lines")
+    lines, truths = collected(list(zip(options.campaigns[::2], options.campaigns[1::2], strict=True)))
+    write_rows(options.csv, lines, truths)
+    print(markdown(lines, truths))
+    return 0
 
 
 def _make(given: Sequence[str]) -> int:

@@ -81,16 +81,20 @@ def evaluate(
     *,
     jobs: int = 1,
     plant: str = "model",
+    resume: bool = False,
     progress: Callable[[int, int, Mapping[str, Any]], None] = lambda done, count, line: None,
 ) -> list[dict[str, Any]]:
     """All cases; lines go to ``out`` as they come, sorted by case at the end.
 
     Args:
         jobs: processes; with more than one, ``discover`` must be importable.
+        resume: keep the lines that ``out`` holds, and run only the other cases.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
-    lines: list[dict[str, Any]] = []
-    with out.open("w", encoding="utf-8") as stream:
+    lines: list[dict[str, Any]] = read_lines(out) if resume and out.exists() else []
+    known = {line["case"] for line in lines}
+    waiting_for = [folder for folder in folders if folder.name not in known]
+    with out.open("a" if resume else "w", encoding="utf-8") as stream:
 
         def note(line: dict[str, Any]) -> None:
             lines.append(line)
@@ -99,11 +103,11 @@ def evaluate(
             progress(len(lines), len(folders), line)
 
         if jobs == 1:
-            for folder in folders:
+            for folder in waiting_for:
                 note(run_case(folder, work, discover, plant=plant))
         else:
             with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-                waiting = [pool.submit(run_case, folder, work, discover, plant=plant) for folder in folders]
+                waiting = [pool.submit(run_case, folder, work, discover, plant=plant) for folder in waiting_for]
                 for ready in as_completed(waiting):
                     note(ready.result())
     lines.sort(key=lambda line: line["case"])
