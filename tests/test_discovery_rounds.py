@@ -64,6 +64,9 @@ def test_nothing_is_named_on_a_clean_plant(run: Run) -> None:
     [
         ("stribeck", 13),
         ("joint_elasticity", 6),
+        ("payload_change", 1),  # 9 s of another load, much like a push
+        pytest.param("base_tilt", 101, marks=pytest.mark.slow),
+        pytest.param("asymmetric_coulomb", 101, marks=pytest.mark.slow),
         pytest.param("torque_offset", 5, marks=pytest.mark.slow),
         pytest.param("actuator_lag", 4, marks=pytest.mark.slow),
         pytest.param("presliding", 14, marks=pytest.mark.slow),
@@ -75,7 +78,7 @@ def test_nothing_is_named_on_a_clean_plant(run: Run) -> None:
 )
 def test_hidden_effect_is_named_first_on_its_joint(run: Run, effect: str, seed: int) -> None:
     document, truth = run((effect,), seed)
-    if effect == "payload_change":  # belongs to the whole robot
+    if effect in ("payload_change", "base_tilt"):  # belongs to the whole robot
         assert document.findings[0].effect == effect
     elif effect == "spring":
         assert document.findings[0].class_ == "position-dependent load"

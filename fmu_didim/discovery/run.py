@@ -30,6 +30,7 @@ from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.prepare import prepare
 from fmu_didim.discovery.push_result import push_finding, push_windows, refitted
+from fmu_didim.discovery.push_rivals import rivalled
 from fmu_didim.discovery.pushes import find_pushes
 from fmu_didim.discovery.rounds import HELD_OUT, Discovery, Options, Say, Step, held_out_ratio, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
@@ -98,6 +99,9 @@ def discover(
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
     pushed = None if "external_force" in options.forbid else find_pushes(base, noise, say=say)
+    bare = Workshop(base.model, description, effects)
+    if pushed is not None and rivalled(pushed, base, noise, bare, forbid=options.forbid, say=say):
+        pushed = None
     start = base if pushed is None else pushed.fit
     noise = noise if pushed is None else pushed.noise
     workshop = Workshop(start.model, description, effects)
