@@ -23,6 +23,8 @@ from fmu_didim.signals import Array
 
 DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Tried one after the other, for columns of the Jacobian of length one."""
+CREEPING = 0.01
+"""Part of the cost that a step must gain along the edge of what can be simulated."""
 SETTLED = 0.02
 """A step that promises to lower chi-square by less than this is not made: BIC differences of 10 count."""
 
@@ -103,6 +105,8 @@ def minimise(
             continue
         gained = cost - found.cost
         values, torque, cost, fresh = found.values, found.torque, found.cost, False
+        if found.at_edge and gained < CREEPING * cost:
+            break
         # Far from what the linear model promised: its slopes are stale.
         if renew > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
             jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
@@ -117,37 +121,36 @@ class _Found:
     cost: float
     promised: float
     tried: int
+    at_edge: bool
 
 
 def _search(model: LoopModel, equations: _Equations, values: Array, weight: Array, cost: float) -> _Found:
-    """The least damped step that lowers the cost."""
+    """The least damped step that lowers the cost; the next more damped one where less damping is not feasible, because
+    at the edge of what can be simulated a loop hardly damps itself any more."""
     low, high = model.limits
-    tried = 0
+    tried, edge, best = 0, False, None
     for damping in DAMPINGS:
         step, promised = equations.step(values, low, high, damping)
         trial = np.clip(values + step, low, high)
         if any(mass_matrix_problem(run.problem, _base(model, trial)) for run in model.runs.values()):
+            edge = True
             continue
         tried += 1
         try:
             torque = model.torque(trial)
+            for label in model.runs:  # what was measured elsewhere is not looked at
+                if label != "train":
+                    model.torque(trial, label)
         except SimulationError:
+            edge = True
             continue
         reached = _cost(model.runs["train"].measured - torque, weight)
-        if reached < cost and _runs_elsewhere(model, trial):
-            return _Found(trial, torque, reached, promised, tried)
-    return _Found(values, None, cost, 0.0, tried)
-
-
-def _runs_elsewhere(model: LoopModel, values: Array) -> bool:
-    """Whether the other experiments can be simulated too; what was measured there is not looked at."""
-    try:
-        for label in model.runs:
-            if label != "train":
-                model.torque(values, label)
-    except SimulationError:
-        return False
-    return True
+        if reached < cost:
+            found = _Found(trial, torque, reached, promised, tried, edge)
+            if best is not None or not edge:
+                return found
+            best = found
+    return best or _Found(values, None, cost, 0.0, tried, edge)
 
 
 def _base(model: LoopModel, values: Array) -> Array:
