@@ -109,8 +109,7 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
             step = _step(accepted, contenders, workshop, fit, noise, options)
             say(f"added: {accepted.addition.effect} on joint {accepted.addition.joint}")
             steps.append(step)
-            fit = accepted.fit
-            fit, steps = _backward(workshop, fit, noise, steps, options, say)
+            fit, steps = _backward(workshop, accepted.fit, noise, steps, options, say)
             if _shifts_log(fit) != _shifts_log(library.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.additions]
                 library = Library(workshop, fit, candidates=left)
