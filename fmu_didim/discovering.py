@@ -232,7 +232,8 @@ def _write_robot(workshop: Workshop, fit: Fit, case: Case, out: Path) -> dict[st
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
     document = _relocated(load_yaml(case.path), case.folder, out)
     document["robot"] = ROBOT_FILE
-    document["plant"] = {"kind": "fmu"}
+    chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
+    document["plant"] = {"kind": "fmu", **chosen}
     shift = fit.model.log_shift_s(fit.values)
     logs = [document[which].get("torque") for which in ("train", "validation") if which in document]
     for log in (log for log in logs if log and shift):

@@ -12,6 +12,8 @@ from scipy.optimize import least_squares
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.loop_model import LoopModel, loop_model
 from fmu_didim.discovery.prepare import with_nuisances
+from fmu_didim.discovery.repetition import repetition
+from fmu_didim.discovery.sensitivity import STEP, sensitivity
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification.problem import Problem
 from tests.discovery_helpers import TRUTH, arm_problem, coloured, known_noise, with_torque
@@ -39,7 +41,7 @@ def model_with(problem: Problem, noise: np.ndarray | float = 0.0) -> LoopModel:
 @pytest.fixture(scope="module")
 def slopes(problem: Problem, truth: np.ndarray) -> np.ndarray:
     """Sensitivities at the truth."""
-    return model_with(problem).sensitivity(truth, problem.measured)
+    return sensitivity(model_with(problem), truth, problem.measured)
 
 
 def chi_square(model: LoopModel, values: np.ndarray) -> float:
@@ -229,3 +231,40 @@ def test_knob_without_effect_stays(problem: Problem, truth: np.ndarray) -> None:
     covariance = fit.covariance(known_noise(SIGMA))
     assert np.isfinite(covariance).all()
     assert covariance[:-1, :-1] == pytest.approx(plain.covariance(known_noise(SIGMA)), rel=1e-6, abs=1e-12)
+
+
+# ---- sensitivities ---------------------------------------------------------------------------------
+
+
+def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path: Path) -> None:
+    """Three periods, of which the first and a bit are simulated: the same columns as without noticing that."""
+    problem = arm_problem(tmp_path, joints=2, seconds=12.0)
+    model = with_nuisances(loop_model(problem, {}, workers=1))
+    torque = model.torque(model.start)
+    found = repetition(problem.experiment, model.runs["train"].operator, problem.system.step_size, torque)
+    assert found is not None
+    assert found.period == 400
+    assert found.operator.ticks[-1] < 0.5 * problem.experiment.reference.time.size
+    columns = sensitivity(model, model.start, torque)
+    for i, knob in enumerate(model.knobs):
+        moved = model.start
+        moved[i] += STEP * knob.scale
+        whole = (model.torque(moved) - torque) / (moved[i] - model.start[i])
+        assert np.abs(columns[:, :, i] - whole).max() <= 1e-3 * np.abs(whole).max(), knob.name
+
+
+def test_torque_that_drifts_does_not_repeat(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=12.0)
+    operator, step = problem.experiment.operator, problem.system.step_size
+    drift = np.linspace(0, 0.1, problem.measured.shape[0])[:, None]
+    assert repetition(problem.experiment, operator, step, problem.measured) is not None
+    assert repetition(problem.experiment, operator, step, problem.measured + drift) is None
+
+
+def test_columns_that_drift_are_not_continued(tmp_path: Path) -> None:
+    problem = arm_problem(tmp_path, seconds=12.0)
+    found = repetition(problem.experiment, problem.experiment.operator, problem.system.step_size, problem.measured)
+    assert found is not None
+    begin = problem.measured[: found.operator.count]
+    np.testing.assert_allclose(found.continued(begin), problem.measured, atol=1e-4)
+    assert found.continued(begin * np.linspace(1.0, 1.1, begin.shape[0])[:, None]) is None

@@ -94,6 +94,9 @@ def test_every_case_file_is_named_here() -> None:
         "examples/emps/discover.yaml",
         "examples/emps/discover_pulses.yaml",
         "examples/emps/robot_base.yaml",
+        "examples/tx40/discover_wrist.yaml",
+        "examples/tx40/discover_load.yaml",
+        "examples/tx40/pd_1khz.yaml",
     }
 
 

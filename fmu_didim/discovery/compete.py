@@ -19,6 +19,7 @@ from fmu_didim.discovery.gap import colour, delta_bic, explained
 from fmu_didim.discovery.library import Library, Signature
 from fmu_didim.discovery.loop_model import PLANT, Addition, Knob
 from fmu_didim.discovery.noise import Noise
+from fmu_didim.discovery.sensitivity import sensitivity
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
@@ -201,7 +202,7 @@ def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hop
         try:
             torque = model.torque(start)
             added = list(range(len(fit.model.knobs), len(model.knobs)))
-            slopes = model.sensitivity(start, torque, only=added)
+            slopes = sensitivity(model, start, torque, only=added)
         except SimulationError:
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)

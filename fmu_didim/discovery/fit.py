@@ -1,8 +1,11 @@
-"""Least squares of the closed loop: Gauss-Newton with true sensitivities, limits and step halving.
+"""Least squares of the closed loop: Gauss-Newton with true sensitivities and limits, damped where it must be.
 
     values = argmin sum_j w_j^2 |y_j - tau_j(values)|^2,   w_j = sqrt(f_j) / sigma_j
 
-so that the minimum is a chi-square with as many degrees of freedom as there are independent samples.
+so that the minimum is a chi-square with as many degrees of freedom as there are independent samples. A step is damped
+(Levenberg, Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the
+inertia matrix is not positive definite somewhere along its motion: what the data hardly show moves less then, as where
+the base parameters make up for an effect that is missing.
 """
 
 from __future__ import annotations
@@ -11,12 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.loop_model import LoopModel
+from fmu_didim.discovery.loop_model import BASE, LoopModel
 from fmu_didim.discovery.noise import Noise
+from fmu_didim.discovery.sensitivity import sensitivity
 from fmu_didim.errors import SimulationError
+from fmu_didim.identification.guard import mass_matrix_problem
 from fmu_didim.signals import Array
 
-MAXIMUM_HALVINGS = 6
+DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""Tried one after the other, for columns of the Jacobian of length one."""
+CREEPING = 0.01
+"""Part of the cost that a step must gain along the edge of what can be simulated."""
 SETTLED = 0.02
 """A step that promises to lower chi-square by less than this is not made: BIC differences of 10 count."""
 
@@ -81,24 +89,27 @@ def minimise(
     cost = _cost(measured - torque, weight)
     fresh = jacobian is None
     if jacobian is None:
-        jacobian, count = model.sensitivity(values, torque), count + values.size
+        jacobian, count = sensitivity(model, values, torque), count + values.size
     for _ in range(iterations):
-        step, promised = _step(jacobian, measured - torque, weight, values, low, high)
+        equations = _Equations.of(jacobian * weight[:, None], (measured - torque) * weight)
+        _, promised = equations.step(values, low, high, 0.0)
         if promised < SETTLED or cost - 2 * promised > hopeless:
             break
-        found = _search(model, values, step, measured, weight, cost)
+        found = _search(model, equations, values, weight, cost)
         count += found.tried
         if found.torque is None:
             if fresh or renew <= 0:
                 break
-            jacobian, fresh, renew = model.sensitivity(values, torque), True, renew - 1
+            jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
             count += values.size
             continue
         gained = cost - found.cost
         values, torque, cost, fresh = found.values, found.torque, found.cost, False
+        if found.at_edge and gained < CREEPING * cost:
+            break
         # Far from what the linear model promised: its slopes are stale.
-        if renew > 0 and not 0.5 * promised <= gained <= 1.5 * promised:
-            jacobian, fresh, renew = model.sensitivity(values, torque), True, renew - 1
+        if renew > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
+            jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
             count += values.size
     return Fit(model.with_values(values), values, torque, jacobian, cost, count)
 
@@ -108,44 +119,81 @@ class _Found:
     values: Array
     torque: Array | None
     cost: float
+    promised: float
     tried: int
+    at_edge: bool
 
 
-def _search(model: LoopModel, values: Array, step: Array, measured: Array, weight: Array, cost: float) -> _Found:
+def _search(model: LoopModel, equations: _Equations, values: Array, weight: Array, cost: float) -> _Found:
+    """The least damped step that lowers the cost; the next more damped one where less damping is not feasible, because
+    at the edge of what can be simulated a loop hardly damps itself any more."""
     low, high = model.limits
-    for halving in range(MAXIMUM_HALVINGS):
-        trial = np.clip(values + step / 2**halving, low, high)
+    tried, edge, best = 0, False, None
+    for damping in DAMPINGS:
+        step, promised = equations.step(values, low, high, damping)
+        trial = np.clip(values + step, low, high)
+        if any(mass_matrix_problem(run.problem, _base(model, trial)) for run in model.runs.values()):
+            edge = True
+            continue
+        tried += 1
         try:
             torque = model.torque(trial)
+            for label in model.runs:  # what was measured elsewhere is not looked at
+                if label != "train":
+                    model.torque(trial, label)
         except SimulationError:
+            edge = True
             continue
-        reached = _cost(measured - torque, weight)
+        reached = _cost(model.runs["train"].measured - torque, weight)
         if reached < cost:
-            return _Found(trial, torque, reached, halving + 1)
-    return _Found(values, None, cost, MAXIMUM_HALVINGS)
+            found = _Found(trial, torque, reached, promised, tried, edge)
+            if best is not None or not edge:
+                return found
+            best = found
+    return best or _Found(values, None, cost, 0.0, tried, edge)
 
 
-def _step(
-    jacobian: Array, residual: Array, weight: Array, values: Array, low: Array, high: Array
-) -> tuple[Array, float]:
-    """The Gauss-Newton step with knobs at a limit held there, and how much it promises to lower the cost."""
-    size = jacobian.shape[2]
-    weighted = (jacobian * weight[:, None]).reshape(-1, size)
-    right = (residual * weight).ravel()
-    scale = np.linalg.norm(weighted, axis=0)
-    free = scale > 0
-    step = np.zeros(size)
-    for _ in range(size):
+def _base(model: LoopModel, values: Array) -> Array:
+    return values[: sum(knob.owner == BASE for knob in model.knobs)]
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
+
+    Attributes:
+        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle knobs.
+    """
+
+    table: Array
+    right: Array
+    scale: Array
+
+    @staticmethod
+    def of(jacobian: Array, residual: Array) -> _Equations:
+        """From (N, n, p) and (N, n), both weighted."""
+        flat = jacobian.reshape(-1, jacobian.shape[2])
+        scale = np.linalg.norm(flat, axis=0)
+        q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
+        return _Equations(r, q.T @ residual.ravel(), scale)
+
+    def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+        """The step with knobs at a limit held there, and how much it promises to lower the cost."""
+        size = self.scale.size
+        free = self.scale > 0
         step = np.zeros(size)
-        table = weighted[:, free] / scale[free]
-        step[free] = np.linalg.lstsq(table, right, rcond=1e-10)[0] / scale[free]
-        # At a limit and pushed outwards: held.
-        stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
-        if not stuck.any():
-            break
-        free &= ~stuck
-    promised = float(right @ right - np.sum((right - weighted @ step) ** 2))
-    return step, promised
+        for _ in range(size):
+            step = np.zeros(size)
+            table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
+            right = np.concatenate([self.right, np.zeros(int(free.sum()))])
+            step[free] = np.linalg.lstsq(table, right, rcond=1e-10)[0] / self.scale[free]
+            # At a limit and pushed outwards: held.
+            stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
+            if not stuck.any():
+                break
+            free &= ~stuck
+        promised = self.right @ self.right - np.sum((self.right - self.table @ (step * self.scale)) ** 2)
+        return step, float(promised)
 
 
 def _cost(residual: Array, weight: Array) -> float:

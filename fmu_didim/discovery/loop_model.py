@@ -16,15 +16,13 @@ import numpy as np
 
 from fmu_didim.components import Component
 from fmu_didim.discovery.push import PUSH, Push, held, with_pushes
-from fmu_didim.errors import DivergedError, InputError, SimulationError
+from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.identification.problem import Problem
 from fmu_didim.master import Connection, Recording, SampleOperator, System, simulate
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.signals import Array
 
 BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
-STEP = 1e-4
-"""Step of the forward differences, in units of a knob's scale: our loops are smooth to 1e-10, truncation rules."""
 
 
 @dataclass(frozen=True)
@@ -225,27 +223,6 @@ class LoopModel:
     def residual(self, values: Array, which: str = "train") -> Array:
         """(N, n) measured minus simulated torque."""
         return self.runs[which].measured - self.torque(values, which)
-
-    def sensitivity(self, values: Array, torque: Array, which: str = "train", *, only: Sequence[int] = ()) -> Array:
-        """d torque / d values, (N, n, p) or of ``only`` some knobs, by forward differences."""
-        chosen = list(only) if len(only) else list(range(len(self.knobs)))
-        return np.stack(self.side_by_side([self._column(i, values, torque, which) for i in chosen]), axis=2)
-
-    def _column(self, i: int, values: Array, torque: Array, which: str) -> Callable[[], Array]:
-        def difference() -> Array:
-            knob = self.knobs[i]
-            for size in (STEP, -STEP, STEP / 30):
-                moved = values.copy()
-                moved[i] = values[i] + size * knob.scale
-                if not knob.lowest <= moved[i] <= knob.highest:
-                    continue
-                try:
-                    return np.asarray((self.torque(moved, which) - torque) / (moved[i] - values[i]))
-                except SimulationError:
-                    continue
-            return np.zeros_like(torque)  # a knob that cannot be moved explains nothing
-
-        return difference
 
     def side_by_side(self, tasks: Sequence[Callable[[], Array]]) -> list[Array]:
         """Results of tasks that simulate: compiled loops release Python's lock."""

@@ -22,7 +22,8 @@ from fmu_didim.master.system import REFERENCE
 from fmu_didim.signals import Array, Trajectory, trajectory
 
 SMOOTHING = (0.003, 0.05)
-"""Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint."""
+"""Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint; the value of the
+description is always part of it."""
 NOT_NOISE = 1.5
 """Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
 TRANSIENT = 0.1
@@ -148,7 +149,7 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         speed = float(np.abs(np.gradient(reference.select([f"q{j}"])[:, 0], step)).max())
         if speed <= 0:
             continue
-        low, high = (part * speed for part in SMOOTHING)
-        value = float(np.clip(offered[name].start, low, high))
+        value = offered[name].start  # what is known of the robot lies within the limits
+        low, high = min(SMOOTHING[0] * speed, value), max(SMOOTHING[1] * speed, value)
         knobs.append(Knob(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True))
     return replace(model, knobs=(*model.knobs, *knobs))

@@ -16,10 +16,11 @@ import numpy as np
 
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import delta_bic, explained
-from fmu_didim.discovery.loop_model import DELAY, STEP, Knob, LoopModel
+from fmu_didim.discovery.loop_model import DELAY, Knob, LoopModel
 from fmu_didim.discovery.noise import Noise, motion_frequency, noise_from_periods, noise_from_residual
 from fmu_didim.discovery.push import PUSH, Push
 from fmu_didim.discovery.push_search import linear_pushes, step_response, what_is_left
+from fmu_didim.discovery.sensitivity import STEP
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 

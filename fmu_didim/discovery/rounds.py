@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -104,19 +104,18 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
         contenders = contend(shortlist(screened, workshop), workshop, fit, noise, progress=say)
         accepted = _decide(contenders, workshop, fit, noise, options)
         if isinstance(accepted, Contender):
+            # The competition's fits are short; what is missing next is looked for from the minimum.
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise))
             step = _step(accepted, contenders, workshop, fit, noise, options)
             say(f"added: {accepted.addition.effect} on joint {accepted.addition.joint}")
             steps.append(step)
-            fit = accepted.fit
-            fit, steps = _backward(workshop, fit, noise, steps, options, say)
+            fit, steps = _backward(workshop, accepted.fit, noise, steps, options, say)
             if _shifts_log(fit) != _shifts_log(library.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.additions]
                 library = Library(workshop, fit, candidates=left)
         else:
             refused = accepted
             break
-    if steps:
-        fit = minimise(fit.model, noise, iterations=4)
     return Discovery(base, fit, tuple(steps), refused)
 
 
@@ -259,7 +258,7 @@ def _backward(
         size, _ = explained(without.residual, fit.residual, noise)
         if worth < options.threshold or size < 0.5 * options.smallest_gain:
             say(f"taken out again: {step.addition.effect} on joint {step.addition.joint}")
-            fit = without
+            fit = minimise(without.model, noise)
             steps = [s for s in steps if s is not step]
     return fit, steps
 

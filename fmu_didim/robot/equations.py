@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -126,20 +127,31 @@ class Equations:
     @cached_property
     def acceleration(self) -> ca.SX:
         """ddq = M^-1 (tau - N) by LDL^T; Newton's steps from there where effects depend on the load."""
-        start = ca.ldl_solve(self.tau - self.at_rest(self._plain), *ca.ldl(self.mass))
-        return self._with_loads(start) if self.loaded else start
+        factors = ca.ldl(self.mass)
+        free = ca.ldl_solve(self.tau - self.at_rest(self._plain), *factors)
+        return self._with_loads(free, factors) if self.loaded else free
 
     def transmitted(self, acceleration: ca.SX) -> ca.SX:
         """The load (n,) for an acceleration."""
         return ca.jacobian(self.rigid, self.ddq) @ acceleration + self.at_rest(self.rigid)
 
-    def _with_loads(self, a: ca.SX) -> ca.SX:
-        """Solve M a + N + E(load(a)) = tau; load(a) = M_r a + N_r, so that M, N, M_r and N_r are computed once."""
-        plain = self.mass, self.at_rest(self._plain)
-        rest = self._by_load
-        slope = ca.jacobian(rest, self.load) @ ca.jacobian(self.rigid, self.ddq) + ca.jacobian(rest, self.ddq)
+    def _with_loads(self, free: ca.SX, factors: Sequence[ca.SX]) -> ca.SX:
+        """Solve M a + N + E(y) = tau for a, given free = M^-1 (tau - N), by Newton's method in y.
+
+        y = C a + d holds only what E depends on, mostly the load of a single joint, so that M is factored once:
+        y + C M^-1 E(y) = C free + d,  a = free - M^-1 E(y).
+        """
+        used = [i for i in range(self.ddq.numel()) if ca.depends_on(self._by_load, self.ddq[i])]
+        unknown = ca.vertcat(*(self.load[j] for j in self.loaded), *(self.ddq[i] for i in used))
+        meant = ca.vertcat(*(self.rigid[j] for j in self.loaded), *(self.ddq[i] for i in used))
+        rows = [i for i in range(self.ddq.numel()) if not self._by_load[i].is_zero()]
+        extra = ca.vertcat(*(self._by_load[i] for i in rows))
+        slope = ca.jacobian(extra, unknown)
+        yielding = ca.ldl_solve(ca.SX.eye(self.ddq.numel())[:, rows], *factors)
+        coupling = ca.jacobian(meant, self.ddq)
+        target, mobility = coupling @ free + self.at_rest(meant), coupling @ yielding
+        y = target
         for _ in range(NEWTON_STEPS):
-            here, there = [self.load, self.ddq], [self.transmitted(a), a]
-            extra, gradient = ca.substitute([rest, slope], here, there)
-            a = a - ca.solve(plain[0] + gradient, plain[0] @ a + plain[1] + extra - self.tau)
-        return a
+            force, gradient = ca.substitute([extra, slope], [unknown], [y])
+            y = y - ca.solve(ca.SX.eye(y.numel()) + mobility @ gradient, y + mobility @ force - target)
+        return free - yielding @ ca.substitute(extra, unknown, y)
