@@ -24,7 +24,10 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
 SHORTLIST = 6
-SURVIVING = 1e-3
+WORTH = 0.25
+"""Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
+what its signature says."""
+SURVIVING = 0.02
 """Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
 
 
@@ -114,14 +117,14 @@ def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list
 
 def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
     """The candidates worth a closed-loop fit: the best ones, and the best of each class near them."""
-    worth = [s for s in screened if s.gain > 0]
+    worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
     if not worth:
         return []
     chosen = worth[:size]
     classes = {(workshop.effect(s.addition).class_name, s.addition.joint) for s in chosen}
     for s in worth[size:]:
         key = (workshop.effect(s.addition).class_name, s.addition.joint)
-        if key not in classes and s.gain > 0.3 * worth[0].gain:
+        if key not in classes:
             chosen.append(s)
             classes.add(key)
     return chosen
@@ -206,5 +209,5 @@ def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hop
         except SimulationError:
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
-        return minimise(model, noise, jacobian=jacobian, torque=torque, renew=1, hopeless=hopeless)
+        return minimise(model, noise, jacobian=jacobian, torque=torque, renew=1, hopeless=hopeless, everywhere=False)
     return None

@@ -67,6 +67,7 @@ def minimise(
     renew: int = 3,
     iterations: int = 8,
     hopeless: float = np.inf,
+    everywhere: bool = True,
 ) -> Fit:
     """Fit all knobs of a model, from their values.
 
@@ -76,6 +77,7 @@ def minimise(
         renew: how often the Jacobian may be computed anew after a large step.
         iterations: largest number of steps.
         hopeless: the fit ends early where not even twice what a step promises brings the cost below this.
+        everywhere: whether each step must leave all experiments simulable, not only the fitted one.
 
     Raises:
         SimulationError: the start cannot be simulated.
@@ -95,7 +97,7 @@ def minimise(
         _, promised = equations.step(values, low, high, 0.0)
         if promised < SETTLED or cost - 2 * promised > hopeless:
             break
-        found = _search(model, equations, values, weight, cost)
+        found = _search(model, equations, values, weight, cost, everywhere)
         count += found.tried
         if found.torque is None:
             if fresh or renew <= 0:
@@ -124,10 +126,13 @@ class _Found:
     at_edge: bool
 
 
-def _search(model: LoopModel, equations: _Equations, values: Array, weight: Array, cost: float) -> _Found:
+def _search(
+    model: LoopModel, equations: _Equations, values: Array, weight: Array, cost: float, everywhere: bool
+) -> _Found:
     """The least damped step that lowers the cost; the next more damped one where less damping is not feasible, because
     at the edge of what can be simulated a loop hardly damps itself any more."""
     low, high = model.limits
+    others = [label for label in model.runs if label != "train"] if everywhere else []
     tried, edge, best = 0, False, None
     for damping in DAMPINGS:
         step, promised = equations.step(values, low, high, damping)
@@ -138,9 +143,8 @@ def _search(model: LoopModel, equations: _Equations, values: Array, weight: Arra
         tried += 1
         try:
             torque = model.torque(trial)
-            for label in model.runs:  # what was measured elsewhere is not looked at
-                if label != "train":
-                    model.torque(trial, label)
+            for label in others:  # what was measured there is not looked at
+                model.torque(trial, label)
         except SimulationError:
             edge = True
             continue

@@ -24,11 +24,11 @@ from fmu_didim.discovery.push import Push
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
-SPACING_S = 0.0025
+SPACING_S = 0.005
 """Largest spacing of the instants at which loads are looked at, unless the control period is longer."""
 MEMORY_S = 0.5
 """Time after which a lasting load is made up for."""
-MOST_TAPS = 250
+MOST_TAPS = 200
 SIZE = 0.02
 """Of the telegraph signal, as a part of the torque of the joint."""
 DWELL_S = (0.01, 0.2)

@@ -105,7 +105,7 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
         accepted = _decide(contenders, workshop, fit, noise, options)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
-            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise))
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, renew=1))
             step = _step(accepted, contenders, workshop, fit, noise, options)
             say(f"added: {accepted.addition.effect} on joint {accepted.addition.joint}")
             steps.append(step)

@@ -78,7 +78,7 @@ class TorqueSignature:
 
     def __init__(self, effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]):
         self.effect, self.joint, self._shape_names = effect, joint, shape_names
-        self._converted: tuple[Motion, tuple[ca.DM, ...]] | None = None
+        self._mapped: _Mapped | None = None
         n, kind = len(joint_types), joint_types[joint]
         self._states = effect.states(kind)  # type: ignore[arg-type]
         q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
@@ -110,20 +110,11 @@ class TorqueSignature:
     def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
         """(K, n, m) columns at the ticks of the motion; ``states`` (K, nz) if the effect has any."""
         count, n = motion.q.shape
-        values = ca.repmat(ca.DM([shapes[name] for name in self._shape_names]), 1, count)
-        z = ca.DM.zeros(0, count) if states is None else ca.DM(states.T)
-        q, dq, ddq, load, time, link = self._inputs(motion)
-        flat = self._columns(q, dq, ddq, load, time, z, link, values).full()
-        return np.ascontiguousarray(flat.reshape(self.count, n, count).transpose(2, 1, 0))
-
-    def _inputs(self, motion: Motion) -> tuple[ca.DM, ...]:
-        """The motion as CasADi matrices, converted once for all shapes."""
-        if self._converted is None or self._converted[0] is not motion:
-            link = motion.links[self.joint].transpose(0, 2, 1).reshape(motion.time.size, -1).T
-            load = motion.load[:, self.joint][None, :]
-            tables = (motion.q.T, motion.dq.T, motion.ddq.T, load, motion.time[None, :], link)
-            self._converted = motion, tuple(ca.DM(np.ascontiguousarray(t)) for t in tables)
-        return self._converted[1]
+        if self._mapped is None or self._mapped.motion is not motion:
+            self._mapped = _Mapped(self._columns, motion, self.joint, n * self.count)
+        values = np.array([shapes[name] for name in self._shape_names])
+        flat = self._mapped.evaluated(values, np.zeros((count, 0)) if states is None else states)
+        return np.ascontiguousarray(flat.reshape(count, self.count, n).transpose(0, 2, 1))
 
     @property
     def has_states(self) -> bool:
@@ -169,6 +160,33 @@ class TorqueSignature:
             change = (self._rates(moved, *point) - self._rates(zero, *point)).full().ravel() / 1e-6
             slope = max(slope, float(np.abs(change).sum()))
         return slope
+
+
+class _Mapped:
+    """The columns over all ticks of one motion by one call, on memory that CasADi and numpy share."""
+
+    def __init__(self, columns: ca.Function, motion: Motion, joint: int, height: int) -> None:
+        self.motion, count = motion, motion.time.size
+        link = motion.links[joint].transpose(0, 2, 1).reshape(count, -1)
+        tables = (motion.q, motion.dq, motion.ddq, motion.load[:, joint], motion.time)
+        # A matrix of CasADi, one column a tick, lies in memory like a table with one row a tick.
+        self._tables = [np.ascontiguousarray(t, dtype=float) for t in (*tables, link)]
+        shapes = columns.n_in() - 1
+        self._function = columns.map("mapped", "serial", count, [shapes], [])
+        self._buffer, self._evaluate = self._function.buffer()
+        self._result = np.empty((count, height))
+        for place, table in zip((0, 1, 2, 3, 4, 6), self._tables, strict=True):
+            self._buffer.set_arg(place, table.data)
+        self._buffer.set_res(0, self._result.data)
+
+    def evaluated(self, shapes: Array, states: Array) -> Array:
+        """(K, height) of the columns with these shapes, in memory that the next call uses again."""
+        given = [(5, np.ascontiguousarray(states)), (7, np.ascontiguousarray(shapes))]
+        for place, table in given:
+            if table.size:
+                self._buffer.set_arg(place, table.data)
+        self._evaluate()
+        return self._result
 
 
 def _is_inertial(model: RobotModel) -> Array:
