@@ -156,15 +156,18 @@ def _with_experiment(
         robot = augmented_robot(found.workshop, replace(final, model=without, values=without.start))
         model = RobotModel(robot)
         run = final.model.runs["train"]
-        plan = design_experiment(
-            robot,
-            model.parameter_values,
-            step.members[:2],  # the nearest rival: with more of them the worst pair decides
-            reference=run.problem.experiment.reference,
-            rate_hz=run.problem.experiment.rate_hz,
-            noise=found.noise,
-            effects=found.workshop.effects,
-        )
+        try:
+            plan = design_experiment(
+                robot,
+                model.parameter_values,
+                step.members[:2],  # the nearest rival: with more of them the worst pair decides
+                reference=run.problem.experiment.reference,
+                rate_hz=run.problem.experiment.rate_hz,
+                noise=found.noise,
+                effects=found.workshop.effects,
+            )
+        except InputError:
+            continue  # two structures, say, have no columns to be compared by: the general advice stays
         advice = document.findings[i].experiment
         text = plan.description if plan.reference is not None else f"{advice} {NO_MOTION}"
         findings = list(document.findings)
