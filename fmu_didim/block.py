@@ -23,6 +23,31 @@ from fmu_didim.signals import Array, Variable
 
 
 @dataclass(frozen=True)
+class Balance:
+    """How a continuous block computes its accelerations a, for those who need derivatives: by solving
+
+        residual(x, a, u, p) = 0  for  a = solution(x, u, p);  dx/dt = update(x, a, u, p),  y = output(x, a, u, p).
+
+    Differentiating the balance takes far fewer operations than differentiating its solution.
+
+    Attributes:
+        residual, update, output: (x, a, u, p) -> (na,), (nx,), (ny,); solution: (x, u, p) -> (na,).
+        symmetric: whether d residual / d a is symmetric.
+    """
+
+    residual: ca.Function
+    update: ca.Function
+    output: ca.Function
+    solution: ca.Function
+    symmetric: bool
+
+    @property
+    def count(self) -> int:
+        """Number of accelerations na."""
+        return int(self.residual.numel_out(0))
+
+
+@dataclass(frozen=True)
 class Block:
     """Equations and variables of one dynamic system.
 
@@ -37,6 +62,7 @@ class Block:
             integration substeps follows; None for discrete systems.
         sample_time: period in s of a discrete system, None for a continuous one.
         fixed: names of the parameters that may only change before initialisation.
+        balance: how its accelerations are computed, if they are solved for; it says the same as update and output.
     """
 
     name: str
@@ -51,6 +77,7 @@ class Block:
     sample_time: float | None = None
     description: str = ""
     fixed: frozenset[str] = frozenset()
+    balance: Balance | None = None
 
     def __post_init__(self) -> None:
         nx, nu, ny, p = len(self.states), len(self.inputs), len(self.outputs), len(self.parameters)

@@ -14,7 +14,8 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import RefusedError, Status
-from fmu_didim.identification.problem import LowPass, Problem, predict, predict_torque
+from fmu_didim.identification.low_pass import LowPass
+from fmu_didim.identification.problem import Problem, predict, predict_torque
 from fmu_didim.identification.sensitivity import sensitivity
 
 PAPER_TABLE_1 = {

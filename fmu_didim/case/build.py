@@ -31,8 +31,9 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.export import build_fmu
+from fmu_didim.identification.low_pass import LowPass
 from fmu_didim.identification.parameters import NamedParameters, Parameters, RobotParameters
-from fmu_didim.identification.problem import Experiment, LowPass, Problem
+from fmu_didim.identification.problem import Experiment, Problem
 from fmu_didim.imports import import_object
 from fmu_didim.master import System, closed_loop
 from fmu_didim.robot import RobotModel, read_robot
@@ -288,7 +289,7 @@ def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
 def _from_block(block: Block, source: ComponentSource) -> Component:
     if source.kind == "fmu":
         # An FMU does not tell its sample time; the description does.
-        return replace(_fmu(build_fmu(block, fmi_version=source.fmi), source), sample_time=block.sample_time)
+        return _fmu(build_fmu(block, fmi_version=source.fmi), source).built_from(block)
     if source.kind == "control":
         return block_as_control(block)
     return with_compiled_twin(ModelComponent(block))

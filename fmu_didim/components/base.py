@@ -178,8 +178,18 @@ class Component(ABC):
         """A component that does the same and runs in compiled code, or this one if there is none."""
         return self
 
+    def equations(self) -> tuple[Block, int | None] | None:
+        """The block that it computes, with its present names and values, and the substeps of its integration (None:
+        chosen from the block's rate); None if it computes something else, or what it computes is not known."""
+        return None
+
     def with_substeps(self, count: int) -> Component | None:
         """The same component with ``count`` integration substeps a step; None if that cannot be chosen."""
+        return None
+
+    @property
+    def stated_substeps(self) -> int | None:
+        """Integration substeps a step if their number was stated; None if it is chosen, or nothing is integrated."""
         return None
 
     def parameter_values(self) -> dict[str, float]:

@@ -19,7 +19,7 @@ def with_compiled_twin(component: ModelComponent) -> ModelComponent:
         twin = load_fmu(build_fmu(component.block))
     except BuildError:
         return component
-    twin = replace(twin, sample_time=component.block.sample_time)
+    twin = twin.built_from(component.block)
     named = twin.with_names(component.inputs, component.outputs)
     if component.substeps is not None:
         named = named.with_substeps(component.substeps) or named  # type: ignore[assignment]

@@ -78,8 +78,17 @@ class ControlComponent(Component):
     def with_substeps(self, count: int) -> ControlComponent:
         return replace(self, substeps=count)
 
+    @property
+    def stated_substeps(self) -> int | None:
+        return self.substeps
+
     def instantiate(self) -> Instance:
         return _ControlInstance(self)
+
+    def equations(self) -> tuple[Block, int | None] | None:
+        if self.block is None:
+            return None
+        return replace(self.block, inputs=self.inputs, outputs=self.outputs), self.substeps
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         if self.block is not None:

@@ -58,8 +58,15 @@ class ModelComponent(Component):
         twin = self.twin.with_substeps(count) if self.twin is not None else None
         return ModelComponent(self.block, count, twin)
 
+    @property
+    def stated_substeps(self) -> int | None:
+        return self.substeps
+
     def compiled(self) -> Component:
         return self if self.twin is None else self.twin
+
+    def equations(self) -> tuple[Block, int | None]:
+        return self.block, self.substeps
 
     def feedthrough(self) -> frozenset[tuple[str, str]]:
         return block_feedthrough(self.block)

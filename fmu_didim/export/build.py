@@ -7,11 +7,11 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from platform import libc_ver
+from platform import libc_ver, machine, processor
 
 from fmu_didim.cache import cache_directory
 from fmu_didim.errors import BuildError
@@ -45,6 +45,29 @@ class Compiler:
     flags: tuple[str, ...]
     version: str
     libraries: tuple[str, ...] = ()
+
+
+def compiler_for_here() -> Compiler:
+    """The compiler of :func:`find_compiler` for code that stays on this machine: it may use all of its processor.
+
+    That processor is part of the version, so that another machine does not take what this one has built.
+    """
+    found = find_compiler()
+    if "-target" not in found.flags:
+        return found
+    place = found.flags.index("-target")
+    own = found.flags[:place] + found.flags[place + 2 :]
+    return replace(found, flags=own, version=f"{found.version} {_processor()}")
+
+
+def _processor() -> str:
+    """What the processor of this machine can do."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    told = sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
+    return " ".join(told) or f"{machine()} {processor()}"
 
 
 def find_compiler(platform: Platform | None = None) -> Compiler:

@@ -94,25 +94,27 @@ class System:
         for name in self.after_step:
             if name not in self.components:
                 raise UnknownNameError("component", name, self.components, where="after_step")
+        names = {
+            name: (dict.fromkeys(v.name for v in c.inputs), dict.fromkeys(v.name for v in c.outputs))
+            for name, c in self.components.items()
+        }
         for connection in self.connections:
-            self._check(connection)
+            self._check(connection, names)
 
-    def _check(self, connection: Connection) -> None:
+    def _check(self, connection: Connection, names: Mapping[str, tuple[dict[str, None], dict[str, None]]]) -> None:
         both = f"{connection.source} -> {connection.target}"
         name, _, variable = connection.target.partition(".")
         if name not in self.components:
             raise UnknownNameError("component", name, self.components, where=both)
-        inputs = [v.name for v in self.components[name].inputs]
-        if variable not in inputs:
-            raise UnknownNameError("input", variable, inputs, where=both)
+        if variable not in names[name][0]:
+            raise UnknownNameError("input", variable, names[name][0], where=both)
         name, _, variable = connection.source.partition(".")
         if name == REFERENCE:
             return
         if name not in self.components:
             raise UnknownNameError("component", name, (*self.components, REFERENCE), where=both)
-        outputs = [v.name for v in self.components[name].outputs]
-        if variable not in outputs:
-            raise UnknownNameError("output", variable, outputs, where=both)
+        if variable not in names[name][1]:
+            raise UnknownNameError("output", variable, names[name][1], where=both)
 
     def replace(self, name: str, component: Component) -> System:
         """The same system with another component of that name; all else untouched."""

@@ -12,9 +12,11 @@ import numpy as np
 from fmu_didim.block import Block
 from fmu_didim.effects import UNITS
 from fmu_didim.errors import UnknownNameError
+from fmu_didim.robot.balance import plant_balance
 from fmu_didim.robot.description import RobotDescription
 from fmu_didim.robot.elastic import ElasticEquations
 from fmu_didim.robot.equations import Equations
+from fmu_didim.robot.inertia import InertiaColumns, smallest_eigenvalue
 from fmu_didim.signals import Array, Variable
 
 LONG = 1e9
@@ -190,17 +192,21 @@ class RobotModel:
         flat = self.regressor(*arguments, *([given.T] if self.observed else [])).full()
         return np.ascontiguousarray(flat.reshape(n, count, len(self.parameters)).transpose(1, 0, 2))
 
+    @cached_property
+    def _inertia_columns(self) -> InertiaColumns:
+        return InertiaColumns(self._q, self._chi, self._equations.mass)
+
     def minimum_inertia(self, q: Array, chi: Array) -> float:
         """Smallest eigenvalue of D^-1/2 M(q) D^-1/2, D = diag|M|, over positions (N, n): > 0 means
         positive definite. Negative or zero diagonal elements give a value <= 0."""
         if not self._mass_changes:
-            return _smallest_eigenvalue(self.mass_matrix(q.T, np.repeat(chi[:, None], q.shape[0], axis=1)), *q.shape)
+            return smallest_eigenvalue(self._inertia_columns.at(q) @ chi, *q.shape)
         # Before and after whatever changes with time.
         found = []
         for time in (-LONG, LONG):
             e = np.array([time if v.name == "clock" else v.start for v in self.extra])
             columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in (chi, self.shape_values, e)]
-            found.append(_smallest_eigenvalue(self.mass_matrix(q.T, *columns), *q.shape))
+            found.append(smallest_eigenvalue(self.mass_matrix(q.T, *columns).full().T.ravel(), *q.shape))
         return min(found)
 
     def block(self, values: Mapping[str, float] | None = None) -> Block:
@@ -248,6 +254,7 @@ class RobotModel:
             start=ca.Function("start", [self._tau, p], [ca.densify(begin)]),
             rate_bound=ca.Function("rate_bound", [x, p], [ca.densify(self._rate(chi, shapes))]),
             fixed=frozenset(v.name for v in starts),
+            balance=None if elastic else plant_balance(self._equations, x, p, chi, shapes),
         )
 
     def _plant(self, chi: ca.SX, shapes: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -278,13 +285,3 @@ class RobotModel:
 
 def _with(variables: Sequence[Variable], causality: str, prefix: str = "") -> list[Variable]:
     return [replace(v, name=prefix + v.name, causality=causality) for v in variables]
-
-
-def _smallest_eigenvalue(flat: ca.DM, count: int, n: int) -> float:
-    """Smallest eigenvalue of scaled inertia matrices (n, count n), over all of them."""
-    mass = flat.full().reshape(n, count, n).transpose(1, 0, 2)
-    diagonal = np.einsum("kii->ki", mass)
-    if not np.isfinite(mass).all() or (diagonal <= 0).any():
-        return float(min(0.0, diagonal.min())) if np.isfinite(mass).all() else -1.0
-    scale = 1.0 / np.sqrt(diagonal)
-    return float(np.linalg.eigvalsh(mass * scale[:, :, None] * scale[:, None, :]).min())

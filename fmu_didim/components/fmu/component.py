@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.block import Block
 from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import (
     INTEGER_TYPES,
@@ -50,6 +51,7 @@ class FmuComponent(Component):
         isolated: run in a process of its own; time_limit_s: for each call then.
         rerun: how it is run again: ``auto``, ``reset``, ``state``, ``re-instantiate`` or ``fresh process``.
         event_mode: handle events of FMI 3.0 co-simulation, clocks among them.
+        block: the equations from which the FMU was built, if it was built here.
     """
 
     fmu: FmuDescription
@@ -78,6 +80,7 @@ class FmuComponent(Component):
     time_limit_s: float = DEFAULT_TIME_LIMIT
     rerun: str = AUTO
     event_mode: bool = False
+    block: Block | None = field(default=None, compare=False, repr=False)
 
     @property
     def path(self) -> Path:
@@ -142,6 +145,12 @@ class FmuComponent(Component):
             return None
         return replace(self, options={**self.options, SUBSTEPS: count})
 
+    @property
+    def stated_substeps(self) -> int | None:
+        if self.interface.kind == MODEL_EXCHANGE:
+            return self.substeps
+        return int(self.options.get(SUBSTEPS, 0)) or None
+
     def pool_key(self) -> Hashable:
         names = (*(v.name for v in self.inputs), "", *(v.name for v in self.outputs))
         how = (self.interface.kind, self.solver, self.substeps, self.event_mode, self.rerun)
@@ -152,7 +161,7 @@ class FmuComponent(Component):
         rerun = known_rerun(self)
         keep = rerun is not None and rerun.strategy == STATE
         if self.isolated or (rerun is not None and rerun.isolated):
-            return IsolatedInstance(replace(self, isolated=False), self.time_limit_s, keep_new_state=keep)
+            return IsolatedInstance(replace(self, isolated=False, block=None), self.time_limit_s, keep_new_state=keep)
         return self.instantiate_here(keep_new_state=keep)
 
     def instantiate_here(self, *, keep_new_state: bool = False) -> FmuInstance:
@@ -166,6 +175,18 @@ class FmuComponent(Component):
     def find_rerun(self) -> Rerun:
         """How it is run again; tries it out, in another process, if that is not known yet."""
         return find_rerun(self)
+
+    def built_from(self, block: Block) -> FmuComponent:
+        """The same FMU with what only the block tells: its sample time and its equations."""
+        return replace(self, sample_time=block.sample_time, block=block)
+
+    def equations(self) -> tuple[Block, int | None] | None:
+        if self.block is None or self.interface.kind == MODEL_EXCHANGE or self.event_mode:
+            return None
+        if len(self.parameters) != len(self.block.parameters):
+            return None  # a start value has become a parameter
+        present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
+        return present, self.stated_substeps
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         stated = self.fmu.dependencies

@@ -1,0 +1,227 @@
+"""A block with its derivatives by some parameters as compiled code: the variational equations.
+
+With z one of the parameters, a the hidden accelerations of a block and r(x, a, u, p) = 0 their balance
+(:class:`fmu_didim.block.Balance`)
+
+    da/dz = -(dr/da)^-1 (r_x dx/dz + r_u du/dz + r_z),    d(dx/dt)/dz = f_x dx/dz + f_a da/dz + f_u du/dz + f_z
+
+CasADi writes the coefficients, which are computed once for all parameters; loops over the parameters, which the
+compiler turns into vector instructions, do the products.
+
+Source: E. Hairer, S. P. Norsett, G. Wanner, *Solving Ordinary Differential Equations I*, section I.14.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+
+import casadi as ca
+
+from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block, choose_substeps
+from fmu_didim.cache import cached_folder
+from fmu_didim.export.build import compile_shared_library, compiler_for_here
+
+MAIN = "variational.c"
+LANES_MULTIPLE = 4
+"""The number of lanes is a multiple of this, the doubles in a vector register."""
+
+
+def lane_count(parameters: int) -> int:
+    """Lanes for so many parameters; those that are not needed stay zero."""
+    return -(-parameters // LANES_MULTIPLE) * LANES_MULTIPLE
+
+
+def variational_library(block: Block, parameters: tuple[int, ...], lanes: int, outputs: tuple[int, ...]) -> Path:
+    """The library of a block and its derivatives; ``wrapper/variational.c`` says what it offers.
+
+    It is kept in the cache under the digest of its sources and the compiler.
+
+    Args:
+        block: the equations, of scalar expressions.
+        parameters: places of the block's parameters to differentiate by, the first lanes.
+        lanes: parameters of the whole loop to differentiate by; outputs: places of those that are differentiated.
+
+    Raises:
+        BuildError: there is no compiler, or it reports an error.
+    """
+    equations = (block.update, block.output, block.start, block.rate_bound)
+    return _library(equations, block.balance, block.sample_time is not None, parameters, lanes, outputs)
+
+
+@lru_cache(maxsize=64)
+def _library(
+    equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
+    balance: Balance | None,
+    sampled: bool,
+    parameters: tuple[int, ...],
+    lanes: int,
+    outputs: tuple[int, ...],
+) -> Path:
+    sources = _Writer(equations, balance, sampled, parameters, lanes, outputs).sources()
+    compiler = compiler_for_here()
+    key = hashlib.sha256(repr((sorted(sources.items()), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
+
+    def fill(folder: Path) -> None:
+        for name, text in sources.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        compile_shared_library(folder, folder / "variational.library", main=MAIN, compiler=compiler)
+
+    return cached_folder("variational", key, fill) / "variational.library"
+
+
+@dataclass
+class _Product:
+    """Jacobians times derivatives: the coefficients (nonzeros of the Jacobians) and the C code of the sums.
+
+    Attributes:
+        values: coefficients so far; terms: of each row, such as ``k[3] * dx[0][l]``.
+        lanes: (row, lane, coefficient) of the derivatives by the parameters themselves.
+    """
+
+    values: list[ca.SX] = field(default_factory=list)
+    terms: list[list[str]] = field(default_factory=list)
+    lanes: list[tuple[int, int, int]] = field(default_factory=list)
+
+    def add(self, expression: ca.SX, arguments: dict[str, ca.SX], parameters: ca.SX) -> None:
+        """Rows for an expression: its Jacobians by arguments, whose derivatives have these names, and parameters."""
+        first = len(self.terms)
+        self.terms += [[] for _ in range(expression.numel())]
+        for name, argument in arguments.items():
+            for row, column, value in _nonzeros(ca.jacobian(expression, argument)):
+                self.terms[first + row].append(f"{self._coefficient(value)}{name}[{column}][l]")
+        for row, lane, value in _nonzeros(ca.jacobian(expression, parameters)):
+            self.lanes.append((first + row, lane, len(self.values)))
+            self.values.append(value)
+
+    def add_solution(self, inverse: ca.SX, rest: str) -> None:
+        """Rows for minus a matrix times the vector of this name."""
+        for i in range(inverse.shape[0]):
+            terms = [f"{self._coefficient(-inverse[i, j])}{rest}[{j}][l]" for j in range(inverse.shape[1])]
+            self.terms.append(terms)
+
+    def _coefficient(self, value: ca.SX) -> str:
+        if value.is_constant() and float(value) == 1.0:
+            return ""
+        self.values.append(value)
+        return f"k[{len(self.values) - 1}] * "
+
+    def code(self, target: str, first: int, count: int) -> list[str]:
+        """Statements for rows first to first + count - 1 into ``target``."""
+        if count == 0:
+            return []
+        sums = [" + ".join(self.terms[first + i]) or "0.0" for i in range(count)]
+        body = [f"        {target}[{i}][l] = {text};" for i, text in enumerate(sums)]
+        lines = ["    for (int l = 0; l < LANES; ++l) {", *body, "    }"]
+        own = [(row - first, lane, k) for row, lane, k in self.lanes if first <= row < first + count]
+        return lines + [f"    {target}[{row}][{lane}] += k[{k}];" for row, lane, k in own]
+
+
+def _nonzeros(matrix: ca.SX) -> list[tuple[int, int, ca.SX]]:
+    rows, columns = matrix.sparsity().get_triplet()
+    return list(zip(rows, columns, matrix.nonzeros(), strict=True))
+
+
+class _Writer:
+    """Writes the sources of one library."""
+
+    def __init__(
+        self,
+        equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
+        balance: Balance | None,
+        sampled: bool,
+        parameters: tuple[int, ...],
+        lanes: int,
+        outputs: tuple[int, ...],
+    ) -> None:
+        self.update, self.output, self.start, self.rate = equations
+        self.balance, self.sampled, self.outputs = balance, sampled, list(outputs)
+        sizes = [self.update.numel_in(i) for i in range(3)]
+        self.x, self.u, self.p = (ca.SX.sym(name, size) for name, size in zip("xup", sizes, strict=True))
+        self.a = ca.SX.sym("a", balance.count if balance is not None else 0)
+        self.chosen = self.p[list(parameters)]
+        self.lanes = lane_count(lanes)
+        self.coefficients = 0
+        self.code: list[str] = []
+
+    def sources(self) -> dict[str, str]:
+        """File name -> text."""
+        generator = ca.CodeGenerator("variational_equations.c", {"with_header": False, "main": False, "mex": False})
+        functions = [self._start(), self._operation("update"), self._operation("output"), self._rate()]
+        for function in functions:
+            generator.add(function)
+        config = {
+            "LANES": self.lanes, "STATES": self.x.numel(), "INPUTS": self.u.numel(), "PARAMETERS": self.p.numel(),
+            "OUTPUTS": self.output.numel_out(0), "HIDDEN": self.a.numel(), "COEFFICIENTS": self.coefficients,
+            "WORK": max(f.sz_w() for f in functions), "SAMPLED": int(self.sampled), "SUBSTEP_RATE": SUBSTEP_RATE,
+            "MINIMUM_SUBSTEPS": (choose_substeps.__kwdefaults__ or {})["minimum"],
+            "MAXIMUM_SUBSTEPS": MAXIMUM_SUBSTEPS,
+        }  # fmt: skip
+        main = files("fmu_didim.export").joinpath("wrapper", MAIN).read_text(encoding="utf-8")
+        return {
+            MAIN: main,
+            "variational_config.h": "".join(f"#define {name} {value!r}\n" for name, value in config.items()),
+            "variational_lanes.c": "\n".join(self.code) + "\n",
+            "variational_equations.c": str(generator.dump()),
+        }
+
+    def _rate(self) -> ca.Function:
+        rate = ca.densify(self.rate(self.x, self.p)) if self.rate is not None else ca.SX(ca.DM(0.0))
+        return ca.Function("variational_rate", [self.x, self.p], [rate])
+
+    def _start(self) -> ca.Function:
+        product, start = _Product(), _column(self.start(self.u, self.p))
+        product.add(start, {"du": self.u}, self.chosen)
+        lines = product.code("result", 0, start.numel())
+        self._write("lanes_start", ("const Lane *restrict du", "Lane *restrict result"), lines)
+        return self._function("variational_start", [self.u, self.p], start, product)
+
+    def _operation(self, name: str) -> ca.Function:
+        """``update`` or ``output``: its value and coefficients, and the loops of its derivatives."""
+        x, a, u, p = self.x, self.a, self.u, self.p
+        explicit = self.update if name == "update" else self.output
+        value = _column(explicit(x, u, p))
+        result = value if self.balance is None else _column(getattr(self.balance, name)(x, a, u, p))
+        wanted = result if name == "update" else result[self.outputs]
+        product, lines = _Product(), []
+        if self.balance is not None and ca.depends_on(wanted, a):
+            residual = self.balance.residual(x, a, u, p)
+            product.add(residual, {"dx": x, "du": u}, self.chosen)
+            product.add_solution(_inverse(ca.jacobian(residual, a), symmetric=self.balance.symmetric), "rest")
+            lines = [*product.code("rest", 0, a.numel()), *product.code("hidden", a.numel(), a.numel())]
+        first = len(product.terms)
+        product.add(wanted, {"dx": x, "hidden": a, "du": u}, self.chosen)
+        lines += product.code("result", first, wanted.numel())
+        given = (f"const Lane *restrict {argument}" for argument in ("dx", "du"))
+        written = (f"Lane *restrict {argument}" for argument in ("rest", "hidden", "result"))
+        self._write(f"lanes_{name}", (*given, *written), lines)
+        return self._function(f"variational_{name}", [x, u, p], value, product)
+
+    def _function(self, name: str, arguments: list[ca.SX], value: ca.SX, product: _Product) -> ca.Function:
+        coefficients = ca.vertcat(ca.SX(0, 1), *product.values)
+        self.coefficients = max(self.coefficients, coefficients.numel())
+        if self.balance is not None and len(arguments) == 3:
+            coefficients = ca.substitute(coefficients, self.a, self.balance.solution(*arguments))
+        return ca.Function(name, arguments, ca.cse([value, ca.densify(coefficients)]))
+
+    def _write(self, name: str, arguments: Sequence[str], lines: Sequence[str]) -> None:
+        unused = ["(void)k", *(f"(void){argument.rpartition('restrict ')[2]}" for argument in arguments)]
+        self.code += [
+            f"static void {name}(const double *restrict k, {', '.join(arguments)}) {{",
+            f"    {', '.join(unused)};",
+            *lines,
+            "}",
+        ]
+
+
+def _column(expression: ca.SX) -> ca.SX:
+    return ca.densify(ca.reshape(expression, expression.numel(), 1))
+
+
+def _inverse(matrix: ca.SX, *, symmetric: bool) -> ca.SX:
+    unit = ca.SX.eye(matrix.shape[0])
+    return ca.densify(ca.ldl_solve(unit, *ca.ldl(matrix)) if symmetric else ca.solve(matrix, unit))

@@ -1,0 +1,65 @@
+"""A loop with the derivatives of all its signals by parameters of one component."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from fmu_didim.block import Block
+from fmu_didim.components.varied import VariedComponent, derivative_name
+from fmu_didim.errors import BuildError
+from fmu_didim.export.variational import lane_count
+from fmu_didim.master.system import REFERENCE, Connection, System
+
+
+def with_derivatives(system: System, component: str, parameters: Sequence[str]) -> System | None:
+    """The loop whose signals are followed by their derivatives (``plant.q1``, then ``plant.q1@0``, ...).
+
+    Args:
+        system: the loop, one that compiled code runs.
+        component, parameters: what is differentiated by: names of parameters of one component.
+
+    Returns:
+        The loop, with the same names; None where a component has no equations that can be differentiated, such as
+        the FMU of another tool.
+    """
+    count, found = len(parameters), {}
+    for name in system.order:
+        known = system.components[name].equations()
+        if known is None or not _can_vary(system, name, known[0]):
+            return None
+        block, substeps = known
+        sources = {c.source for c in system.connections}
+        followed = tuple(i for i, v in enumerate(block.outputs) if f"{name}.{v.name}" in sources)
+        places = [v.name for v in block.parameters]
+        own = parameters if name == component else ()
+        if any(p not in places for p in own):
+            return None
+        found[name] = VariedComponent(block, substeps, tuple(places.index(p) for p in own), count, followed)
+    try:
+        for varied in found.values():
+            varied.library()
+    except BuildError:
+        return None
+    wires = [
+        Connection(derivative_name(c.source, i), derivative_name(c.target, i), c.gain)
+        for c in system.connections
+        if not c.source.startswith(f"{REFERENCE}.")
+        for i in range(lane_count(count))
+    ]
+    # Without derivatives the loop ran, so it holds no algebraic loop.
+    return replace(
+        system, components=found, connections=(*system.connections, *wires), algebraic_loops="previous"
+    )  # fmt: skip
+
+
+def _can_vary(system: System, name: str, block: Block) -> bool:
+    """Whether the equations are of scalar expressions, and a sampled block samples once in each of its steps."""
+    functions = (block.update, block.output, block.start, block.rate_bound)
+    if not all(f is None or f.is_a("SXFunction") for f in functions):
+        return False
+    if block.sample_time is None:
+        return True
+    period = system.step_size * system.every.get(name, 1)
+    fraction = system.delays.get(name, 0.0) % 1.0
+    return abs(block.sample_time - period) <= 1e-6 * period and system.substeps.get(name, 1) == 1 and not fraction
