@@ -23,7 +23,12 @@ from fmu_didim.statistics import covariance_efficient, least_squares, relative_e
 MAXIMUM_HALVINGS = 8
 MAXIMUM_DELAY = 50.0
 RENEW_STEP = 0.02
-"""A step larger than this part of a standard deviation makes the sensitivity worth computing again."""
+"""Farther than this part of a standard deviation from where it was taken, a sensitivity is not the one that ends the
+steps: what it leaves of the error is this part times its relative change, of a standard deviation."""
+CONTRACTION = 0.1
+"""A step that is at most this part of the one before shows that the sensitivity still serves."""
+ROUNDING = 1e-6
+"""A step that would lower the error by a smaller part may fail by rounding alone."""
 TORQUE_FLOOR = 1e-3
 """Part of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, in data
 without noise, has neither size nor standard deviation."""
@@ -90,22 +95,18 @@ def efficient_finish(
 
     Steps are halved while a simulation fails or the error grows. It has settled when no parameter moves
     by more than ``tolerance`` times the larger of its size and its standard deviation, or moves the torque by less than
-    TORQUE_FLOOR times that part. ``stage`` names the iterations in the history.
+    TORQUE_FLOOR times that part. It has not where no part of a step keeps what a sensitivity taken at that very point
+    promises. ``stage`` names the iterations in the history.
     """
-    point = start
+    point, differentiated = start, start.theta
     history: list[Iteration] = []
-    renew = False
+    renew, last = False, 0.0
     for number in range(1, maximum_iterations + 1):
         if renew:
-            point = evaluate(problem, point.theta, point.prediction)
-        residual = problem.measured - point.prediction.torque
-        # Renewed at every step, so that the minimum does not depend on where the steps began.
-        deviation = joint_deviation(problem, residual, point.sensitivity)
-        cost = float(np.sum(whitened(residual, deviation) ** 2))
-        columns = whitened(point.sensitivity, deviation)
-        step = least_squares(columns, whitened(residual, deviation)).solution
-        scale = np.sqrt(np.diag(covariance_efficient(columns)))
-        theta, prediction, note = _search(problem, point.theta, step, deviation, cost)
+            point, differentiated = evaluate(problem, point.theta, point.prediction), point.theta
+        fresh = point.theta is differentiated
+        step = _propose(problem, point)
+        theta, prediction, note = _search(problem, point.theta, step)
         moved = theta - point.theta
         history.append(
             Iteration(
@@ -113,28 +114,65 @@ def efficient_finish(
                 number,
                 theta,
                 relative_error_percent(problem.measured, prediction.torque)[0],
-                float(np.max(np.abs(moved) / np.maximum(np.abs(theta), scale))),
+                float(np.max(np.abs(moved) / np.maximum(np.abs(theta), step.scale))),
                 point.condition_number,
                 note,
             )
         )
         progress(history[-1])
-        point = Point(theta, prediction, point.sensitivity, deviation, point.condition_number)
-        size = np.linalg.norm(whitened(problem.measured, deviation)) / np.linalg.norm(columns, axis=0)
-        small = tolerance * np.maximum(np.maximum(np.abs(theta), scale), TORQUE_FLOOR * size)
-        if (np.abs(moved) <= small).all():
+        point = Point(theta, prediction, point.sensitivity, step.deviation, point.condition_number)
+        stuck = not moved.any() and step.promised > ROUNDING * step.cost
+        small = tolerance * np.maximum(np.maximum(np.abs(theta), step.scale), TORQUE_FLOOR * step.size)
+        stale = bool((np.abs(theta - differentiated) > RENEW_STEP * step.scale).any())
+        if stuck and fresh:
+            break
+        if not stuck and (np.abs(moved) <= small).all() and (fresh or not stale):
             return Finished(point, True, tuple(history))
-        renew = bool((np.abs(moved) > RENEW_STEP * scale).any())
+        here = float(np.max(np.abs(moved) / step.scale))
+        # Far from where it was taken a sensitivity serves as long as each step is a small part of the one before.
+        renew = stuck or (stale and not RENEW_STEP < here <= CONTRACTION * last)
+        last = here
     return Finished(point, False, tuple(history))
 
 
-def _search(
-    problem: Problem, theta: Array, step: Array, deviation: Array, cost: float
-) -> tuple[Array, Prediction, str]:
+@dataclass(frozen=True)
+class _Step:
+    """A Gauss-Newton step.
+
+    Attributes:
+        change: (p,); scale: (p,) standard deviations; size: (p,) at which each makes up the whole torque.
+        deviation: (n,) weights; cost: weighted square of the residual; promised: how much the step would lower it.
+    """
+
+    change: Array
+    scale: Array
+    size: Array
+    deviation: Array
+    cost: float
+    promised: float
+
+
+def _propose(problem: Problem, point: Point) -> _Step:
+    residual = problem.measured - point.prediction.torque
+    # Renewed at every step, so that the minimum does not depend on where the steps began.
+    deviation = joint_deviation(problem, residual, point.sensitivity)
+    columns, target = whitened(point.sensitivity, deviation), whitened(residual, deviation)
+    change = least_squares(columns, target).solution
+    return _Step(
+        change=change,
+        scale=np.sqrt(np.diag(covariance_efficient(columns))),
+        size=np.linalg.norm(whitened(problem.measured, deviation)) / np.linalg.norm(columns, axis=0),
+        deviation=deviation,
+        cost=float(np.sum(target**2)),
+        promised=float(np.sum((columns @ change) ** 2)),
+    )
+
+
+def _search(problem: Problem, theta: Array, step: _Step) -> tuple[Array, Prediction, str]:
     """The longest of the steps step / 2^k that simulates and does not raise the error."""
     note = ""
     for halving in range(MAXIMUM_HALVINGS):
-        trial = theta + step / 2**halving
+        trial = theta + step.change / 2**halving
         count = problem.parameters.count
         trial[:count] = problem.parameters.limited(trial[:count])
         if theta.size > count:
@@ -148,9 +186,9 @@ def _search(
         except SimulationError as error:
             note = f"step halved: {error.what}"
             continue
-        reached = float(np.sum(whitened(problem.measured - prediction.torque, deviation) ** 2))
+        reached = float(np.sum(whitened(problem.measured - prediction.torque, step.deviation) ** 2))
         # At the minimum, rounding decides whether the error grows.
-        if reached <= cost * (1 + 1e-9) or np.abs(step).max() < 1e-9 * np.abs(theta).max():
+        if reached <= step.cost * (1 + 1e-9) or np.abs(step.change).max() < 1e-9 * np.abs(theta).max():
             return trial, prediction, note
         note = "step halved: the error grew"
     there, base = split(problem, theta)
