@@ -63,6 +63,19 @@ class PinocchioLoop:
         rigid = pinocchio.computeJointTorqueRegressor(self.model, self.data, q, dq, ddq)
         return np.hstack([rigid, np.diag(ddq), np.diag(dq), np.diag(np.tanh(dq / self.smooth))])
 
+    def variation(
+        self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, x: np.ndarray, u: np.ndarray, columns: np.ndarray
+    ) -> np.ndarray:
+        """Time derivative of x (2 n, p), the derivatives of the states by the parameters of these regressor columns.
+
+        u (n, p) are those of the torque. All but the slope of the friction is Pinocchio's.
+        """
+        n = self.model.nq
+        slope = self.viscous + self.dry / self.smooth / np.cosh(dq / self.smooth) ** 2
+        by_q, by_dq, inverse = pinocchio.computeABADerivatives(self.model, self.data, q, dq, tau - self.friction(dq))
+        rows = self.regressor(q, dq, self.data.ddq)[:, columns]
+        return np.vstack([x[n:], by_q @ x[:n] + by_dq @ x[n:] + inverse @ (u - slope[:, None] * x[n:] - rows)])
+
     def run(self, reference: Trajectory, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque (count, n) and (q, dq, ddq) (count, 3 n) at the first ticks."""
         n, h = self.model.nq, self.period / self.substeps

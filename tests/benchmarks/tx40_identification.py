@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import statistics
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from fmu_didim.signals import Trajectory
 from tests.benchmarks import tx40
+from tests.benchmarks.counting import simulated
 from tests.benchmarks.figure import Figure, Settings
 from tests.benchmarks.pinocchio_loop import PinocchioLoop
-from tests.benchmarks.scara_identification import simulations
 from tests.benchmarks.tx40_simulation import pinocchio, problem
 
 BIRDY_S = 1.0
@@ -21,47 +22,91 @@ BIRDY_S = 1.0
 def run(settings: Settings) -> list[Figure]:
     """52 base parameters from torque at 100 Hz with 0.05 N.m of noise; with the efficient finish and without."""
     duration_s = settings.size(10, 1)
-    figures = []
+    loop, figures = pinocchio(), []
+    reference = tx40.excitation(duration_s=duration_s).trajectory(tx40.RATE_HZ)
+    ticks, part = reference.time.size - 1, settings.size(2_000, 200)
     for label, finish in (("with the finish", True), ("DIDIM alone", False)):
         here, estimator = problem(duration_s, finish=finish, start="reference")
-        estimate, count = simulations(here, estimator)  # warm, and counted
-        rounds = []
+        estimate, runs = simulated(here, estimator)  # warm, and counted
+        samples, rounds = here.experiment.time.size, []
+        before = _costs(loop, reference, part, min(samples, part))
         for _ in range(settings.size(1, 1, settings.repeats)):
             begin = time.perf_counter()
             estimator.estimate(here)
             rounds.append(time.perf_counter() - begin)
         ours = statistics.median(rounds)
-        reference = tx40.excitation(duration_s=duration_s).trajectory(tx40.RATE_HZ)
-        ticks, samples = reference.time.size - 1, here.experiment.time.size
-        part = settings.size(2_000, 200)
-        loop, solutions = pinocchio(), len(estimate.iterations)
-        step, row = _costs(loop, reference, part, min(samples, part))
-        theirs = count * ticks * step + solutions * (samples * row + _solution_s(samples))
+        costs = before.mean_with(_costs(loop, reference, part, min(samples, part)))
+        count = here.parameters.count
+        solutions = len(estimate.iterations) * (samples * costs.row + _solution_s(samples))
+        plain = ticks * sum(costs.tick(n) for n in runs.plain)
+        differences = ticks * count * sum(costs.tick(n) for n in runs.varied)
+        variations = ticks * sum(costs.varied_tick(n) for n in runs.varied)
         raw = {
-            "ours_s": ours, "pinocchio_s": theirs, "birdy_published_s": BIRDY_S, "simulations": float(count),
-            "iterations": float(solutions), "pinocchio_us_per_tick": 1e6 * step, "pinocchio_us_per_row": 1e6 * row,
+            "ours_s": ours, "by_differences_s": plain + differences + solutions,
+            "by_derivatives_s": plain + variations + solutions, "birdy_published_s": BIRDY_S,
+            "simulations": float(len(runs.plain)), "with_derivatives": float(len(runs.varied)),
+            "iterations": float(len(estimate.iterations)), "us_per_evaluation": 1e6 * costs.evaluation,
+            "us_per_derivative": 1e6 * costs.variation, "us_per_row": 1e6 * costs.row,
         }  # fmt: skip
-        figures.append(
+        note = f"substeps {runs.plain}, with derivatives {runs.varied}; {part} ticks of {ticks} measured and scaled"
+        figures += [
             Figure(
-                f"Pinocchio in Python / TX40 identification, {label}", theirs / ours, 50 if finish else None,
-                "at least", raw, f"{count} simulations of {ticks} ticks; Pinocchio: {part} ticks measured and scaled",
-            )
-        )  # fmt: skip
+                f"Pinocchio in Python, sensitivities by differences / TX40 identification, {label}",
+                raw["by_differences_s"] / ours, 50 if finish else None, "at least", raw, note,
+            ),
+            Figure(
+                f"Pinocchio in Python with its derivatives / TX40 identification, {label}",
+                raw["by_derivatives_s"] / ours, None, "at least", raw,
+            ),
+        ]  # fmt: skip
     return figures
 
 
-def _costs(loop: PinocchioLoop, reference: Trajectory, ticks: int, rows: int) -> tuple[float, float]:
-    """Seconds of one tick of the loop and of one row of the regressor, medians of three."""
-    steps, columns = [], []
+@dataclass(frozen=True)
+class _Costs:
+    """Seconds of Pinocchio's side.
+
+    Attributes:
+        evaluation: of the direct model in the loop, the loop's own work included; variation: of its derivatives by all
+            parameters; row: of the regressor at one sample.
+    """
+
+    evaluation: float
+    variation: float
+    row: float
+
+    def mean_with(self, other: _Costs) -> _Costs:
+        """The middle of two measurements, one before and one after ours, as the machine's speed drifts."""
+        return _Costs(
+            (self.evaluation + other.evaluation) / 2, (self.variation + other.variation) / 2, (self.row + other.row) / 2
+        )
+
+    def tick(self, substeps: int) -> float:
+        """One tick by RK4, and the acceleration that is recorded."""
+        return self.evaluation * (4 * substeps + 1)
+
+    def varied_tick(self, substeps: int) -> float:
+        """The same with the derivatives."""
+        return self.tick(substeps) + self.variation * 4 * substeps
+
+
+def _costs(loop: PinocchioLoop, reference: Trajectory, ticks: int, rows: int) -> _Costs:
+    """Medians of three."""
+    steps, columns, variations = [], [], []
+    chosen, x, u = np.arange(52), np.zeros((12, 52)), np.zeros((6, 52))
     for _ in range(3):
         begin = time.perf_counter()
-        _, motion = loop.run(reference, ticks)
-        steps.append((time.perf_counter() - begin) / ticks)
+        torque, motion = loop.run(reference, ticks)
+        steps.append((time.perf_counter() - begin) / (ticks * (4 * loop.substeps + 1)))
         begin = time.perf_counter()
         for k in range(rows):
             loop.regressor(motion[k, :6], motion[k, 6:12], motion[k, 12:])
         columns.append((time.perf_counter() - begin) / rows)
-    return statistics.median(steps), statistics.median(columns)
+        begin = time.perf_counter()
+        for k in range(rows):
+            loop.variation(motion[k, :6], motion[k, 6:12], torque[k], x, u, chosen)
+        variations.append((time.perf_counter() - begin) / rows)
+    return _Costs(statistics.median(steps), statistics.median(variations), statistics.median(columns))
 
 
 def _solution_s(samples: int) -> float:
