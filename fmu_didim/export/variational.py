@@ -24,11 +24,13 @@ import casadi as ca
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block, choose_substeps
 from fmu_didim.cache import cached_folder
-from fmu_didim.export.build import compile_shared_library, compiler_for_here
+from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4
 """The number of lanes is a multiple of this, the doubles in a vector register."""
+MANY_LANES = 16
+"""From here on code for this very processor pays; the compiler prepares itself for it, some seconds once a machine."""
 
 
 def lane_count(parameters: int) -> int:
@@ -63,7 +65,7 @@ def _library(
     outputs: tuple[int, ...],
 ) -> Path:
     sources = _Writer(equations, balance, sampled, parameters, lanes, outputs).sources()
-    compiler = compiler_for_here()
+    compiler = compiler_for_here() if lanes >= MANY_LANES else find_compiler()
     key = hashlib.sha256(repr((sorted(sources.items()), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
 
     def fill(folder: Path) -> None:
