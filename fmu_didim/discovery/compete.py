@@ -30,6 +30,9 @@ what its signature says."""
 SURVIVING = 0.02
 """Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
 
+ROUNDING = 1e-7
+"""Part of the largest column of an effect below which another one is zero."""
+
 
 @dataclass(frozen=True)
 class Screened:
@@ -58,6 +61,7 @@ class Contender:
         addition: effect and joint; fit: of the model with it; delta_bic: over the model without.
         size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
         raw_size: how much it changes the torque when it is switched off and nothing else changes, in the same units.
+        cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
     """
 
     addition: Addition
@@ -66,6 +70,7 @@ class Contender:
     size: float
     share: float
     raw_size: float
+    cost: float
 
 
 class Basis:
@@ -108,11 +113,18 @@ def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list
         if surviving < SURVIVING:
             continue
         coefficients = np.asarray(np.linalg.lstsq(rest, basis.residual, rcond=1e-8)[0], dtype=float)
-        gain = float(np.sum((rest @ coefficients) ** 2)) - workshop.cost(signature.addition) * np.log(basis.count)
+        cost = workshop.cost(signature.addition) - _idle(table)
+        gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(basis.count)
         known = best.get(signature.addition)
         if known is None or gain > known.gain:
             best[signature.addition] = Screened(signature, coefficients, gain, surviving)
     return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def _idle(columns: Array) -> int:
+    """Number of columns (..., m) that are nothing but rounding beside the largest."""
+    sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
+    return int(np.sum(sizes <= ROUNDING * sizes.max(initial=0.0)))
 
 
 def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
@@ -155,16 +167,20 @@ def contend(
 
 def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:
     """What a fit with one more effect is worth."""
-    gain = delta_bic(fit.residual, found.residual, workshop.cost(addition), noise)
+    index = found.model.additions.index(addition)
+    own = [i for i, knob in enumerate(found.model.knobs) if knob.effect == index and not knob.is_shape]
+    absent = len(workshop.free_parameters(addition)[0]) - len(own)
+    cost = workshop.cost(addition) - absent - _idle(found.jacobian[:, :, own])
+    gain = delta_bic(fit.residual, found.residual, cost, noise)
     size, share = explained(fit.residual, found.residual, noise)
-    without = workshop.without(found.model, found.model.additions.index(addition))
+    without = workshop.without(found.model, index)
     try:
         change = found.torque - without.torque(without.start)
         raw = float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
     except SimulationError:
         raw = np.inf  # the loop cannot even be run without it
     return Contender(
-        addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw
+        addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
     )
 
 

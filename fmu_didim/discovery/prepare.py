@@ -24,7 +24,7 @@ from fmu_didim.signals import Array, Trajectory, trajectory
 SMOOTHING = (0.003, 0.05)
 """Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint; the value of the
 description is always part of it."""
-NOT_NOISE = 1.5
+NOT_NOISE = 1.25
 """Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
 TRANSIENT = 0.1
 """Part of a period that is left out when periods are compared: the first one may begin with a transient."""

@@ -96,13 +96,14 @@ def _is_lasting(pushes: list[Push], time: Array) -> bool:
 
 
 def _comes_back(pushes: list[Push], noise: Noise) -> bool:
-    """Whether most pushes are there again one period of the motion later, or were one before."""
+    """Whether most of the impulse is there again one period of the motion later, or was one before."""
     if noise.period_s is None or not pushes:
         return False
     begins = np.array([p.begin_s for p in pushes])
     near = min(0.05 * noise.period_s, 0.1)
     alike = [any(np.abs(begins - (b + k * noise.period_s)).min() < near for k in (-1, 1)) for b in begins]
-    return bool(np.mean(alike) > 0.5)
+    impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in pushes]
+    return bool(np.average(alike, weights=impulses) >= 0.5)
 
 
 def _fitted(fit: Fit, noise: Noise, pushes: list[Push]) -> Pushed | None:
@@ -125,6 +126,8 @@ def _fitted(fit: Fit, noise: Noise, pushes: list[Push]) -> Pushed | None:
         held = replace(model, runs={**runs, "train": replace(run, pushes=free.model.pushes(free.values))})
         fixed = minimise(held.with_values(free.values[:count]), noise, renew=1)
     except SimulationError:
+        return None
+    if _comes_back(list(held.runs["train"].pushes), noise):
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(knobs) - count), noise)
     _, share = explained(fit.residual, fixed.residual, noise)

@@ -184,7 +184,7 @@ def _simplest(
         for c in near:
             if c.addition.effect == name:
                 return c
-    return min(near, key=lambda c: (workshop.cost(c.addition), -c.delta_bic))
+    return min(near, key=lambda c: (c.cost, -c.delta_bic))
 
 
 def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
