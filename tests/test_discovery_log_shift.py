@@ -13,6 +13,7 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.discovery.loop_model import LOG, Addition, LoopModel, loop_model
+from fmu_didim.discovery.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate_case
 from tests.discovery_helpers import RATE, arm_case
@@ -130,7 +131,7 @@ def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path,
     _, model = shifted
     torque = model.torque(model.start)
     index = model.index("log_shift")
-    slope = model.sensitivity(model.start, torque, only=[index])[:, :, 0]
+    slope = sensitivity(model, model.start, torque, only=[index])[:, :, 0]
     # 7.2 ms is 1.44 periods: all samples lie between the same two ticks before their stamps.
     far = model.start.copy()
     far[index] = 1.0 / RATE

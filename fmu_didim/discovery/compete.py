@@ -27,7 +27,7 @@ SHORTLIST = 6
 WORTH = 0.25
 """Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
 what its signature says."""
-SURVIVING = 0.02
+SURVIVING = 5e-3
 """Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
 
 ROUNDING = 1e-7
