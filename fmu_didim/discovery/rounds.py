@@ -25,6 +25,9 @@ BASIC = frozenset({"motor_inertia", "viscous", "coulomb"})
 COMPOSED = frozenset({"lugre"})
 """Effects made of others, which are proposed one by one; they are still told as members of their class."""
 
+NEAR = 0.02
+"""Part of the gain in BIC by which contenders may differ and still be ambiguous."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -178,13 +181,19 @@ def _simplest(
     near = [
         c
         for c in contenders
-        if c.delta_bic > winner.delta_bic - options.threshold and not _objection(c, fit, noise, options)
+        if c.delta_bic > winner.delta_bic - _nearness(winner, options) and not _objection(c, fit, noise, options)
     ]
     for name in options.prefer:
         for c in near:
             if c.addition.effect == name:
                 return c
     return min(near, key=lambda c: (c.cost, -c.delta_bic))
+
+
+def _nearness(winner: Contender, options: Options) -> float:
+    """BIC difference within which contenders are ambiguous: no form is exact, so that a small part of a large gain
+    decides nothing."""
+    return max(options.threshold, NEAR * winner.delta_bic)
 
 
 def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
@@ -218,7 +227,7 @@ def _step(
     near = [
         (c.addition, best - c.delta_bic)
         for c in contenders
-        if c.addition != accepted.addition and c.delta_bic > accepted.delta_bic - options.threshold
+        if c.addition != accepted.addition and c.delta_bic > accepted.delta_bic - _nearness(contenders[0], options)
     ]
     named = {a for a, _ in near} | {accepted.addition}
     fitted = [accepted, *(c for c in contenders if c.addition in named and c.addition != accepted.addition)]

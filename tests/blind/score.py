@@ -16,6 +16,7 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
     frozenset(names.split())
     for names in (
         "torque_offset asymmetric_coulomb",
+        "load_dependent_friction directional_efficiency",
         "actuator_lag delay log_time_shift",
         "quadratic_viscous cubic_viscous power_viscous",
         "presliding dahl lugre maxwell_slip",
