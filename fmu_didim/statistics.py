@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.linalg import qr, solve_triangular
 
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
@@ -65,7 +64,7 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
             "The motion does not excite some parameters.", got=", ".join(unexcited),
             next_step="Remove them from the identified parameters, or use another trajectory.",
         )  # fmt: skip
-    q, r = qr(matrix / norms, mode="economic")
+    q, r = np.linalg.qr(matrix / norms)
     singular = np.linalg.svd(r, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     if condition > CONDITION_LIMIT:
@@ -73,7 +72,7 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
             "The motion cannot tell the parameters apart.", got=f"condition number {condition:.3g}",
             next_step="Use a richer trajectory, or identify fewer parameters.",
         )  # fmt: skip
-    solution = solve_triangular(r, q.T @ target) / norms
+    solution = np.linalg.solve(r, q.T @ target) / norms
     return LeastSquares(solution, target - matrix @ solution, condition, np.einsum("ij,ij->i", q, q))
 
 
@@ -106,8 +105,8 @@ def covariance_efficient(s: Array) -> Array:
 
 def _inverse_gram(a: Array) -> Array:
     norms = np.linalg.norm(a, axis=0)
-    r = qr(a / norms, mode="economic")[1]
-    inverse = solve_triangular(r, np.eye(r.shape[0])) / norms[:, None]
+    r = np.linalg.qr(a / norms)[1]
+    inverse = np.linalg.inv(r) / norms[:, None]
     return np.asarray(inverse @ inverse.T)
 
 
