@@ -120,13 +120,13 @@ class Library:
         off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
         trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
-        if len(amplitudes) == 1:
-            trials = {name: _mirrored(values[:2], effect, name) for name, values in trials.items()}
+        single = len(amplitudes) == 1
+        trials = {n: _mirrored(values[:2], effect, n) if single else values[:1] for n, values in trials.items()}
         tried = [
             (at, name, value)
             for i, at in enumerate(_one_at_a_time({v.name: searched[v.name] for v in shapes}))
             for name, values in trials.items()
-            for value in ((values if i == 0 else values[-1:]) if len(amplitudes) == 1 else values[:1])
+            for value in (values if i == 0 else values[-1:])
         ]
         tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
         columns = [
@@ -134,7 +134,7 @@ class Library:
             difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
             for difference, (_, name, value) in zip(self.fit.model.side_by_side(tasks), tried, strict=True)
         ]
-        if len(amplitudes) == 1:
+        if single:
             inverse = not np.isfinite(off[amplitudes[0].name])
             for column, (at, name, _) in zip(columns, tried, strict=True):
                 if np.abs(column).max() > 0:

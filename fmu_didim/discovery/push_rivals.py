@@ -36,7 +36,7 @@ def rivalled(
         return False
     rivals = EFFECTS["external_force"].confounded_with
     names = [name for name in rivals if name in workshop.effects and name not in forbid]
-    candidates = [Addition(name, j) for name in names for j in range(1, base.model.joint_count + 1)]
+    candidates = [Addition(name, j) for name in names for j in workshop.joints(name)]
     library = Library(workshop, base, candidates=candidates)
     best = contend(screen(library, workshop, base, noise)[:2], workshop, base, noise, progress=say)
     return bool(best) and best[0].delta_bic > pushed.delta_bic

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,18 +56,18 @@ class LoadResponse:
         held = columns.copy()
         held[:-1] = 0.5 * (columns[:-1] + columns[1:])
         acting = np.flatnonzero(np.abs(columns).max(axis=(0, 2)))
-        size = fft.next_fast_len(count + self.taps.shape[0], real=True)
-        loads = fft.rfft(held[:, acting], size, axis=0)
-        answer = np.einsum("fij,fjm->fim", self._spectrum(size)[:, :, acting], loads, optimize=True)
-        whole = fft.irfft(answer, size, axis=0)[:count]
+        loads = fft.rfft(held[:, acting], self._size, axis=0)
+        answer = np.einsum("fij,fjm->fim", self._spectrum[:, :, acting], loads, optimize=True)
+        whole = fft.irfft(answer, self._size, axis=0)[:count]
         return np.asarray(self.sampling @ whole.reshape(count, -1)).reshape(-1, joints, width)
 
-    def _spectrum(self, size: int) -> Array:
-        known: Array | None = self.__dict__.get("_known")
-        if known is None:
-            known = fft.rfft(self.taps, size, axis=0)
-            object.__setattr__(self, "_known", known)
-        return known
+    @cached_property
+    def _size(self) -> int:
+        return int(fft.next_fast_len(self.ticks.size + self.taps.shape[0], real=True))
+
+    @cached_property
+    def _spectrum(self) -> Array:
+        return np.asarray(fft.rfft(self.taps, self._size, axis=0))
 
 
 def load_response(fit: Fit, *, seed: int = 0) -> LoadResponse:

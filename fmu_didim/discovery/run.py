@@ -99,12 +99,11 @@ def discover(
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
     pushed = None if "external_force" in options.forbid else find_pushes(base, noise, say=say)
-    bare = Workshop(base.model, description, effects)
-    if pushed is not None and rivalled(pushed, base, noise, bare, forbid=options.forbid, say=say):
+    start, workshop = base, Workshop(base.model, description, effects)
+    if pushed is not None and rivalled(pushed, base, noise, workshop, forbid=options.forbid, say=say):
         pushed = None
-    start = base if pushed is None else pushed.fit
-    noise = noise if pushed is None else pushed.noise
-    workshop = Workshop(start.model, description, effects)
+    if pushed is not None:
+        start, noise, workshop = pushed.fit, pushed.noise, Workshop(pushed.fit.model, description, effects)
     motion = simulated_motion(workshop, base)
     run = base.model.runs["train"]
     ticks = _nearest_ticks(run.problem)

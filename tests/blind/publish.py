@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tests.blind.harness import case_folders, read_lines
-from tests.blind.score import Score, Truth, read_truth, score
+from tests.blind.score import Score, Truth, read_truth, rms, score
 
 COLUMNS = ("campaign", "case", "rate_hz", "hidden", "gap", "verdict", "named", "right", "test_before", "test_after")
 
@@ -43,7 +43,7 @@ def write_rows(path: Path, lines: Sequence[Mapping[str, Any]], truths: Mapping[s
             campaign, _, case = line["case"].partition("/")
             hidden = "+".join(f"{e}@{j}" if j is not None else e for e, j in truth.effects) or "nothing"
             named = "+".join(f"{f['effect']}@{f['joint']}" for f in line["findings"])
-            before, after = (_rms(x) for x in line["gap"].get("test") or (np.nan, np.nan))
+            before, after = (rms(x) for x in line["gap"].get("test") or (np.nan, np.nan))
             row = (campaign, case, f"{truth.rate_hz:g}", hidden, f"{truth.gap:.2f}", line["verdict"], named)
             table.writerow((*row, int(line["case"] not in wrong), f"{before:.3f}", f"{after:.3f}"))
 
@@ -77,7 +77,3 @@ def _matrix(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth], rat
     for (hidden, called), count in found.matrix.items():
         result.setdefault(hidden, Counter())[called] += count
     return result
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(np.atleast_1d(values)))))

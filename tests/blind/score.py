@@ -205,11 +205,16 @@ def _gaps(line: Mapping[str, Any], refused: bool, tally: Counter[str], shrinks: 
     test, interval = line["gap"].get("test"), line["gap"].get("ratio_interval")
     if refused or line["verdict"] == "error" or not test:
         return
-    before, after = (float(np.sqrt(np.mean(np.square(np.atleast_1d(x))))) for x in test)
+    before, after = (rms(x) for x in test)
     shrink = 1 - after / before if before > 0 else 0.0
     shrinks.append(shrink)
     below = bool(interval) and float(np.max(interval)) < 1
     tally.update({"gap": 1, "gap good": int(shrink >= 0.6 and below)})
+
+
+def rms(values: Any) -> float:
+    """Root of the mean square of a gap: one number, or one a joint."""
+    return float(np.sqrt(np.mean(np.square(np.atleast_1d(values)))))
 
 
 def _rates(tally: Counter[str], shrinks: Sequence[float]) -> tuple[Rate, ...]:
