@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.loop_model import BASE, LoopModel
+from fmu_didim.discovery.loop_model import LoopModel
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.sensitivity import sensitivity
 from fmu_didim.errors import SimulationError
@@ -137,7 +137,7 @@ def _search(
     for damping in DAMPINGS:
         step, promised = equations.step(values, low, high, damping)
         trial = np.clip(values + step, low, high)
-        if any(mass_matrix_problem(run.problem, _base(model, trial)) for run in model.runs.values()):
+        if any(mass_matrix_problem(run.problem, trial[: model.base_count]) for run in model.runs.values()):
             edge = True
             continue
         tried += 1
@@ -155,10 +155,6 @@ def _search(
                 return found
             best = found
     return best or _Found(values, None, cost, 0.0, tried, edge)
-
-
-def _base(model: LoopModel, values: Array) -> Array:
-    return values[: sum(knob.owner == BASE for knob in model.knobs)]
 
 
 @dataclass(frozen=True)

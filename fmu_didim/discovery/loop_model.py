@@ -119,6 +119,11 @@ class LoopModel:
         """(p,) lowest and (p,) highest values."""
         return np.array([k.lowest for k in self.knobs]), np.array([k.highest for k in self.knobs])
 
+    @property
+    def base_count(self) -> int:
+        """Number of base parameters, which are the first knobs."""
+        return sum(knob.owner == BASE for knob in self.knobs)
+
     def index(self, name: str) -> int:
         """Position of a knob."""
         return [knob.name for knob in self.knobs].index(name)
@@ -131,7 +136,7 @@ class LoopModel:
         """The loop with these values of the knobs."""
         run = self.runs[which]
         problem, system = run.problem, run.system
-        count = sum(knob.owner == BASE for knob in self.knobs)
+        count = self.base_count
         by_owner: dict[str, dict[str, float]] = {}
         for knob, value in zip(self.knobs[count:], values[count:], strict=True):
             by_owner.setdefault(knob.owner, {})[knob.key] = float(value)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from fmu_didim.discovery.noise import period_in_ticks
 from fmu_didim.identification.problem import Experiment
@@ -65,17 +64,4 @@ def repetition(experiment: Experiment, operator: SampleOperator, step: float, to
     simulated = settled + period + round(OVERLAP * period)
     if simulated > 0.8 * count:
         return None
-    return Repetition(period, settled, first_samples(operator, simulated), count)
-
-
-def first_samples(operator: SampleOperator, count: int) -> SampleOperator:
-    """The operator for the first samples, with the ticks up to the last one that they need."""
-    matrix = sparse.csr_array(operator.matrix[:count])
-    used = int(matrix.indices.max()) + 1
-    return replace(
-        operator,
-        ticks=operator.ticks[:used],
-        matrix=sparse.csr_array(matrix[:, :used]),
-        positions=None if operator.positions is None else operator.positions[:count],
-        origin=None if operator.origin is None else first_samples(operator.origin, count),
-    )
+    return Repetition(period, settled, operator.before(simulated), count)

@@ -57,6 +57,18 @@ class SampleOperator:
             origin=None if self.origin is None else self.origin.after(first),
         )
 
+    def before(self, count: int) -> SampleOperator:
+        """The operator for the first samples, with the ticks up to the last one that they need."""
+        matrix = sparse.csr_array(self.matrix[:count])
+        used = int(matrix.indices.max()) + 1
+        return replace(
+            self,
+            ticks=self.ticks[:used],
+            matrix=sparse.csr_array(matrix[:, :used]),
+            positions=None if self.positions is None else self.positions[:count],
+            origin=None if self.origin is None else self.origin.before(count),
+        )
+
     def apply(self, values: Array) -> Array:
         """(K, ...) values at the ticks -> (N, ...) samples."""
         flat = values.reshape(values.shape[0], -1)
