@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.block import choose_substeps
+from fmu_didim.discovery.fit import Fit, integrated, minimise
 from fmu_didim.discovery.loop_model import LoopModel, loop_model
 from fmu_didim.discovery.prepare import with_nuisances
 from fmu_didim.discovery.repetition import repetition
@@ -268,3 +269,47 @@ def test_columns_that_drift_are_not_continued(tmp_path: Path) -> None:
     begin = problem.measured[: found.operator.count]
     np.testing.assert_allclose(found.continued(begin), problem.measured, atol=1e-4)
     assert found.continued(begin * np.linspace(1.0, 1.1, begin.shape[0])[:, None]) is None
+
+
+# ---- coarse integration ----------------------------------------------------------------------------
+
+
+def test_coarse_integration_is_far_below_the_noise_and_steps_less(problem: Problem, truth: np.ndarray) -> None:
+    full = model_with(problem)
+    coarse = replace(full, coarse=True)
+    few = coarse.system(truth).components["plant"].stated_substeps
+    block, stated = full.system(truth).components["plant"].equations() or (None, None)
+    assert block is not None and stated is None
+    assert few is not None and few >= 2
+    p = block.parameter_values
+    rate = float(block.rate_bound(block.start(np.zeros(len(block.inputs)), p), p))
+    step = problem.system.step_size
+    assert step * rate / few <= 1.6  # stable
+    assert few < choose_substeps(rate, step)
+    assert np.abs(coarse.torque(truth) - full.torque(truth)).max() < 1e-2 * SIGMA
+
+
+def test_coarse_integration_leaves_a_number_that_was_stated(problem: Problem, truth: np.ndarray) -> None:
+    model = model_with(problem)
+    plant = model.plant.with_substeps(3)
+    assert plant is not None
+    coarse = replace(model, coarse=True, plant=plant)
+    assert coarse.system(truth).components["plant"].stated_substeps == 3
+
+
+def test_sensitivities_do_not_change_the_steps(problem: Problem, truth: np.ndarray) -> None:
+    """A step of a knob that asks for more substeps would show as a change of the torque."""
+    model = replace(model_with(problem), coarse=True)
+    pinned = model.integrated_as(truth)
+    steeper = truth * [1, 1, 1, 1, 50]
+    assert model.system(steeper).components["plant"].stated_substeps != pinned.plant.stated_substeps
+    assert pinned.system(steeper).components["plant"].stated_substeps == pinned.plant.stated_substeps
+
+
+def test_the_minimum_is_made_exact_again(problem: Problem, truth: np.ndarray) -> None:
+    noise = known_noise([1e-4])
+    found = minimise(replace(model_with(problem).with_values(truth * START), coarse=True), noise)
+    exact = integrated(found, noise, coarse=False)
+    assert not exact.model.coarse
+    assert exact.values == pytest.approx(truth, rel=1e-6)
+    assert integrated(exact, noise, coarse=False) is exact

@@ -60,6 +60,7 @@ class Workshop:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)
         self._plants: dict[tuple[Addition, ...], Component] = {}
+        self._searches: dict[Addition, dict[str, Search]] = {}
         self._ticks: int | None = None
         # CasADi's expressions are not made to be built by several threads at once.
         self._lock = threading.RLock()
@@ -85,10 +86,15 @@ class Workshop:
 
     def search(self, addition: Addition) -> dict[str, Search]:
         """The searched parameters of an effect, their grids moved to where the reference goes and the data can tell."""
-        effect, kind = self.effect(addition), self.joint_type(addition.joint)
-        units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}  # type: ignore[arg-type]
-        within = self._ranges[addition.joint - 1]
-        return {name: within.adapted(s, units[name]) for name, s in effect.search(kind).items()}  # type: ignore[arg-type]
+        if addition not in self._searches:
+            effect, kind = self.effect(addition), self.joint_type(addition.joint)
+            units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}  # type: ignore[arg-type]
+            within = self._ranges[addition.joint - 1]
+            self._searches[addition] = {
+                name: within.adapted(s, units[name])
+                for name, s in effect.search(kind).items()  # type: ignore[arg-type]
+            }
+        return self._searches[addition]
 
     def free_parameters(self, addition: Addition) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
         """Amplitudes and searched shapes of an effect, by their plain names."""

@@ -10,7 +10,7 @@ the base parameters make up for an effect that is missing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,6 +114,13 @@ def minimise(
             jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
             count += values.size
     return Fit(model.with_values(values), values, torque, jacobian, cost, count)
+
+
+def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
+    """The same minimum with coarse or full integration; raises SimulationError where that cannot be simulated."""
+    if fit.model.coarse == coarse:
+        return fit
+    return minimise(replace(fit.model, coarse=coarse), noise, jacobian=fit.jacobian, renew=0)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,10 @@ LARGEST = 1e12
 """A column larger than this comes from states that the offline integration could not follow."""
 
 
+TOGETHER = 32
+"""Shapes whose loads the closed loop answers in one go."""
+
+
 @dataclass(frozen=True)
 class Signature:
     """What an effect would add to the torque at the samples.
@@ -95,11 +99,19 @@ class Library:
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
         search = self.workshop.search(addition)
         assert self._thinned is not None
-        for shapes in _thinned(search, defaults):
-            states = made.states(motion, shapes)[self._response.ticks] if made.has_states else None
-            loads = made.columns(self._thinned, shapes, states)
-            if 0 < np.abs(loads).max() < LARGEST:
-                yield Signature(addition, shapes, names, self._response.at_samples(loads), {})
+        tried = _thinned(search, defaults)
+        for first in range(0, len(tried), TOGETHER):
+            kept, loads = [], []
+            for shapes in tried[first : first + TOGETHER]:
+                states = made.states(motion, shapes)[self._response.ticks] if made.has_states else None
+                columns = made.columns(self._thinned, shapes, states)
+                if 0 < max(columns.max(), -columns.min()) < LARGEST:
+                    kept.append(shapes)
+                    loads.append(columns)
+            if kept:
+                answers = np.split(self._response.at_samples(np.concatenate(loads, axis=2)), len(kept), axis=2)
+                for shapes, answer in zip(kept, answers, strict=True):
+                    yield Signature(addition, shapes, names, np.ascontiguousarray(answer), {})
 
     def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""

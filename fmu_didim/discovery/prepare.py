@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.fit import Fit, integrated, minimise
 from fmu_didim.discovery.loop_model import PLANT, Knob, LoopModel, loop_model
 from fmu_didim.discovery.noise import (
     Noise,
@@ -52,12 +52,12 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
             where=experiment.label,
             got=f"{experiment.torque.shape[0]} samples for {problem.parameters.count} parameters",
         )
-    model = with_nuisances(loop_model(problem, others, workers=workers))
+    model = replace(with_nuisances(loop_model(problem, others, workers=workers)), coarse=True)
     noise, notes = _measured_noise(experiment, problem)
     if noise is not None:
         fit = minimise(model, noise)
         noise, further = _without_events(noise, fit, experiment, problem.joint_count)
-        return Prepared(fit, noise, (*notes, *further))
+        return Prepared(integrated(fit, noise, coarse=False), noise, (*notes, *further))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(experiment.torque, axis=0)
     fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"))
@@ -67,7 +67,8 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
         "motion, an upper bound."
     )
-    return Prepared(minimise(fit.model, noise, jacobian=fit.jacobian, torque=fit.torque), noise, tuple(notes))
+    fit = minimise(fit.model, noise, jacobian=fit.jacobian, torque=fit.torque)
+    return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
 
 
 def _without_events(noise: Noise, fit: Fit, experiment: Experiment, joints: int) -> tuple[Noise, tuple[str, ...]]:

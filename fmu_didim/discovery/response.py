@@ -53,13 +53,14 @@ class LoadResponse:
     def at_samples(self, columns: Array) -> Array:
         """(K, n, m) loads at the ticks -> (N, n, m) change of the logged torque."""
         count, joints, width = columns.shape
-        held = columns.copy()
-        held[:-1] = 0.5 * (columns[:-1] + columns[1:])
-        acting = np.flatnonzero(np.abs(columns).max(axis=(0, 2)))
-        loads = fft.rfft(held[:, acting], self._size, axis=0)
-        answer = np.einsum("fij,fjm->fim", self._spectrum[:, :, acting], loads, optimize=True)
-        whole = fft.irfft(answer, self._size, axis=0)[:count]
-        return np.asarray(self.sampling @ whole.reshape(count, -1)).reshape(-1, joints, width)
+        answer = np.zeros((joints, width, self._spectrum.shape[2]), dtype=complex)
+        for j in np.flatnonzero(columns.any(axis=(0, 2))):
+            held = np.ascontiguousarray(columns[:, j].T)
+            held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
+            answer += self._spectrum[j][:, None] * fft.rfft(held, self._size)
+        whole = fft.irfft(answer, self._size)[:, :, :count]
+        flat = np.ascontiguousarray(whole.transpose(2, 0, 1)).reshape(count, -1)
+        return np.asarray(self.sampling @ flat).reshape(-1, joints, width)
 
     @cached_property
     def _size(self) -> int:
@@ -67,7 +68,8 @@ class LoadResponse:
 
     @cached_property
     def _spectrum(self) -> Array:
-        return np.asarray(fft.rfft(self.taps, self._size, axis=0))
+        """(n, n, frequencies) of the taps: by the joint with the load, then the joint that answers."""
+        return np.asarray(fft.rfft(np.ascontiguousarray(self.taps.transpose(2, 1, 0)), self._size))
 
 
 def load_response(fit: Fit, *, seed: int = 0) -> LoadResponse:

@@ -22,7 +22,7 @@ from fmu_didim.discovery.findings import (
     Verdict,
     WindowResult,
 )
-from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.fit import Fit, integrated
 from fmu_didim.discovery.gap import gap_pair, joint_gaps
 from fmu_didim.discovery.library import simulated_motion
 from fmu_didim.discovery.localise import force_windows, regions
@@ -98,9 +98,10 @@ def discover(
     prepared = prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
-    pushed = None if "external_force" in options.forbid else find_pushes(base, noise, say=say)
-    start, workshop = base, Workshop(base.model, description, effects)
-    if pushed is not None and rivalled(pushed, base, noise, workshop, forbid=options.forbid, say=say):
+    start = integrated(base, noise, coarse=True)  # for the search, with its hundreds of simulations
+    workshop = Workshop(start.model, description, effects)
+    pushed = None if "external_force" in options.forbid else find_pushes(start, noise, say=say)
+    if pushed is not None and rivalled(pushed, start, noise, workshop, forbid=options.forbid, say=say):
         pushed = None
     if pushed is not None:
         start, noise, workshop = pushed.fit, pushed.noise, Workshop(pushed.fit.model, description, effects)
@@ -114,9 +115,10 @@ def discover(
     windows: list[WindowResult] = []
     if pushed is not None:
         final, free = refitted(pushed, discovery.final, noise)
-        discovery = replace(discovery, base=base, final=final)
+        discovery = replace(discovery, final=final)
         outside = [push_finding(pushed, base, free, noise)]
         windows = push_windows(free, noise)
+    discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     residuals = _residuals(discovery)
     verdict = _verdict(discovery, noise)
     ratio = held_out_ratio(base, discovery.final, noise, options) if discovery.steps else None
@@ -146,6 +148,17 @@ def discover(
         provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(effects)},
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)
+
+
+def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
+    """The final model as it will be run by others; the base where nothing was added."""
+    final = discovery.final
+    if not discovery.steps and not final.model.runs["train"].pushes:
+        return base
+    try:
+        return integrated(final, noise, coarse=False)
+    except SimulationError:
+        return final
 
 
 def _verdict(discovery: Discovery, noise: Noise) -> Verdict:

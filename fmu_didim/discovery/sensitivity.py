@@ -29,6 +29,7 @@ def sensitivity(model: LoopModel, values: Array, torque: Array, *, only: Sequenc
         torque: (N, n) at the values.
     """
     chosen = list(only) if len(only) else list(range(len(model.knobs)))
+    model = model.integrated_as(values)  # other steps of the integration would look like a change
     first = _first_part(model, torque)
     return np.stack(model.side_by_side([_column(model, i, values, torque, first) for i in chosen]), axis=2)
 

@@ -14,6 +14,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 
+from fmu_didim.discovery.vectorised import Vectorised
 from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD, Search, Surroundings, TorqueEffect
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
@@ -78,7 +79,6 @@ class TorqueSignature:
 
     def __init__(self, effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]):
         self.effect, self.joint, self._shape_names = effect, joint, shape_names
-        self._mapped: _Mapped | None = None
         n, kind = len(joint_types), joint_types[joint]
         self._states = effect.states(kind)  # type: ignore[arg-type]
         q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
@@ -99,8 +99,10 @@ class TorqueSignature:
                 full[row] = value
             columns.append(full)
         self.count = len(columns)
-        self._columns = ca.Function(
-            "columns", [q, dq, ddq, load, time, z, ca.vec(link), shapes], [ca.densify(ca.vertcat(*columns))]
+        self._columns = Vectorised(
+            ca.Function(
+                "columns", [q, dq, ddq, load, time, z, ca.vec(link), shapes], [ca.densify(ca.vertcat(*columns))]
+            )
         )
         rates = effect.rates(at, by_name)
         self._rates = (
@@ -110,10 +112,11 @@ class TorqueSignature:
     def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
         """(K, n, m) columns at the ticks of the motion; ``states`` (K, nz) if the effect has any."""
         count, n = motion.q.shape
-        if self._mapped is None or self._mapped.motion is not motion:
-            self._mapped = _Mapped(self._columns, motion, self.joint, n * self.count)
-        values = np.array([shapes[name] for name in self._shape_names])
-        flat = self._mapped.evaluated(values, np.zeros((count, 0)) if states is None else states)
+        link = motion.links[self.joint].transpose(2, 1, 0).reshape(-1, count)
+        state = np.zeros((0, count)) if states is None else states.T
+        load, time = motion.load[None, :, self.joint], motion.time[None]
+        values = [shapes[name] for name in self._shape_names]
+        flat = self._columns(count, [motion.q.T, motion.dq.T, motion.ddq.T, load, time, state, link, values])
         return np.ascontiguousarray(flat.reshape(count, self.count, n).transpose(0, 2, 1))
 
     @property
@@ -160,33 +163,6 @@ class TorqueSignature:
             change = (self._rates(moved, *point) - self._rates(zero, *point)).full().ravel() / 1e-6
             slope = max(slope, float(np.abs(change).sum()))
         return slope
-
-
-class _Mapped:
-    """The columns over all ticks of one motion by one call, on memory that CasADi and numpy share."""
-
-    def __init__(self, columns: ca.Function, motion: Motion, joint: int, height: int) -> None:
-        self.motion, count = motion, motion.time.size
-        link = motion.links[joint].transpose(0, 2, 1).reshape(count, -1)
-        tables = (motion.q, motion.dq, motion.ddq, motion.load[:, joint], motion.time)
-        # A matrix of CasADi, one column a tick, lies in memory like a table with one row a tick.
-        self._tables = [np.ascontiguousarray(t, dtype=float) for t in (*tables, link)]
-        shapes = columns.n_in() - 1
-        self._function = columns.map("mapped", "serial", count, [shapes], [])
-        self._buffer, self._evaluate = self._function.buffer()
-        self._result = np.empty((count, height))
-        for place, table in zip((0, 1, 2, 3, 4, 6), self._tables, strict=True):
-            self._buffer.set_arg(place, table.data)
-        self._buffer.set_res(0, self._result.data)
-
-    def evaluated(self, shapes: Array, states: Array) -> Array:
-        """(K, height) of the columns with these shapes, in memory that the next call uses again."""
-        given = [(5, np.ascontiguousarray(states)), (7, np.ascontiguousarray(shapes))]
-        for place, table in given:
-            if table.size:
-                self._buffer.set_arg(place, table.data)
-        self._evaluate()
-        return self._result
 
 
 def _is_inertial(model: RobotModel) -> Array:

@@ -93,7 +93,7 @@ static int evaluate(Core *core, Equation equation, const char *name) {
     return CORE_OK;
 }
 
-static int evaluate_update(Core *core, const double *x, double *result) {
+APART static int evaluate_update(Core *core, const double *x, double *result) {
     core->arguments[0] = x;
     core->arguments[1] = core->state.values + INPUT_FIRST;
     core->arguments[2] = core->state.values + PARAMETER_FIRST;
@@ -101,7 +101,7 @@ static int evaluate_update(Core *core, const double *x, double *result) {
     return evaluate(core, block_update, "update");
 }
 
-static int evaluate_output(Core *core, double *result) {
+APART static int evaluate_output(Core *core, double *result) {
     core->arguments[0] = core->state.values + STATE_FIRST;
     core->arguments[1] = core->state.values + INPUT_FIRST;
     core->arguments[2] = core->state.values + PARAMETER_FIRST;
@@ -110,8 +110,8 @@ static int evaluate_output(Core *core, double *result) {
 }
 
 /* Names the first value that is not finite. */
-static int check_finite(Core *core, unsigned int first, unsigned int count, const double *values, const char *kind,
-                        double time) {
+APART static int check_finite(Core *core, unsigned int first, unsigned int count, const double *values,
+                              const char *kind, double time) {
     for (unsigned int i = 0; i < count; ++i)
         if (!isfinite(values[i]))
             return core_fail(core, "%s is not finite at t=%.9g s: '%s' is %g", kind, time, block_names[first + i],
@@ -130,7 +130,7 @@ static int outputs_are_live(const CoreState *s) {
     return !BLOCK_SAMPLED || (s->mode != MODE_CONTINUOUS && sample_is_due(s));
 }
 
-static int refresh_start(Core *core) {
+APART static int refresh_start(Core *core) {
     CoreState *s = &core->state;
     if (!s->start_stale) return CORE_OK;
     core->arguments[0] = s->values + INPUT_FIRST;
@@ -141,7 +141,7 @@ static int refresh_start(Core *core) {
     return CORE_OK;
 }
 
-static int refresh_outputs(Core *core) {
+APART static int refresh_outputs(Core *core) {
     CoreState *s = &core->state;
     if (refresh_start(core)) return CORE_ERROR;
     if (!s->outputs_stale) return CORE_OK;
@@ -154,7 +154,7 @@ static int refresh_outputs(Core *core) {
     return CORE_OK;
 }
 
-static int refresh_derivatives(Core *core) {
+APART static int refresh_derivatives(Core *core) {
     CoreState *s = &core->state;
     if (BLOCK_SAMPLED || refresh_start(core)) return BLOCK_SAMPLED ? CORE_OK : CORE_ERROR;
     if (!s->derivatives_stale) return CORE_OK;
@@ -163,7 +163,7 @@ static int refresh_derivatives(Core *core) {
     return CORE_OK;
 }
 
-static int refresh_rate(Core *core) {
+APART static int refresh_rate(Core *core) {
     CoreState *s = &core->state;
     if (!s->rate_stale) return CORE_OK;
     core->arguments[0] = s->values + STATE_FIRST;
@@ -319,7 +319,7 @@ static int integrate(Core *core, double step) {
 }
 
 /* One sample of a sampled block: hold the outputs, go to the next state, wait for the next sample. */
-static int sample(Core *core) {
+APART static int sample(Core *core) {
     CoreState *s = &core->state;
     const double time = sample_instant(s);
     if (evaluate_output(core, s->held)) return CORE_ERROR;

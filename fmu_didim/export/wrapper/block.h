@@ -70,36 +70,42 @@ typedef struct {
 #else
 #define EXPORT
 #endif
+/* One copy of a function is enough where its call costs nothing beside its work: half the time to compile. */
+#if defined(__GNUC__)
+#define APART __attribute__((noinline))
+#else
+#define APART
+#endif
 #define PASTE_EXPANDED(prefix, name) prefix##name
 #define PASTE(prefix, name) PASTE_EXPANDED(prefix, name)
 
-static Core *core_create(void);      /* NULL if there is no memory */
-static void core_free(Core *core);   /* NULL is allowed */
-static void core_reset(Core *core);  /* as fresh from core_create */
-static int core_fail(Core *core, const char *format, ...);
+APART static Core *core_create(void);     /* NULL if there is no memory */
+APART static void core_free(Core *core);  /* NULL is allowed */
+APART static void core_reset(Core *core); /* as fresh from core_create */
+APART static int core_fail(Core *core, const char *format, ...);
 
 static int core_get(Core *core, const unsigned int references[], size_t count, double values[]);
 static int core_set(Core *core, const unsigned int references[], size_t count, const double values[]);
-static int core_set_substeps(Core *core, int substeps);
+APART static int core_set_substeps(Core *core, int substeps);
 static int core_set_time(Core *core, double time); /* before initialisation also the start time */
 static void core_set_mode(Core *core, CoreMode mode);
 /* Is a call allowed now? If not, the message says which function was called when. */
-static int core_check_mode(Core *core, int allowed_modes, const char *function);
+APART static int core_check_mode(Core *core, int allowed_modes, const char *function);
 
-static int core_finish_initialization(Core *core); /* initial state and rate; the mode is left alone */
+APART static int core_finish_initialization(Core *core); /* initial state and rate; the mode is left alone */
 static int core_step(Core *core, double time, double step);
-static int core_event(Core *core, double *next_event_time); /* *next_event_time is set if BLOCK_SAMPLED */
+APART static int core_event(Core *core, double *next_event_time); /* *next_event_time is set if BLOCK_SAMPLED */
 
 static int core_derivatives(Core *core, const double **derivatives);
 static int core_set_states(Core *core, const double states[]);
 
-static int core_directional(Core *core, const unsigned int unknowns[], size_t unknown_count,
-                            const unsigned int knowns[], size_t known_count, const double known_seeds[],
-                            double unknown_sensitivities[]);
+APART static int core_directional(Core *core, const unsigned int unknowns[], size_t unknown_count,
+                                  const unsigned int knowns[], size_t known_count, const double known_seeds[],
+                                  double unknown_sensitivities[]);
 
 /* A saved state as bytes: a header that ties it to this very block, then the CoreState. */
 #define CORE_SERIALIZED_SIZE (sizeof(BLOCK_GUID) + sizeof(CoreState))
-static void core_serialize(const CoreState *state, char bytes[]);
-static int core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state);
+APART static void core_serialize(const CoreState *state, char bytes[]);
+APART static int core_deserialize(Core *core, const char bytes[], size_t size, CoreState *state);
 
 #endif

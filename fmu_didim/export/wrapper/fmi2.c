@@ -71,17 +71,17 @@ static void log_error(const fmi2CallbackFunctions *callbacks, fmi2String name, c
     callbacks->logger(callbacks->componentEnvironment, name, fmi2Error, "logStatusError", message);
 }
 
-static fmi2Status report(Instance *instance, int core_status) {
+APART static fmi2Status report(Instance *instance, int core_status) {
     if (core_status == CORE_OK) return fmi2OK;
     log_error(&instance->callbacks, instance->name, instance->core->message);
     return fmi2Error;
 }
 
-static int in_mode(Instance *instance, int allowed, const char *function) {
+APART static int in_mode(Instance *instance, int allowed, const char *function) {
     return report(instance, core_check_mode(instance->core, allowed, function)) == fmi2OK;
 }
 
-static fmi2Status not_provided(Instance *instance, const char *what) {
+APART static fmi2Status not_provided(Instance *instance, const char *what) {
     return report(instance, core_fail(instance->core, "this FMU has no %s", what));
 }
 

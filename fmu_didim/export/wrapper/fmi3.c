@@ -72,22 +72,22 @@ static void log_error(fmi3LogMessageCallback log_message, fmi3InstanceEnvironmen
     if (log_message) log_message(environment, fmi3Error, "logStatusError", text);
 }
 
-static fmi3Status report(Instance *instance, int core_status) {
+APART static fmi3Status report(Instance *instance, int core_status) {
     if (core_status == CORE_OK) return fmi3OK;
     log_error(instance->log_message, instance->environment, instance->core->message);
     return fmi3Error;
 }
 
-static int in_mode(Instance *instance, int allowed, const char *function) {
+APART static int in_mode(Instance *instance, int allowed, const char *function) {
     return report(instance, core_check_mode(instance->core, allowed, function)) == fmi3OK;
 }
 
-static fmi3Status not_provided(Instance *instance, const char *what) {
+APART static fmi3Status not_provided(Instance *instance, const char *what) {
     return report(instance, core_fail(instance->core, "this FMU has no %s", what));
 }
 
 /* All variables are scalars: as many values as value references. */
-static int same_count(Instance *instance, size_t references, size_t values, const char *function) {
+APART static int same_count(Instance *instance, size_t references, size_t values, const char *function) {
     if (references == values) return 1;
     report(instance, core_fail(instance->core, "%s needs one value for each value reference: %zu references, "
                                "%zu values", function, references, values));
