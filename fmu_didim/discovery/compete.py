@@ -27,6 +27,8 @@ SHORTLIST = 6
 WORTH = 0.25
 """Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
 what its signature says."""
+LEAST = 5.0
+"""What a candidate must promise to lower chi-square by, for its fit to be carried to the end."""
 SURVIVING = 5e-3
 """Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
 
@@ -156,7 +158,7 @@ def contend(
 ) -> list[Contender]:
     """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
 
-    best = [np.inf]
+    best = [fit.chi_square - LEAST]
 
     def one(candidate: Screened) -> Contender | None:
         found = refit(candidate.signature.proposal(candidate.coefficients), workshop, fit, noise, hopeless=best[0])
