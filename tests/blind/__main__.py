@@ -19,7 +19,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.blind.campaign import PAIRS, make_campaign
-from tests.blind.harness import case_folders, evaluate, read_lines
+from tests.blind.harness import case_folders, evaluate, found_only, project_discover, read_lines
 from tests.blind.publish import collected, markdown, write_rows
 from tests.blind.score import read_truth, score, text
 from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
@@ -41,6 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--plant", choices=("model", "fmu"), default="model", help="how plant and controller run")
     parser.add_argument("--score", action="store_true", help="compare with the truth afterwards")
     parser.add_argument("--resume", action="store_true", help="run only cases that --out does not hold yet")
+    parser.add_argument(
+        "--findings-only", action="store_true", help="write no models and reports, which takes half the time"
+    )
     parser.add_argument("--no-run", action="store_true", help="score the lines that --out already holds")
     options = parser.parse_args(given)
     try:
@@ -53,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as scratch:
             lines = evaluate(
                 folders, options.out, options.work or Path(scratch),
+                found_only if options.findings_only else project_discover,
                 jobs=options.jobs, plant=options.plant, resume=options.resume, progress=_progress,
             )  # fmt: skip
     if not options.score:
