@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fmu_didim.block import choose_substeps
 from fmu_didim.components import Component
+from fmu_didim.discovery.integration import coarsely, divided
 from fmu_didim.discovery.push import PUSH, Push, held, with_pushes
 from fmu_didim.errors import DivergedError, InputError
-from fmu_didim.identification.problem import STABLE, Problem
+from fmu_didim.identification.problem import Problem
 from fmu_didim.master import Connection, Recording, SampleOperator, System, simulate
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.signals import Array
@@ -95,7 +95,7 @@ class LoopModel:
         knobs: free parameters, the base parameters first.
         additions: the effects, in the order in which they were added.
         workers: simulations side by side.
-        coarse: whether the plant is integrated with as few steps as keep it stable (:func:`coarsely`).
+        coarse: whether the plant is integrated with as few steps as keep it stable.
     """
 
     runs: Mapping[str, Run]
@@ -209,7 +209,7 @@ class LoopModel:
     def simulated(self, values: Array, which: str = "train") -> System:
         """The system as it is run, with the ticks that its components need."""
         run, system = self.runs[which], self.system(values, which)
-        return _divided(system, run) if run.finer > 1 else system
+        return divided(system, run.problem, run.finer) if run.finer > 1 else system
 
     def refined(self, count: int) -> LoopModel:
         """The same loop with other ticks in a control period."""
@@ -246,36 +246,6 @@ class LoopModel:
             return [task() for task in tasks]
         with ThreadPoolExecutor(self.workers) as threads:
             return list(threads.map(lambda task: task(), tasks))
-
-
-def _divided(system: System, run: Run) -> System:
-    """The system with shorter ticks: the plant and what belongs to it step with them, all else as before."""
-    added = set(system.components) - set(run.problem.system.components)
-    close = {run.problem.plant, *(n for n in added if len(system.components[n].inputs) > 1)}
-    every = {n: system.every.get(n, 1) * (1 if n in close else run.finer) for n in system.components}
-    delays = {name: samples * run.finer for name, samples in system.delays.items()}
-    return replace(system, step_size=system.step_size / run.finer, every=every, delays=delays)
-
-
-def coarsely(plant: Component, step: float, joints: int) -> Component:
-    """The plant with as few substeps as keep it stable, h rate <= 1.6, unless their number was stated.
-
-    In what hundreds of simulations search, an error of 1e-4 of the noise is nothing: the bound of the rate is that of
-    friction at rest, which the motion hardly ever meets. States of its own (bristles, gears) a plant resolves as ever.
-
-    Args:
-        step: communication step, s; joints: n, of a plant with 2 n states.
-    """
-    known = plant.equations()
-    if known is None:
-        return plant
-    block, stated = known
-    if stated is not None or block.rate_bound is None or len(block.states) > 2 * joints:
-        return plant
-    p = block.parameter_values
-    rate = float(block.rate_bound(block.start(np.zeros(len(block.inputs)), p), p))
-    count = choose_substeps(rate, step, minimum=2 * STABLE) // STABLE
-    return plant.with_substeps(count) or plant if np.isfinite(rate) else plant
 
 
 def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int = 2) -> LoopModel:

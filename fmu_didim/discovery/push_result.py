@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from fmu_didim.discovery.decide import HELD_OUT
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import gap_pair
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.push import PUSH
 from fmu_didim.discovery.pushes import Pushed, push_knobs
-from fmu_didim.discovery.rounds import HELD_OUT
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import SimulationError
 

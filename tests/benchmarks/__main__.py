@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tests.benchmarks import (
     command_start,
+    discovery,
     first_identification,
     master_overhead,
     processes,
@@ -35,6 +36,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "reruns": reruns.run,
     "command_start": command_start.run,
     "first_identification": first_identification.run,
+    "discovery": discovery.run,
 }
 
 

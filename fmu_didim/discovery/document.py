@@ -1,0 +1,211 @@
+"""The outcome of discovery written down: the content of ``findings.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.decide import Options, Step, held_out_ratio
+from fmu_didim.discovery.findings import (
+    VERDICT_TEXT,
+    FindingResult,
+    FindingsDocument,
+    GapPair,
+    NoiseResult,
+    RegionResult,
+    Rival,
+    ValueFound,
+    Verdict,
+    WindowResult,
+)
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.gap import gap_pair, joint_gaps
+from fmu_didim.discovery.localise import Region, force_windows
+from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.discovery.rounds import Discovery
+from fmu_didim.errors import SimulationError
+from fmu_didim.signals import Array
+from fmu_didim.statistics import relative_error_percent
+
+REMAINDER = 0.6
+"""Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
+
+
+Residuals = dict[str, tuple[Array, Array]]
+"""Label of each experiment -> residuals (N, n) of the base and of the final model."""
+
+
+def findings_document(
+    name: str,
+    discovery: Discovery,
+    workshop: Workshop,
+    noise: Noise,
+    options: Options,
+    *,
+    outside: Sequence[FindingResult] = (),
+    windows: Sequence[WindowResult] = (),
+    found_regions: Sequence[Region] = (),
+    notes: Sequence[str] = (),
+    provenance: Mapping[str, Any] | None = None,
+) -> FindingsDocument:
+    """Everything that was found, with intervals and gaps.
+
+    Args:
+        name: of the case; discovery: base, final model and the steps between; noise: of the data.
+        outside: torques from outside, which come first; windows: when they acted.
+        found_regions: where the base model disagrees; notes: further remarks.
+    """
+    residuals = _residuals(discovery)
+    verdict = _verdict(discovery, noise)
+    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
+    units = discovery.base.model.runs["train"].problem.parameters.torque_units
+    return FindingsDocument(
+        name=name,
+        verdict=verdict,
+        text=VERDICT_TEXT[verdict],
+        findings=[*outside, *(_finding(step, discovery, workshop, noise) for step in discovery.steps)],
+        gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
+        error_percent=_errors(discovery, residuals),
+        ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
+        noise=_noise(noise),
+        regions=[
+            RegionResult(
+                joint=r.joint, quantity=r.quantity, unit=r.unit, low=r.low, high=r.high, mean=r.mean,
+                share_of_gap=r.share, p_value=r.p_value,
+            )
+            for r in found_regions
+        ],
+        windows=[*windows, *_windows(discovery, residuals, noise)],
+        refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
+        base_parameters=_values(discovery.final, noise, lambda knob: knob.effect is None),
+        torque_unit=list(units),
+        seconds=0.0,
+        notes=list(notes),
+        files={},
+        provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(workshop.effects)},
+    )  # fmt: skip
+
+
+def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
+    remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
+    if discovery.steps or discovery.final.model.runs["train"].pushes:
+        return "named_with_remainder" if remains else "named"
+    return "unknown" if remains else "nothing"
+
+
+def _finding(step: Step, discovery: Discovery, workshop: Workshop, noise: Noise) -> FindingResult:
+    effect = workshop.effect(step.addition)
+    index = discovery.final.model.additions.index(step.addition)
+    return FindingResult(
+        effect=step.addition.effect,
+        title=effect.title,
+        class_=effect.class_name,
+        joint=step.addition.joint,
+        place=effect.place,
+        equation=effect.equation,
+        parameters=_values(discovery.final, noise, lambda knob: knob.effect == index),
+        share_of_gap=step.share,
+        delta_bic=step.delta_bic,
+        ambiguous=[_rival(a, behind, workshop) for a, behind in step.ambiguous],
+        experiment=effect.experiment,
+        gap={
+            label: GapPair(
+                before=_norm(step.before[label]),
+                after=_norm(step.after[label]),
+                before_per_joint=step.before[label].tolist(),
+                after_per_joint=step.after[label].tolist(),
+            )
+            for label in step.before
+        },
+        ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
+    )
+
+
+def _rival(addition: Addition, behind: float, workshop: Workshop) -> Rival:
+    title = workshop.effect(addition).title
+    return Rival(effect=addition.effect, title=title, joint=addition.joint, bic_behind=behind)
+
+
+def _values(fit: Fit, noise: Noise, wanted: Callable[[Any], bool]) -> list[ValueFound]:
+    deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
+    return [
+        ValueFound(
+            name=knob.name, unit=knob.unit, value=float(v), std=float(s),
+            interval=(float(v - 1.96 * s), float(v + 1.96 * s)),
+        )
+        for knob, v, s in zip(fit.model.knobs, fit.values, deviation, strict=True)
+        if wanted(knob)
+    ]  # fmt: skip
+
+
+def _residuals(discovery: Discovery) -> Residuals:
+    """Label of each experiment -> residuals of the base and of the final model; infinite where one cannot be run."""
+    result = {}
+    for label, run in discovery.base.model.runs.items():
+        pair = []
+        for fit in (discovery.base, discovery.final):
+            try:
+                pair.append(fit.model.residual(fit.values, label))
+            except SimulationError:
+                pair.append(np.full(run.measured.shape, np.inf))
+        result[label] = (pair[0], pair[1])
+    return result
+
+
+def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
+    result = {}
+    for label, pair in residuals.items():
+        measured = discovery.base.model.runs[label].measured
+        percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
+        result[label] = (percent[0], percent[1])
+    return result
+
+
+def _windows(discovery: Discovery, residuals: Residuals, noise: Noise) -> list[WindowResult]:
+    """Intervals with a force of their own, in what the final model leaves: the drive must make up for it."""
+    result = []
+    for label, (_, residual) in residuals.items():
+        if not np.isfinite(residual).all():
+            continue
+        run = discovery.final.model.runs[label]
+        for w in force_windows(residual, run.problem.experiment.time, noise):
+            result.append(
+                WindowResult(
+                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=-w.torque, score=w.score, experiment=label
+                )
+            )
+    return result
+
+
+def _noise(noise: Noise) -> NoiseResult:
+    return NoiseResult(
+        source=noise.source,
+        std=noise.deviation.tolist(),
+        correlation=noise.correlation.tolist(),
+        period_s=noise.period_s,
+        periods=noise.periods,
+    )
+
+
+def _options(options: Options) -> dict[str, Any]:
+    return {
+        "forbid": sorted(options.forbid),
+        "prefer": list(options.prefer),
+        "rounds": options.rounds,
+        "threshold": options.threshold,
+        "smallest_size": options.smallest_size,
+        "smallest_gain": options.smallest_gain,
+        "smallest_share": options.smallest_share,
+        "seed": options.seed,
+    }
+
+
+def _norm(gaps: Array) -> float:
+    return float(np.sqrt(np.mean(gaps**2)))
+
+
+__all__ = ["findings_document"]

@@ -1,0 +1,60 @@
+"""The pre-check for a limit of the torque, to which linear screening is blind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.compete import Contender, contender, refit
+from fmu_didim.discovery.decide import Options, Step, objection, step_of
+from fmu_didim.discovery.fit import Fit
+from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.errors import SimulationError
+
+NAME = "torque_saturation"
+QUANTILES = (0.98, 0.99, 0.995, 0.998)
+"""Of the measured torque of a joint, tried as its limit."""
+
+
+def saturation(
+    workshop: Workshop, fit: Fit, noise: Noise, options: Options, say: Callable[[str], None]
+) -> tuple[Step, Fit] | None:
+    """The limit of a torque if there is one.
+
+    Limits at the upper quantiles of the measured torque of each joint are tried in full simulations.
+    """
+    effect = workshop.effects.get(NAME)
+    if not isinstance(effect, SplicedEffect) or NAME in options.forbid:
+        return None
+    say("pre-check: saturation")
+    measured = fit.model.runs["train"].measured
+    cost = float(np.sum((fit.residual * noise.weight) ** 2))
+    tried: list[tuple[float, Addition, float]] = []
+    for joint in range(1, fit.model.joint_count + 1):
+        addition = Addition(NAME, joint)
+        for part in QUANTILES:
+            limit = float(np.quantile(np.abs(measured[:, joint - 1]), part))
+            model = workshop.build(fit.model, [Proposal(addition, {"limit": limit})])
+            try:
+                reached = float(np.sum((model.residual(model.start) * noise.weight) ** 2))
+            except SimulationError:
+                continue
+            tried.append((reached, addition, limit))
+    best = min(tried, default=None, key=lambda t: t[0])
+    if best is None or best[0] > 0.9 * cost:
+        return None
+    found: list[Contender] = []
+    for addition in dict.fromkeys(a for _, a, _ in sorted(tried, key=lambda t: t[0])[:4]):
+        limit = min((t for t in tried if t[1] == addition), key=lambda t: t[0])[2]
+        fitted = refit(Proposal(addition, {"limit": limit}, {"limit": limit}), workshop, fit, noise)
+        if fitted is not None:
+            found.append(contender(addition, fitted, workshop, fit, noise))
+    found.sort(key=lambda c: -c.delta_bic)
+    if not found or objection(found[0], fit, noise, options):
+        return None
+    say(f"added: {NAME} on joint {found[0].addition.joint}")
+    return step_of(found[0], found, workshop, fit, noise, options), found[0].fit
