@@ -7,7 +7,7 @@ Screening projects the base out of each signature: only what the present model c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -17,9 +17,10 @@ from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import colour, delta_bic, explained
 from fmu_didim.discovery.library import Library, Signature
-from fmu_didim.discovery.loop_model import PLANT, Addition, Knob
+from fmu_didim.discovery.loop_model import PLANT, Addition, Knob, LoopModel
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.sensitivity import sensitivity
+from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
@@ -27,6 +28,14 @@ SHORTLIST = 6
 WORTH = 0.25
 """Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
 what its signature says."""
+LEADING = 0.75
+"""Part of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
+FURTHER = 3
+"""Largest number of those further shapes."""
+SIZES = (0.5, 1.0, 2.0)
+"""Tried of an effect outside the torque balance, in parts of what its signature says: gears rattle."""
+STARTS = 2
+"""Number of those from which it is fitted."""
 LEAST = 5.0
 """What a candidate must promise to lower chi-square by, for its fit to be carried to the end."""
 SURVIVING = 5e-3
@@ -43,12 +52,15 @@ class Screened:
     Attributes:
         signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
         surviving: part of the norm of the signature that the base cannot absorb.
+        others: the same candidate at further shapes that are nearly as good, which are tried too if it leads; None in
+            the torque balance, where a signature is the slope itself.
     """
 
     signature: Signature
     coefficients: Array
     gain: float
     surviving: float
+    others: tuple[Screened, ...] | None = None
 
     @property
     def addition(self) -> Addition:
@@ -102,7 +114,7 @@ class Basis:
 def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list[Screened]:
     """All candidates that are not in the model yet, each at its best shapes, the best first."""
     basis = Basis(fit, noise)
-    best: dict[Addition, Screened] = {}
+    found: dict[Addition, list[Screened]] = {}
     # A class is named once on a joint: a second member of it would only mend the form of the first.
     named = {(workshop.effect(a).class_name, a.joint) for a in fit.model.additions}
     for signature in library:
@@ -117,10 +129,18 @@ def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list
         coefficients = _coefficients(rest, basis.residual)
         cost = workshop.cost(signature.addition) - _idle(table)
         gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(basis.count)
-        known = best.get(signature.addition)
-        if known is None or gain > known.gain:
-            best[signature.addition] = Screened(signature, coefficients, gain, surviving)
-    return sorted(best.values(), key=lambda s: -s.gain)
+        found.setdefault(signature.addition, []).append(Screened(signature, coefficients, gain, surviving))
+    return sorted((_best(shapes, workshop) for shapes in found.values()), key=lambda s: -s.gain)
+
+
+def _best(shapes: Sequence[Screened], workshop: Workshop) -> Screened:
+    """A candidate at its best shapes; one outside the torque balance with others."""
+    ordered = sorted(shapes, key=lambda s: -s.gain)
+    best = ordered[0]
+    if not isinstance(workshop.effect(best.addition), NonlinearEffect):
+        return best
+    near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
+    return replace(best, others=tuple(near))
 
 
 def _coefficients(columns: Array, residual: Array) -> Array:
@@ -159,12 +179,21 @@ def contend(
     """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
 
     best = [fit.chi_square - LEAST]
+    leading = LEADING * max((s.gain for s in chosen), default=0.0)
+    basis = Basis(fit, noise)
 
     def one(candidate: Screened) -> Contender | None:
-        found = refit(candidate.signature.proposal(candidate.coefficients), workshop, fit, noise, hopeless=best[0])
+        found = None
+        starts = [candidate.signature.proposal(candidate.coefficients)]
+        if candidate.others is not None and candidate.gain >= leading:
+            starts = _scanned(candidate, workshop, fit, basis)
+        for start in starts:
+            fitted = refit(start, workshop, fit, noise, hopeless=best[0])
+            if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                found = fitted
+                best[0] = min(best[0], found.chi_square)
         if found is None:
             return None
-        best[0] = min(best[0], found.chi_square)
         result = contender(candidate.addition, found, workshop, fit, noise)
         progress(
             f"{candidate.addition.effect} on joint {candidate.addition.joint}: BIC difference {result.delta_bic:.0f}"
@@ -174,6 +203,44 @@ def contend(
     with ThreadPoolExecutor(fit.model.workers) as threads:
         results = list(threads.map(one, chosen))
     return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
+
+
+def with_shapes_held(candidate: Screened, workshop: Workshop, fit: Fit, noise: Noise) -> Iterator[Contender]:
+    """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
+
+    Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
+    """
+    for screened in (candidate, *(candidate.others or ())):
+        proposal = screened.signature.proposal(screened.coefficients)
+        fitted = refit(proposal, workshop, fit, noise, hold=True)
+        if fitted is not None:
+            yield contender(candidate.addition, fitted, workshop, fit, noise)
+
+
+def _shapes_held(model: LoopModel, first: int) -> LoopModel:
+    knobs = tuple(
+        replace(knob, lowest=knob.value, highest=knob.value) if i >= first and knob.is_shape else knob
+        for i, knob in enumerate(model.knobs)
+    )
+    return replace(model, knobs=knobs)
+
+
+def _scanned(candidate: Screened, workshop: Workshop, fit: Fit, basis: Basis) -> list[Proposal]:
+    """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted to
+    first order, the best ones first."""
+    tried: list[tuple[float, int, Proposal]] = []
+    for screened in (candidate, *(candidate.others or ())):
+        for size in SIZES:
+            proposal = screened.signature.proposal(size * screened.coefficients)
+            model = workshop.build(fit.model, [proposal])
+            low, high = model.limits
+            try:
+                residual = model.residual(np.clip(model.start, low, high))
+            except SimulationError:
+                continue
+            cost = float(np.sum(basis.project((residual * basis.weight).ravel()) ** 2))
+            tried.append((cost, len(tried), proposal))
+    return [proposal for _, _, proposal in sorted(tried)[:STARTS]]
 
 
 def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:
@@ -212,8 +279,14 @@ def plain_name(knob: Knob, joint: int) -> str:
     return knob.key.removesuffix(str(joint)).removesuffix("_") if knob.owner == PLANT else knob.key
 
 
-def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf) -> Fit | None:
-    """The model of a fit with one more effect, fitted; None if no start of it can be simulated."""
+def refit(
+    proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf, hold: bool = False
+) -> Fit | None:
+    """The model of a fit with one more effect, fitted; None if no start of it can be simulated.
+
+    Args:
+        hopeless: see :func:`~fmu_didim.discovery.fit.minimise`; hold: whether its shapes stay as they are proposed.
+    """
     neutral = getattr(workshop.effect(proposal.addition), "neutral", {})
     for part in (1.0, 0.3, 0.03):
         values = dict(proposal.values)
@@ -228,6 +301,7 @@ def refit(proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hop
             return None  # all its parameters belong to effects that are there already
         low, high = model.limits
         start = np.clip(model.start, low, high)
+        model = _shapes_held(model.with_values(start), len(fit.model.knobs)) if hold else model
         model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
         try:
             torque = model.torque(start)

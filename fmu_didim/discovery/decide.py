@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
 HELD_OUT = "test"
+FAILS_HELD_OUT = "held-out RMS ratio"
+"""How the objection begins that a contender does not help on the held-out data."""
 NEAR = 0.02
 """Part of the gain in BIC by which contenders may differ and still be ambiguous."""
 
@@ -69,18 +71,29 @@ class Step:
 
 
 def decide(
-    contenders: Sequence[Contender], workshop: Workshop, fit: Fit, noise: Noise, options: Options
+    contenders: Sequence[Contender],
+    workshop: Workshop,
+    fit: Fit,
+    noise: Noise,
+    options: Options,
+    *,
+    held: Callable[[Addition], Iterable[Contender]] = lambda addition: (),
 ) -> Contender | tuple[tuple[Addition, str], ...]:
     """The contender to add, or why none is.
 
     Args:
         contenders: the best first; fit: of the model without them.
+        held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
     """
     reasons: list[tuple[Addition, str]] = []
     for candidate in contenders:
         reason = objection(candidate, fit, noise, options)
         if not reason:
             return _simplest(candidate, contenders, workshop, fit, noise, options)
+        if reason.startswith(FAILS_HELD_OUT):
+            for other in held(candidate.addition):
+                if not objection(other, fit, noise, options):
+                    return other
         reasons.append((candidate.addition, reason))
     return tuple(reasons)
 
@@ -97,7 +110,7 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options) ->
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
     if ratio is not None and ratio.high >= 1.0:
-        return f"held-out RMS ratio {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
+        return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
 
 

@@ -70,6 +70,7 @@ def minimise(
     iterations: int = 8,
     hopeless: float = np.inf,
     everywhere: bool = True,
+    exact: bool = False,
 ) -> Fit:
     """Fit all knobs of a model, from their values.
 
@@ -80,6 +81,7 @@ def minimise(
         iterations: largest number of steps.
         hopeless: the fit ends early where not even twice what a step promises brings the cost below this.
         everywhere: whether each step must leave all experiments simulable, not only the fitted one.
+        exact: whether the Jacobian is computed anew at the minimum; of gears that open it changes within a per cent.
 
     Raises:
         SimulationError: the start cannot be simulated.
@@ -115,6 +117,8 @@ def minimise(
         if renew > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
             jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
             count += values.size
+    if exact and not fresh:
+        jacobian, count = sensitivity(model, values, torque), count + values.size
     return Fit(model.with_values(values), values, torque, jacobian, cost, count)
 
 

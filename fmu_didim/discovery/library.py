@@ -136,9 +136,9 @@ class Library:
         trials = {n: _mirrored(values[:2], effect, n) if single else values[:1] for n, values in trials.items()}
         tried = [
             (at, name, value)
-            for i, at in enumerate(_one_at_a_time({v.name: searched[v.name] for v in shapes}))
+            for at in _one_at_a_time({v.name: searched[v.name] for v in shapes})
             for name, values in trials.items()
-            for value in (values if i == 0 else values[-1:])
+            for value in values
         ]
         tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
         columns = [

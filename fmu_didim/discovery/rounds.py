@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.compete import Contender, contend, screen, shortlist
+from fmu_didim.discovery.compete import Contender, Screened, contend, screen, shortlist, with_shapes_held
 from fmu_didim.discovery.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import delta_bic, explained
@@ -53,10 +54,11 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
     while len(steps) < options.rounds:
         screened = screen(library, workshop, fit, noise)
         contenders = contend(shortlist(screened, workshop), workshop, fit, noise, progress=say)
-        accepted = decide(contenders, workshop, fit, noise, options)
+        held = partial(_with_shapes_held, screened, workshop, fit, noise)
+        accepted = decide(contenders, workshop, fit, noise, options, held=held)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
-            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, renew=1))
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, renew=1, exact=True))
             step = step_of(accepted, contenders, workshop, fit, noise, options)
             say(f"added: {accepted.addition.effect} on joint {accepted.addition.joint}")
             steps.append(step)
@@ -68,6 +70,14 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
             refused = accepted
             break
     return Discovery(base, fit, tuple(steps), refused)
+
+
+def _with_shapes_held(
+    screened: Sequence[Screened], workshop: Workshop, fit: Fit, noise: Noise, addition: Addition
+) -> Iterator[Contender]:
+    candidate = next(s for s in screened if s.addition == addition)
+    if candidate.others is not None and workshop.free_parameters(addition)[1]:
+        yield from with_shapes_held(candidate, workshop, fit, noise)
 
 
 def _shifts_log(fit: Fit) -> bool:

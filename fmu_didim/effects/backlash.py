@@ -45,7 +45,7 @@ class Backlash(StructureEffect):
         low, stiffness, damping = (2e-4, 500.0, 2.0) if turning else (2e-5, 5e4, 200.0)
         return {
             "gap": Search(low, 200 * low, 5),
-            "K": Search(stiffness, 20 * stiffness, 3),
+            "K": Search(stiffness, 100 * stiffness, 4),
             "D": Search(damping, 50 * damping, 3),
             "motor_share": Search(0.1, 0.5, 3, logarithmic=False),
         }

@@ -32,7 +32,7 @@ class EncoderEccentricity(SplicedEffect):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "eccentricity_cosine": (-1.0, 1.0),
         "eccentricity_sine": (-1.0, 1.0),
-        "eccentricity_number": (1e-3, 1e4),
+        "eccentricity_number": (1.0, 1e4),
     }
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:

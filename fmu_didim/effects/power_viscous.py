@@ -38,7 +38,7 @@ class PowerViscous(TorqueEffect):
         )
 
     def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"alpha": Search(0.6, 2.5, 10)}
+        return {"alpha": Search(0.6, 2.5, 10, logarithmic=False)}
 
     def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         return (at.dq * (at.dq**2 + shapes["v0"] ** 2) ** ((shapes["alpha"] - 1) / 2),)
