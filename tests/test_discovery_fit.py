@@ -313,3 +313,8 @@ def test_the_minimum_is_made_exact_again(problem: Problem, truth: np.ndarray) ->
     assert not exact.model.coarse
     assert exact.values == pytest.approx(truth, rel=1e-6)
     assert integrated(exact, noise, coarse=False) is exact
+
+
+def test_an_exact_jacobian_belongs_to_the_minimum(problem: Problem, truth: np.ndarray) -> None:
+    fit = minimise(model_with(problem).with_values(truth * START), known_noise([1e-4]), exact=True)
+    assert np.array_equal(fit.jacobian, sensitivity(fit.model, fit.values, fit.torque))

@@ -94,6 +94,44 @@ def test_hidden_effect_is_named_first_on_its_joint(run: Run, effect: str, seed: 
     assert all(p.interval[0] <= p.value <= p.interval[1] for p in first.parameters)  # type: ignore[operator]
 
 
+@pytest.fixture(scope="module")
+def cluttered(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The same on robots, loops and motions of all kinds, with small effects planted beside the hidden one."""
+
+    def found(effect: str, seed: int) -> tuple[FindingsDocument, list[tuple[str, int]]]:
+        folder: Path = tmp_path_factory.mktemp("cluttered") / "case"
+        case = blind_case(folder, (effect,), seed=seed, level=1.5, clutter=True, robots="varied")
+        return discover(case), hidden(folder)
+
+    return found
+
+
+def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
+    """Its signature is no slope: sizes and shapes must be tried in the loop before it is fitted."""
+    document, truth = cluttered("backlash", 2)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert_gap_shrinks(document, to=0.6)
+    gap = next(p for p in document.findings[0].parameters if p.name.startswith("gap"))
+    assert gap.value == pytest.approx(0.0019, rel=0.25)
+
+
+def test_a_shape_that_serves_one_motion_only_is_held_at_what_was_screened(cluttered: Run) -> None:
+    """The error of this encoder has a second harmonic, which the catalogue does not know: a free number of periods
+    makes up for it where it is fitted, and fails on the held-out data."""
+    document, truth = cluttered("encoder_eccentricity", 2)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    number = next(p for p in document.findings[0].parameters if "number" in p.name)
+    assert (number.value, number.std) == (5.0, 0.0)
+    assert_gap_shrinks(document, to=0.7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_tilted_base_is_no_error_of_an_encoder(cluttered: Run, seed: int) -> None:
+    document, _ = cluttered("base_tilt", seed)
+    assert [f.effect for f in document.findings] == ["base_tilt"]
+
+
 def test_two_hidden_effects_are_both_named(run: Run) -> None:
     document, truth = run(("torque_offset", "actuator_lag"), 7)
     assert len({joint for _, joint in truth}) == 2
