@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.compete import Contender, proposal_of
 from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.gap import BLOCK_S, Ratio, joint_gaps, rms_ratio
+from fmu_didim.discovery.gap import BLOCK_S, Ratio, joint_gaps, part_of_first, rms_ratio
 from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.errors import SimulationError
@@ -33,7 +33,8 @@ class Options:
         smallest_size: how much an effect must change the torque at least, in units of the noise of a joint, when it is
             switched off and nothing else changes.
         smallest_gain: what it must explain at least that nothing else in the model can, in the same units.
-        smallest_share: and as a part of the gap.
+        smallest_share: and as a part of the gap; smallest_part: and as a part of the gap that the base model had on the
+            joint where it explains most: a refinement of what was found is not another effect.
         seed: of the bootstrap.
     """
 
@@ -44,6 +45,7 @@ class Options:
     smallest_size: float = 0.6
     smallest_gain: float = 0.2
     smallest_share: float = 0.05
+    smallest_part: float = 0.03
     seed: int = 0
 
 
@@ -77,28 +79,35 @@ def decide(
     noise: Noise,
     options: Options,
     *,
+    base: Fit,
     held: Callable[[Addition], Iterable[Contender]] = lambda addition: (),
 ) -> Contender | tuple[tuple[Addition, str], ...]:
     """The contender to add, or why none is.
 
     Args:
-        contenders: the best first; fit: of the model without them.
+        contenders: the best first; fit: of the model without them; base: of the model without any effect.
         held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
     """
     reasons: list[tuple[Addition, str]] = []
     for candidate in contenders:
-        reason = objection(candidate, fit, noise, options)
+        reason = objection(candidate, fit, noise, options, base=base)
         if not reason:
-            return _simplest(candidate, contenders, workshop, fit, noise, options)
+            near = [
+                c
+                for c in contenders
+                if c.delta_bic > candidate.delta_bic - _nearness(candidate, options)
+                and not objection(c, fit, noise, options, base=base)
+            ]
+            return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.addition):
-                if not objection(other, fit, noise, options):
+                if not objection(other, fit, noise, options, base=base):
                     return other
         reasons.append((candidate.addition, reason))
     return tuple(reasons)
 
 
-def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options) -> str:
+def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *, base: Fit) -> str:
     """Why a contender is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
@@ -108,21 +117,18 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options) ->
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
+    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, noise)
+    if part < options.smallest_part:
+        least = 100 * options.smallest_part
+        return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
     if ratio is not None and ratio.high >= 1.0:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
 
 
-def _simplest(
-    winner: Contender, contenders: Sequence[Contender], workshop: Workshop, fit: Fit, noise: Noise, options: Options
-) -> Contender:
-    """Of the ambiguous set: what the user prefers, else the member with the fewest parameters."""
-    near = [
-        c
-        for c in contenders
-        if c.delta_bic > winner.delta_bic - _nearness(winner, options) and not objection(c, fit, noise, options)
-    ]
+def _simplest(near: Sequence[Contender], options: Options) -> Contender:
+    """Of an ambiguous set: what the user prefers, else the member with the fewest parameters."""
     for name in options.prefer:
         for c in near:
             if c.addition.effect == name:

@@ -200,6 +200,7 @@ def _options(options: Options) -> dict[str, Any]:
         "smallest_size": options.smallest_size,
         "smallest_gain": options.smallest_gain,
         "smallest_share": options.smallest_share,
+        "smallest_part": options.smallest_part,
         "seed": options.seed,
     }
 

@@ -107,3 +107,16 @@ def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
     size = float(np.sqrt(max(float((first - second).max()), 0.0)))
     room = float(np.sum(np.maximum(first - 1, 0.0)))
     return size, float(np.clip(np.sum(first - second) / room, 0.0, 1.0)) if room > 0 else 0.0
+
+
+def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> float:
+    """What a larger model explains on the joint where it explains most, as a part of the first model's gap there.
+
+    Args:
+        first, before, after: residuals (N, n) of the first model, and without and with what is new.
+    """
+    squares = [np.mean((residual / noise.deviation) ** 2, axis=0) for residual in (first, before, after)]
+    joint = int(np.argmax(squares[1] - squares[2]))
+    room = float(squares[0][joint] - 1.0)
+    gained = float(squares[1][joint] - squares[2][joint])
+    return gained / room if room > 0 else 1.0

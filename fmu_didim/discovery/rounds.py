@@ -55,7 +55,7 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
         screened = screen(library, workshop, fit, noise)
         contenders = contend(shortlist(screened, workshop), workshop, fit, noise, progress=say)
         held = partial(_with_shapes_held, screened, workshop, fit, noise)
-        accepted = decide(contenders, workshop, fit, noise, options, held=held)
+        accepted = decide(contenders, workshop, fit, noise, options, base=base, held=held)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, renew=1, exact=True))

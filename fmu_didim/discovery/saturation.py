@@ -54,7 +54,7 @@ def saturation(
         if fitted is not None:
             found.append(contender(addition, fitted, workshop, fit, noise))
     found.sort(key=lambda c: -c.delta_bic)
-    if not found or objection(found[0], fit, noise, options):
+    if not found or objection(found[0], fit, noise, options, base=fit):
         return None
     say(f"added: {NAME} on joint {found[0].addition.joint}")
     return step_of(found[0], found, workshop, fit, noise, options), found[0].fit
