@@ -17,6 +17,9 @@ REPEATS_WITHIN = 1e-6
 SHORTEST_PERIOD = 10
 """Ticks; a shorter period would be one of the control."""
 LARGEST_CORRELATION = 0.98
+SEGMENTS = 12
+SEGMENT = (32, 256)
+"""A residual's spectrum comes from at least this many segments, of so many samples."""
 LEAST = 1e-9
 """Smallest noise, as a part of the torque."""
 BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
@@ -138,10 +141,12 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
 
     n = residual.shape[1]
     cut = min(4 * motion_hz, 0.3 * rate_hz)
+    # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
+    segment = int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT))
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
         frequency, power = signal.welch(
-            residual[:, j], fs=rate_hz, nperseg=min(256, residual.shape[0]), average="median"
+            residual[:, j], fs=rate_hz, nperseg=segment, average="median"
         )
         upper = frequency >= cut
         if upper.sum() < 4:
