@@ -17,7 +17,7 @@ REPEATS_WITHIN = 1e-6
 SHORTEST_PERIOD = 10
 """Ticks; a shorter period would be one of the control."""
 LARGEST_CORRELATION = 0.98
-SEGMENTS = 12
+SEGMENTS = 6
 SEGMENT = (32, 256)
 """A residual's spectrum comes from at least this many segments, of so many samples."""
 LEAST = 1e-9
