@@ -215,6 +215,17 @@ def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
         assert (noise.deviation < 2.0 * SIGMA).all()
 
 
+def test_a_sweep_is_no_noise_at_a_low_rate() -> None:
+    """Torque of 1.5 sigma that sweeps from 0.5 to 5 Hz in 24 s, seen at 20 Hz: the noise is told to a third."""
+    time = np.arange(480) / 20.0
+    sweep = np.sqrt(2) * 1.5 * np.sin(2 * np.pi * (0.5 * time + 0.5 * 0.19 * time**2))
+    for seed in range(10):
+        noise = coloured(np.random.default_rng(seed), (480, 2), 0.3, SIGMA)
+        found = noise_from_residual(noise + SIGMA * sweep[:, None], rate_hz=20.0, motion_hz=1.5)
+        assert np.median(found.deviation / SIGMA) < 1.35, seed
+        assert (found.deviation / SIGMA > 0.6).all(), seed
+
+
 def test_frequency_of_the_motion() -> None:
     assert motion_frequency(sines(8.0), 1) == pytest.approx(1.25, abs=0.3)
     without = trajectory(sines(8.0).time, {"q1": sines(8.0).select(["q1"])[:, 0]})

@@ -20,6 +20,8 @@ LARGEST_CORRELATION = 0.98
 SEGMENTS = 6
 SEGMENT = (32, 256)
 """A residual's spectrum comes from at least this many segments, of so many samples."""
+USUAL = (0.2, 0.2)
+"""Correlation of neighbouring samples that noise usually has, and its spread."""
 LEAST = 1e-9
 """Smallest noise, as a part of the torque."""
 BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
@@ -151,11 +153,12 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         upper = frequency >= cut
         if upper.sum() < 4:
             upper = frequency >= 0.5 * frequency[-1]
-        best = min(
-            ((_misfit(power[upper], rho, frequency[upper] / rate_hz), rho) for rho in np.linspace(-0.5, 0.9, 57)),
-            key=lambda pair: pair[0][0],
-        )
-        (_, level), rho = best
+        trials = np.linspace(-0.5, 0.9, 57)
+        fits = [_misfit(power[upper], rho, frequency[upper] / rate_hz) for rho in trials]
+        misfits = np.array([misfit for misfit, _ in fits])
+        # Far up in frequency all colours look alike, and then the usual one is the best guess.
+        doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), 1e-12) + 0.5 * ((trials - USUAL[0]) / USUAL[1]) ** 2
+        rho, level = trials[int(np.argmin(doubt))], fits[int(np.argmin(doubt))][1]
         deviation[j] = np.sqrt(max(level, 1e-300) * rate_hz / 2 / (1 - rho**2))
         correlation[j] = rho
     return Noise(deviation, correlation, "residual")
