@@ -24,7 +24,7 @@ from fmu_didim.discovery.findings import (
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.gap import gap_pair, joint_gaps
 from fmu_didim.discovery.localise import Region, force_windows
-from fmu_didim.discovery.loop_model import Addition
+from fmu_didim.discovery.loop_model import Addition, Knob
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.rounds import Discovery
 from fmu_didim.errors import SimulationError
@@ -81,7 +81,7 @@ def findings_document(
         ],
         windows=[*windows, *_windows(discovery, residuals, noise)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
-        base_parameters=_values(discovery.final, noise, lambda knob: knob.effect is None),
+        base_parameters=values_found(discovery.final, noise, lambda knob: knob.effect is None),
         torque_unit=list(units),
         seconds=0.0,
         notes=list(notes),
@@ -107,7 +107,7 @@ def _finding(step: Step, discovery: Discovery, workshop: Workshop, noise: Noise)
         joint=step.addition.joint,
         place=effect.place,
         equation=effect.equation,
-        parameters=_values(discovery.final, noise, lambda knob: knob.effect == index),
+        parameters=values_found(discovery.final, noise, lambda knob: knob.effect == index),
         share_of_gap=step.share,
         delta_bic=step.delta_bic,
         ambiguous=[_rival(a, behind, workshop) for a, behind in step.ambiguous],
@@ -130,7 +130,8 @@ def _rival(addition: Addition, behind: float, workshop: Workshop) -> Rival:
     return Rival(effect=addition.effect, title=title, joint=addition.joint, bic_behind=behind)
 
 
-def _values(fit: Fit, noise: Noise, wanted: Callable[[Any], bool]) -> list[ValueFound]:
+def values_found(fit: Fit, noise: Noise, wanted: Callable[[Knob], bool]) -> list[ValueFound]:
+    """The wanted knobs of a fit with their standard deviations and 95 % intervals."""
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
     return [
         ValueFound(
@@ -209,4 +210,4 @@ def _norm(gaps: Array) -> float:
     return float(np.sqrt(np.mean(gaps**2)))
 
 
-__all__ = ["findings_document"]
+__all__ = ["findings_document", "values_found"]

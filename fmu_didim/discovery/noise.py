@@ -147,9 +147,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
     segment = int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT))
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
-        frequency, power = signal.welch(
-            residual[:, j], fs=rate_hz, nperseg=segment, average="median"
-        )
+        frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
         upper = frequency >= cut
         if upper.sum() < 4:
             upper = frequency >= 0.5 * frequency[-1]

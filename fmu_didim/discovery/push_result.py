@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.discovery.decide import HELD_OUT
+from fmu_didim.discovery.document import values_found
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import gap_pair
+from fmu_didim.discovery.loop_model import Knob
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.push import PUSH
 from fmu_didim.discovery.pushes import Pushed, push_knobs
@@ -65,7 +67,7 @@ def push_finding(pushed: Pushed, base: Fit, free: Fit, noise: Noise) -> FindingR
 
 def push_windows(free: Fit, noise: Noise) -> list[WindowResult]:
     """One window for each push; its score is its torque in standard deviations."""
-    deviation = {v.name: v.std for v in _values(free, noise)}
+    deviation = {v.name: v.std for v in values_found(free, noise, _is_push)}
     return [
         WindowResult(
             joint=p.joint,
@@ -79,21 +81,13 @@ def push_windows(free: Fit, noise: Noise) -> list[WindowResult]:
     ]
 
 
-def _values(free: Fit, noise: Noise) -> list[ValueFound]:
-    deviation = np.sqrt(np.maximum(np.diag(free.covariance(noise)), 0.0))
-    return [
-        ValueFound(
-            name=k.name, unit=k.unit, value=float(v), std=float(s),
-            interval=(float(v - 1.96 * s), float(v + 1.96 * s)),
-        )
-        for k, v, s in zip(free.model.knobs, free.values, deviation, strict=True)
-        if k.owner == PUSH
-    ]  # fmt: skip
+def _is_push(knob: Knob) -> bool:
+    return knob.owner == PUSH
 
 
 def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
     """Everything about a few pushes; of many their mean torque, with its spread, and the first one's times."""
-    values = _values(free, noise)
+    values = values_found(free, noise, _is_push)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
     if torques.size <= LISTED:
         return values
