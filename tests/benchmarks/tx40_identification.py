@@ -21,7 +21,7 @@ BIRDY_S = 1.0
 
 def run(settings: Settings) -> list[Figure]:
     """52 base parameters from torque at 100 Hz with 0.05 N.m of noise; with the efficient finish and without."""
-    duration_s = settings.size(10, 1)
+    duration_s = settings.size(10, 4)  # less does not tell 52 parameters
     loop, figures = pinocchio(), []
     reference = tx40.excitation(duration_s=duration_s).trajectory(tx40.RATE_HZ)
     ticks, part = reference.time.size - 1, settings.size(2_000, 200)
