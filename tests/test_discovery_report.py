@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.findings import FindingsDocument, load_findings, save_findings
+from fmu_didim.discovery.findings import FindingsDocument, ValueFound, load_findings, save_findings
 from fmu_didim.errors import InputError
 from fmu_didim.report.discovery_figures import binned
 from fmu_didim.report.discovery_page import DISCOVERY_FILE, write_discovery_report
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_table import discovery_table
+from fmu_didim.report.discovery_words import value_line, value_text
 from fmu_didim.signals import Array, trajectory, write_csv
 
 VERDICTS = {
@@ -369,6 +370,12 @@ def test_without_tables_there_is_a_page_and_with_a_lost_one_an_error(tmp_path: P
     save_findings(document(files={"signals_train": "lost.csv"}), tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         write_discovery_report(tmp_path)
+
+
+def test_a_shape_that_was_held_has_no_interval() -> None:
+    held = ValueFound(name="N", unit="1", value=5.0, std=0.0, interval=(5.0, 5.0))
+    assert value_line(held) == "5, held at a screened value"
+    assert not value_text(held).insignificant
 
 
 def test_what_is_unknown_is_a_dash(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def value_text(found: ValueFound) -> ParameterText:
         percent=percent_std(100 * std / abs(found.value) if found.value else None),
         unit=pretty_unit(found.unit),
         interval=(MISSING if low is None else digits.text(low), MISSING if high is None else digits.text(high)),
-        insignificant=not bounded or (low or 0.0) <= 0.0 <= (high or 0.0),
+        insignificant=found.std != 0 and (not bounded or (low or 0.0) <= 0.0 <= (high or 0.0)),
     )
 
 
@@ -84,6 +84,8 @@ def value_line(found: ValueFound) -> str:
     """A parameter with its standard deviation and interval, without its name."""
     shown = value_text(found)
     low, high = shown.interval
+    if found.std == 0:
+        return f"{shown.value} {shown.unit}".rstrip() + ", held at a screened value"
     if low == high == MISSING:
         return f"({shown.value} ± {shown.std}) {shown.unit}".rstrip() + ", not bounded by the data"
     return f"({shown.value} ± {shown.std}) {shown.unit}".rstrip() + f", 95 % interval {low} to {high}"
