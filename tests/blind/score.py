@@ -24,9 +24,11 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
         "spring cable_stiffness gravity_compensator",
         "unknown_push external_force external_force_window",
         "torque_saturation saturation",
+        "contact_stop contact_stop_lower",
     )
 )
-"""Effects that data cannot, or need not, tell apart; an effect in none of them is a class of its own."""
+"""Effects that data cannot, or need not, tell apart; an effect in none of them is a class of its own. The simulator's
+angles run against those of a joint whose axis is turned round: its upper stop is then the lower one."""
 CLUTTER = frozenset({"torque_ripple", "cogging", "stribeck", "thermal_friction_drift"})
 """What the cases themselves call no false name, where their truth says that clutter is planted."""
 ANY_JOINT = frozenset({"drive_gain", "base_tilt", "payload_change", "log_time_shift"})
