@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,15 +169,28 @@ class Prediction:
     """What the closed loop gives for one set of parameters, at the samples of the log.
 
     Attributes:
-        torque: (N, n) simulated torque tau_s.
-        regressor: (N, n, p) W_s; known: (N, n) torque of the parameters that are not identified, so that
-            tau_s = W_s chi + known to rounding. Both are None for a plant without inverse model.
+        torque: (N, n) simulated torque tau_s; recording: what it comes from.
+        columns: gives W_s and known; None for a plant without inverse model.
     """
 
     torque: Array
-    regressor: Array | None
-    known: Array | None
     recording: Recording = field(repr=False)
+    columns: Callable[[], tuple[Array, Array]] | None = field(repr=False)
+
+    @cached_property
+    def _both(self) -> tuple[Array, Array] | tuple[None, None]:
+        """Computed when it is asked for: an estimator that only compares torques does without."""
+        return (None, None) if self.columns is None else self.columns()
+
+    @property
+    def regressor(self) -> Array | None:
+        """(N, n, p) W_s, so that tau_s = W_s chi + known to rounding; None for a plant without inverse model."""
+        return self._both[0]
+
+    @property
+    def known(self) -> Array | None:
+        """(N, n) torque of the parameters that are not identified; None as the regressor."""
+        return self._both[1]
 
 
 def joint_signals(problem: Problem, name: str) -> list[str]:
@@ -201,8 +216,8 @@ def _predict_by_probing(problem: Problem, theta: Array) -> Prediction:
     torque, recording = predict_torque(problem, theta, observe=probe)
     operator = problem.experiment.operator
     known = command_torque(problem, recording) - probe.columns @ theta
-    columns = problem.filtered(operator.apply(probe.columns))
-    return Prediction(torque, columns, problem.filtered(operator.apply(known)), recording)
+    both = problem.filtered(operator.apply(probe.columns)), problem.filtered(operator.apply(known))
+    return Prediction(torque, recording, lambda: both)
 
 
 def _predict_by_differences(problem: Problem, theta: Array) -> Prediction:
@@ -223,7 +238,7 @@ def _predict_by_differences(problem: Problem, theta: Array) -> Prediction:
     observed = _observed(problem, recording)[here]
     columns, known = sampled_regressor(problem, position[here], velocity[here], acceleration, observed)
     known = known + problem.filtered(operator.apply(_lost(problem, recording)[here]))
-    return Prediction(problem.filtered(torque), columns, known, recording)
+    return Prediction(problem.filtered(torque), recording, lambda: (columns, known))
 
 
 def _simulate(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None) -> Recording:
@@ -262,11 +277,15 @@ def predict(problem: Problem, theta: Array) -> Prediction:
         return _predict_by_differences(problem, theta)
     torque, recording = predict_torque(problem, theta)
     if not problem.parameters.has_regressor:
-        return Prediction(torque, None, None, recording)
+        return Prediction(torque, recording, None)
+    return Prediction(torque, recording, lambda: _along(problem, recording))
+
+
+def _along(problem: Problem, recording: Recording) -> tuple[Array, Array]:
+    """Regressor and known torque at the samples, from the accelerations that were recorded."""
     q, dq, ddq = (recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq"))
     columns, known = sampled_regressor(problem, q, dq, ddq, _observed(problem, recording))
-    known = known + problem.filtered(problem.experiment.operator.apply(_lost(problem, recording)))
-    return Prediction(torque, columns, known, recording)
+    return columns, known + problem.filtered(problem.experiment.operator.apply(_lost(problem, recording)))
 
 
 def _lost(problem: Problem, recording: Recording) -> Array:
