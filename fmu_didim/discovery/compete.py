@@ -240,7 +240,8 @@ def _scanned(candidate: Screened, workshop: Workshop, fit: Fit, basis: Basis) ->
                 continue
             cost = float(np.sum(basis.project((residual * basis.weight).ravel()) ** 2))
             tried.append((cost, len(tried), proposal))
-    return [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+    found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+    return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
 
 def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:

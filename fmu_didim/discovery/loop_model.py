@@ -133,8 +133,10 @@ class LoopModel:
 
     def integrated_as(self, values: Array, which: str = "train") -> LoopModel:
         """The same model with the integration steps that it has at these values, wherever its knobs move."""
+        if not self.coarse:
+            return self
         stated = self.system(values, which).components[self.runs[which].problem.plant].stated_substeps
-        plant = self.plant.with_substeps(stated) if self.coarse and stated is not None else None
+        plant = self.plant.with_substeps(stated) if stated is not None else None
         return self if plant is None else replace(self, plant=plant)
 
     def with_values(self, values: Array) -> LoopModel:

@@ -144,7 +144,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
     n = residual.shape[1]
     cut = min(4 * motion_hz, 0.3 * rate_hz)
     # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
-    segment = int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT))
+    segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
         frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
@@ -156,7 +156,8 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         misfits = np.array([misfit for misfit, _ in fits])
         # Far up in frequency all colours look alike, and then the usual one is the best guess.
         doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), 1e-12) + 0.5 * ((trials - USUAL[0]) / USUAL[1]) ** 2
-        rho, level = trials[int(np.argmin(doubt))], fits[int(np.argmin(doubt))][1]
+        least = int(np.argmin(doubt))
+        rho, level = trials[least], fits[least][1]
         deviation[j] = np.sqrt(max(level, 1e-300) * rate_hz / 2 / (1 - rho**2))
         correlation[j] = rho
     return Noise(deviation, correlation, "residual")
