@@ -115,6 +115,30 @@ def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
     assert gap.value == pytest.approx(0.0019, rel=0.25)
 
 
+def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -> None:
+    """The begin is left out, and of the rest the base model absorbs most: a second look takes it in."""
+    document, truth = cluttered("backlash", 4)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert_gap_shrinks(document)
+    assert "takes them in" in document.notes[0]
+
+
+def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
+    document, truth = cluttered("torque_saturation", 6)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert document.gap["train"].after < 0.7 * document.gap["train"].before  # type: ignore[operator]
+    assert document.gap["test"].after == pytest.approx(document.gap["test"].before, rel=0.02)
+    assert any("hardly reaches the limit" in note for note in document.notes)
+
+
+def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
+    """Its breakaways, one after each reversal, look like seven pushes of one size."""
+    document, truth = cluttered("lugre", 3)
+    assert len(document.findings) == 1
+    assert first_is_right(document, truth)
+    assert_gap_shrinks(document, to=0.5)
+
+
 def test_a_shape_that_serves_one_motion_only_is_held_at_what_was_screened(cluttered: Run) -> None:
     """The error of this encoder has a second harmonic, which the catalogue does not know: a free number of periods
     makes up for it where it is fitted, and fails on the held-out data."""

@@ -59,6 +59,7 @@ class Step:
             other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
+        remark: what the user should know of the decision.
     """
 
     addition: Addition
@@ -70,6 +71,7 @@ class Step:
     after: dict[str, Array]
     ratio: Ratio | None
     members: tuple[Proposal, ...] = ()
+    remark: str = ""
 
 
 def decide(

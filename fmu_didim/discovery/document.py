@@ -84,7 +84,7 @@ def findings_document(
         base_parameters=values_found(discovery.final, noise, lambda knob: knob.effect is None),
         torque_unit=list(units),
         seconds=0.0,
-        notes=list(notes),
+        notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
         provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(workshop.effects)},
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,12 +22,13 @@ from fmu_didim.discovery.gap import joint_gaps
 from fmu_didim.discovery.library import simulated_motion
 from fmu_didim.discovery.localise import Region, regions
 from fmu_didim.discovery.noise import Noise
-from fmu_didim.discovery.prepare import prepare
+from fmu_didim.discovery.prepare import Prepared, prepare
 from fmu_didim.discovery.push_result import push_finding, push_windows, refitted
 from fmu_didim.discovery.push_rivals import rivalled
 from fmu_didim.discovery.pushes import find_pushes
 from fmu_didim.discovery.rounds import Discovery, Say, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification.problem import Problem
 from fmu_didim.robot import RobotDescription
@@ -38,7 +39,7 @@ NO_HELD_OUT = (
 )
 BEGIN_S = 0.25
 """Left out at the begin of each experiment: the state in which the machine starts is not known (gears in their play,
-friction's deflection, the loop before the first sample)."""
+friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for with it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def discover(
     effects: Mapping[str, Effect] = EFFECTS,
     options: Options | None = None,
     provenance: Mapping[str, Any] | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    say: Say = lambda text: None,
 ) -> Found:
     """Find the effects that a model lacks.
 
@@ -78,20 +79,46 @@ def discover(
         InputError: the data are too few; SimulationError: the base model cannot be simulated.
     """
     begin = clock.perf_counter()
-    options = options or Options()
+    ask = _Question(description, name, effects, options or Options(), provenance, say)
+    left_out = problem.on(problem.experiment.after(BEGIN_S))
+    held = held_out.on(held_out.experiment.after(BEGIN_S)) if held_out is not None else None
+    found = _look(ask, left_out, held, _prepared(left_out, held, say))
+    if found.discovery.final is found.discovery.base:  # nothing was found
+        found = _at_the_begin(ask, problem, held_out, found)
+    document = found.document.model_copy(update={"seconds": clock.perf_counter() - begin})
+    return replace(found, document=document)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is asked of the data: the arguments of :func:`discover` beside them."""
+
+    description: RobotDescription | None
+    name: str
+    effects: Mapping[str, Effect]
+    options: Options
+    provenance: Mapping[str, Any] | None
+    say: Say
+    notes: tuple[str, ...] = ()
+
+
+def _prepared(problem: Problem, held_out: Problem | None, say: Say) -> Prepared:
     say("base model")
-    problem = problem.on(problem.experiment.after(BEGIN_S))
-    held_out = held_out.on(held_out.experiment.after(BEGIN_S)) if held_out is not None else None
-    prepared = prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
+    return prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
+
+
+def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: Prepared) -> Found:
+    """Pushes, rounds and what is written down of them."""
+    options, effects, say = ask.options, ask.effects, ask.say
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
     start = integrated(base, noise, coarse=True)  # for the search, with its hundreds of simulations
-    workshop = Workshop(start.model, description, effects)
+    workshop = Workshop(start.model, ask.description, effects)
     pushed = None if "external_force" in options.forbid else find_pushes(start, noise, say=say)
     if pushed is not None and rivalled(pushed, start, noise, workshop, forbid=options.forbid, say=say):
         pushed = None
     if pushed is not None:
-        start, noise, workshop = pushed.fit, pushed.noise, Workshop(pushed.fit.model, description, effects)
+        start, noise, workshop = pushed.fit, pushed.noise, Workshop(pushed.fit.model, ask.description, effects)
     disagreement = _regions(workshop, base, noise)
     discovery = run_rounds(workshop, start, noise, options, say)
     outside: list[FindingResult] = []
@@ -103,11 +130,36 @@ def discover(
         windows = push_windows(free, noise)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     document = findings_document(
-        name, discovery, workshop, noise, options, outside=outside, windows=windows, found_regions=disagreement,
-        notes=[*prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])], provenance=provenance,
+        ask.name, discovery, workshop, noise, options, outside=outside, windows=windows, found_regions=disagreement,
+        notes=[*ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])],
+        provenance=ask.provenance,
     )  # fmt: skip
-    document = document.model_copy(update={"seconds": clock.perf_counter() - begin})
     return Found(document, discovery, workshop, noise)
+
+
+def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, found: Found) -> Found:
+    """A second look at data in which nothing was found, with their begin.
+
+    Only gears can be told there: they start in the middle of their play and without load, while anything else that
+    differs at the begin may as well be the state in which the machine started.
+    """
+    prepared = _prepared(problem, held_out, ask.say)
+    without, whole = found.discovery.base, prepared.fit
+    more = joint_gaps(whole.residual, prepared.noise) ** 2 - joint_gaps(without.residual, found.noise) ** 2
+    if not (more > ask.options.smallest_size**2).any():
+        return found
+    ask.say(f"the first {BEGIN_S:g} s disagree: gears in them")
+    gears = {name for name, effect in ask.effects.items() if isinstance(effect, StructureEffect)}
+    options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
+    note = f"The first {BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
+    again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))
+    second = _look(again, problem, held_out, prepared)
+    if second.discovery.steps:
+        asked = found.document.provenance["options"]  # not that everything but gears was forbidden
+        told = {**second.document.provenance, "options": asked}
+        return replace(second, document=second.document.model_copy(update={"provenance": told}))
+    notes = [*found.document.notes, f"{note}; they were left out, and no gear explains them."]
+    return replace(found, document=found.document.model_copy(update={"notes": notes}))
 
 
 def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:

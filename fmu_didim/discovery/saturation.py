@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.discovery.augment import Proposal, Workshop
 from fmu_didim.discovery.compete import Contender, contender, refit
-from fmu_didim.discovery.decide import Options, Step, objection, step_of
+from fmu_didim.discovery.decide import FAILS_HELD_OUT, HELD_OUT, Options, Step, held_out_ratio, objection, step_of
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.loop_model import Addition
 from fmu_didim.discovery.noise import Noise
@@ -54,7 +55,29 @@ def saturation(
         if fitted is not None:
             found.append(contender(addition, fitted, workshop, fit, noise))
     found.sort(key=lambda c: -c.delta_bic)
-    if not found or objection(found[0], fit, noise, options, base=fit):
+    reason = objection(found[0], fit, noise, options, base=fit) if found else "no limit of it can be simulated"
+    remark = ""
+    if reason.startswith(FAILS_HELD_OUT) and not _held_out_tells(found[0], workshop, fit, noise, options):
+        reason = ""
+        remark = (
+            f"{NAME} on joint {found[0].addition.joint}: the held-out experiment hardly reaches the limit and "
+            "neither confirms nor contradicts it; the estimation data alone decided."
+        )
+    if reason:
         return None
     say(f"added: {NAME} on joint {found[0].addition.joint}")
-    return step_of(found[0], found, workshop, fit, noise, options), found[0].fit
+    step = step_of(found[0], found, workshop, fit, noise, options)
+    return replace(step, remark=remark), found[0].fit
+
+
+def _held_out_tells(candidate: Contender, workshop: Workshop, fit: Fit, noise: Noise, options: Options) -> bool:
+    """Whether the held-out experiment comes to the limit, so that it would be seen there, or speaks against it."""
+    model = candidate.fit.model
+    without = workshop.without(model, model.additions.index(candidate.addition))
+    try:
+        change = model.torque(candidate.fit.values, HELD_OUT) - without.torque(without.start, HELD_OUT)
+    except SimulationError:
+        return True
+    ratio = held_out_ratio(fit, candidate.fit, noise, options)
+    seen = np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)) >= options.smallest_size
+    return bool(seen.any()) or ratio is None or ratio.low > 1.0
