@@ -192,23 +192,11 @@ def closed_loop(
     gains = list(drive_gains) if drive_gains is not None else [1.0] * joint_count
     if len(gains) != joint_count:
         raise InputError("One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers")
-    plant_outputs = {v.name for v in plant.outputs}
     commands = [f"command{j}" for j in range(1, joint_count + 1)]
     for name in injections or {}:
         if name not in commands:
             raise UnknownNameError("command", name, commands, where="injections")
-    connections = []
-    for variable in controller.inputs:
-        for gain, name in _terms(variable.name):
-            source = _source(name, plant_outputs, reference_names)
-            if source is None:
-                raise InputError(
-                    f"Nothing gives '{name}', an input of the controller.",
-                    where="closed loop",
-                    valid=f"reference: {', '.join(reference_names)}; plant: {', '.join(sorted(plant_outputs))}",
-                    next_step="Add the column to the reference, or map the input to another name.",
-                )
-            connections.append(Connection(source, f"controller.{variable.name}", gain))
+    connections = _to_controller(controller, {v.name for v in plant.outputs}, reference_names)
     for j in range(1, joint_count + 1):
         connections.append(Connection(f"controller.command{j}", f"plant.tau{j}", gains[j - 1]))
         column = (injections or {}).get(f"command{j}")
@@ -222,6 +210,23 @@ def closed_loop(
         delays={"plant": delay_samples} if delay_samples else {},
         jacobi=jacobi,
     )
+
+
+def _to_controller(controller: Component, plant_outputs: set[str], reference_names: Sequence[str]) -> list[Connection]:
+    """What gives the inputs of the controller, by their names."""
+    connections = []
+    for variable in controller.inputs:
+        for gain, name in _terms(variable.name):
+            source = _source(name, plant_outputs, reference_names)
+            if source is None:
+                raise InputError(
+                    f"Nothing gives '{name}', an input of the controller.",
+                    where="closed loop",
+                    valid=f"reference: {', '.join(reference_names)}; plant: {', '.join(sorted(plant_outputs))}",
+                    next_step="Add the column to the reference, or map the input to another name.",
+                )
+            connections.append(Connection(source, f"controller.{variable.name}", gain))
+    return connections
 
 
 def _terms(name: str) -> list[tuple[float, str]]:
