@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.discovery.fit import Fit, integrated, minimise
+from fmu_didim.discovery.log_checks import check_log
 from fmu_didim.discovery.loop_model import PLANT, Knob, LoopModel, loop_model
 from fmu_didim.discovery.noise import (
     Noise,
@@ -43,7 +44,7 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
     """Noise and base fit of a problem; ``others`` are held-out experiments.
 
     Raises:
-        InputError: the torque log is too short.
+        InputError: the torque log is too short, or cannot be that of this loop.
     """
     experiment = problem.experiment
     if experiment.torque.shape[0] < 5 * problem.parameters.count:
@@ -53,7 +54,9 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
             got=f"{experiment.torque.shape[0]} samples for {problem.parameters.count} parameters",
         )
     model = replace(with_nuisances(loop_model(problem, others, workers=workers)), coarse=True)
+    remarks = [remark for label in model.runs for remark in check_log(model, label)]
     noise, notes = _measured_noise(experiment, problem)
+    notes = [*remarks, *notes]
     if noise is not None:
         fit = minimise(model, noise)
         noise, further = _without_events(noise, fit, experiment, problem.joint_count)
