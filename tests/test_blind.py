@@ -466,7 +466,7 @@ def test_campaigns_are_published_with_their_failures(tmp_path: Path, capsys: pyt
     assert (second["right"], second["campaign"], second["test_after"]) == ("0", "cases", "0.500")
     shown = capsys.readouterr().out
     assert "| stribeck | stribeck 1 | dead zone 1 |" in shown
-    assert "| right class, below 50 Hz | 0.0 % | 0 of 1 | ≥ 85 % |" in shown
+    assert "| right class, below 50 Hz | 0.0 % | 0 of 1 | 0.0 to 97.5 % | ≥ 85 % |" in shown
     with pytest.raises(SystemExit):
         main(["publish", str(table), str(tmp_path / "cases")])
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from tests.blind.harness import case_folders, read_lines
-from tests.blind.score import Score, Truth, read_truth, rms, score
+from tests.blind.score import Rate, Score, Truth, read_truth, rms, score
 
 COLUMNS = ("campaign", "case", "rate_hz", "hidden", "gap", "verdict", "named", "right", "test_before", "test_after")
 
@@ -51,15 +52,17 @@ def write_rows(path: Path, lines: Sequence[Mapping[str, Any]], truths: Mapping[s
 def markdown(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> str:
     """The criteria with their bars, and the confusion matrix by torque rate."""
     found = score(lines, truths)
-    rows = ["| criterion | reached | cases | bar |", "|---|---|---|---|"]
+    rows = ["| criterion | reached | cases | 95 % interval | bar |", "|---|---|---|---|---|"]
     for rate in found.rates:
         if rate.name.startswith(" ") or rate.name.startswith("median"):
             continue
         bar = f"{'≤' if rate.most else '≥'} {100 * rate.bar:.0f} %"
         share = f"{100 * rate.share:.1f} %" if rate.count else "–"
-        rows.append(f"| {rate.name} | {share} | {rate.good} of {rate.count} | {bar} |")
+        rows.append(f"| {rate.name} | {share} | {rate.good} of {rate.count} | {_interval(rate)} | {bar} |")
     if found.shrinks:
-        rows.append(f"| held-out gap shrinks by (median) | {100 * float(np.median(found.shrinks)):.0f} % | | ≥ 60 % |")
+        rows.append(
+            f"| held-out gap shrinks by (median) | {100 * float(np.median(found.shrinks)):.0f} % | | | ≥ 60 % |"
+        )
     rates = sorted({t.rate_hz for t in truths.values()}, reverse=True)
     rows += ["", "| hidden | " + " | ".join(f"named at {r:g} Hz (cases)" for r in rates) + " |"]
     rows.append("|---|" + "---|" * len(rates))
@@ -68,6 +71,14 @@ def markdown(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) ->
         cells = [", ".join(f"{name} {n}" for name, n in part.get(hidden, Counter()).most_common()) for part in parts]
         rows.append(f"| {hidden.replace('_', ' ')} | " + " | ".join(c.replace("_", " ") for c in cells) + " |")
     return "\n".join(rows)
+
+
+def _interval(rate: Rate) -> str:
+    """Of Clopper and Pearson, Biometrika 26 (1934)."""
+    if not rate.count:
+        return "–"
+    low, high = binomtest(rate.good, rate.count).proportion_ci()
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def _matrix(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth], rate_hz: float) -> dict[str, Counter[str]]:
