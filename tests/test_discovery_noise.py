@@ -42,7 +42,7 @@ def test_size_and_colour_from_periods(rho: float) -> None:
     found = []
     for seed in range(30):
         noise = coloured(np.random.default_rng(seed), (4 * SAMPLES, 2), rho, SIGMA)
-        estimate = noise_from_periods(repeating() + noise, SAMPLES, skip=50)
+        estimate = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=50)
         assert estimate is not None
         assert estimate.source == "periods"
         assert estimate.periods == 4
@@ -62,11 +62,24 @@ def test_weight_makes_a_chi_square_of_independent_samples() -> None:
     assert np.sum((values * noise.weight) ** 2, axis=0) / 200_000 == pytest.approx(noise.factor, rel=0.02)
 
 
+def test_what_is_correlated_for_long_is_told() -> None:
+    """Noise of correlation 0.3 has forgotten itself after 50 ms; a slow torque that does not repeat has not."""
+    rng = np.random.default_rng(7)
+    noise = coloured(rng, (4 * SAMPLES, 2), 0.3, SIGMA)
+    slow = coloured(rng, (4 * SAMPLES, 2), 0.98, SIGMA)
+    plain = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=0)
+    both = noise_from_periods(repeating() + noise + slow, SAMPLES, rate_hz=100.0, skip=0)
+    assert plain is not None
+    assert plain.slow == pytest.approx(0.0, abs=0.1)
+    assert both is not None
+    assert both.slow == pytest.approx(0.5 * 0.98**5, abs=0.12)
+
+
 def test_constant_difference_between_periods_is_not_noise() -> None:
     noise = coloured(np.random.default_rng(2), (2 * SAMPLES, 2), 0.0, SIGMA)
     drifted = repeating(2) + noise
     drifted[SAMPLES:] += 10 * SIGMA
-    estimate = noise_from_periods(drifted, SAMPLES, skip=0)
+    estimate = noise_from_periods(drifted, SAMPLES, rate_hz=100.0, skip=0)
     assert estimate is not None
     assert estimate.deviation == pytest.approx(SIGMA, rel=0.1)
 
@@ -83,8 +96,8 @@ def test_friction_that_changes_between_periods_is_not_noise(change: float) -> No
     noise = coloured(np.random.default_rng(3), friction.shape, 0.3, SIGMA)
     torque = motion.select(["ddq1", "ddq2"]) + friction * drift + noise
     columns = np.stack([speed, np.tanh(speed / (0.01 * np.abs(speed).max(axis=0))), np.ones_like(speed)], axis=2)
-    with_columns = noise_from_periods(torque, count, skip=0, regressors=columns)
-    plain = noise_from_periods(torque, count, skip=0)
+    with_columns = noise_from_periods(torque, count, rate_hz=100.0, skip=0, regressors=columns)
+    plain = noise_from_periods(torque, count, rate_hz=100.0, skip=0)
     assert with_columns is not None
     assert plain is not None
     assert with_columns.deviation == pytest.approx(SIGMA, rel=0.06)
@@ -103,7 +116,7 @@ def test_push_in_one_period_is_not_noise(size: float) -> None:
         noise = coloured(np.random.default_rng(seed), (2 * SAMPLES, 2), 0.4, SIGMA)
         torque = repeating(2) + noise
         torque[620:670] += size * SIGMA
-        estimate = noise_from_periods(torque, SAMPLES, skip=0)
+        estimate = noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=0)
         assert estimate is not None
         assert estimate.deviation == pytest.approx(SIGMA, rel=0.2)
         assert estimate.correlation == pytest.approx(0.4, abs=0.2)
@@ -113,23 +126,23 @@ def test_noise_of_changing_loudness_is_all_noise() -> None:
     """Half of the motion three times as loud: nothing is left out."""
     loud = 1 + 2 * (np.arange(4 * SAMPLES) % SAMPLES < SAMPLES // 2)[:, None]
     noise = coloured(np.random.default_rng(7), (4 * SAMPLES, 2), 0.0, SIGMA) * loud
-    estimate = noise_from_periods(repeating() + noise, SAMPLES, skip=0)
+    estimate = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=0)
     assert estimate is not None
     assert estimate.deviation == pytest.approx(SIGMA * np.sqrt(5), rel=0.06)
 
 
 def test_too_short_a_log_gives_nothing() -> None:
     torque = repeating(2)
-    assert noise_from_periods(torque[: int(1.4 * SAMPLES)], SAMPLES, skip=0) is None
-    assert noise_from_periods(torque, SAMPLES, skip=SAMPLES) is None
-    assert noise_from_periods(torque[: int(1.6 * SAMPLES)], SAMPLES, skip=0) is not None
-    assert noise_from_periods(torque[:40], 20, skip=0) is None, "twenty differences are too few"
+    assert noise_from_periods(torque[: int(1.4 * SAMPLES)], SAMPLES, rate_hz=100.0, skip=0) is None
+    assert noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=SAMPLES) is None
+    assert noise_from_periods(torque[: int(1.6 * SAMPLES)], SAMPLES, rate_hz=100.0, skip=0) is not None
+    assert noise_from_periods(torque[:40], 20, rate_hz=100.0, skip=0) is None, "twenty differences are too few"
 
 
 def test_correlation_is_capped() -> None:
     """A random walk between periods must not make the effective number of samples vanish."""
     walk = np.cumsum(np.random.default_rng(4).normal(size=(2 * SAMPLES, 2)), axis=0)
-    estimate = noise_from_periods(repeating(2) + walk, SAMPLES, skip=0)
+    estimate = noise_from_periods(repeating(2) + walk, SAMPLES, rate_hz=100.0, skip=0)
     assert estimate is not None
     assert (estimate.correlation <= LARGEST_CORRELATION).all()
     assert (estimate.factor > 0.01).all()
@@ -210,7 +223,7 @@ def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
     slow = 10 * np.sin(2 * np.pi * 0.25 * time) + 5 * np.sin(2 * np.pi * 0.9 * time + 1)
     for seed in range(10):
         residual = SIGMA * slow + coloured(np.random.default_rng(seed), (2000, 2), 0.3, SIGMA)
-        noise = noise_from_residual(residual, rate_hz=rate_hz, motion_hz=1.0)
+        noise = noise_from_residual(residual, rate_hz=100.0, motion_hz=1.0)
         assert (noise.deviation > 0.5 * SIGMA).all()
         assert (noise.deviation < 2.0 * SIGMA).all()
 

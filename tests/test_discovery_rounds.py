@@ -98,9 +98,9 @@ def test_hidden_effect_is_named_first_on_its_joint(run: Run, effect: str, seed: 
 def cluttered(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The same on robots, loops and motions of all kinds, with small effects planted beside the hidden one."""
 
-    def found(effect: str, seed: int) -> tuple[FindingsDocument, list[tuple[str, int]]]:
+    def found(effect: str, seed: int, *, rate_hz: int = 100) -> tuple[FindingsDocument, list[tuple[str, int]]]:
         folder: Path = tmp_path_factory.mktemp("cluttered") / "case"
-        case = blind_case(folder, (effect,), seed=seed, level=1.5, clutter=True, robots="varied")
+        case = blind_case(folder, (effect,), seed=seed, level=1.5, clutter=True, robots="varied", rate_hz=rate_hz)
         return discover(case), hidden(folder)
 
     return found
@@ -113,6 +113,21 @@ def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
     assert_gap_shrinks(document, to=0.6)
     gap = next(p for p in document.findings[0].parameters if p.name.startswith("gap"))
     assert gap.value == pytest.approx(0.0019, rel=0.25)
+
+
+def test_an_elastic_gear_is_told_from_that_of_the_next_joint_and_from_one_with_play(cluttered: Run) -> None:
+    """Signatures at several stiffnesses: the loop cannot be run with the softest, and hardly feels the stiffest."""
+    for seed in (8, 18):
+        document, truth = cluttered("joint_elasticity", seed, rate_hz=20)
+        assert (document.findings[0].effect, document.findings[0].joint) == truth[0]
+        assert_gap_shrinks(document, to=0.6)
+
+
+def test_a_sweep_that_sounds_like_noise_is_not_called_nothing(cluttered: Run) -> None:
+    """At 20 Hz a torque sweeping up to 4 Hz, which does not repeat, makes the periods differ like noise, but slowly."""
+    document, _ = cluttered("unknown_chirp", 14, rate_hz=20)
+    assert document.verdict == "unknown"
+    assert "does not repeat" in document.notes[0]
 
 
 def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -> None:

@@ -21,6 +21,7 @@ from fmu_didim.discovery.loop_model import PLANT, Addition, Knob, LoopModel
 from fmu_didim.discovery.noise import Noise
 from fmu_didim.discovery.sensitivity import sensitivity
 from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
@@ -159,7 +160,7 @@ def _idle(columns: Array) -> int:
 
 
 def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
-    """The candidates worth a closed-loop fit: the best ones, and the best of each class near them."""
+    """The candidates worth a closed-loop fit: the best ones, the best of each class near them, a gear on all joints."""
     worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
     if not worth:
         return []
@@ -170,7 +171,9 @@ def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = S
         if key not in classes:
             chosen.append(s)
             classes.add(key)
-    return chosen
+    # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
+    gears = {s.addition.effect for s in chosen if isinstance(workshop.effect(s.addition), StructureEffect)}
+    return [*chosen, *(s for s in screened if s.addition.effect in gears and s.gain > 0 and s not in chosen)]
 
 
 def contend(

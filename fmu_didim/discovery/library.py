@@ -133,7 +133,7 @@ class Library:
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
         trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
         single = len(amplitudes) == 1
-        trials = {n: _mirrored(values[:2], effect, n) if single else values[:1] for n, values in trials.items()}
+        trials = {n: _mirrored(values, effect, n) if single else values[:1] for n, values in trials.items()}
         tried = [
             (at, name, value)
             for at in _one_at_a_time({v.name: searched[v.name] for v in shapes})
@@ -188,11 +188,12 @@ def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
 
 
 def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
-    """Values of a parameter to try: a smaller and a larger one."""
+    """Values of a parameter to try: a smaller and a larger one; more of a stiffness, with which the loop resonates."""
     if variable.unit in ("N.m", "N"):
         values = [0.03 * size, 0.2 * size]
     elif search.logarithmic:
-        values = [search.lowest * (search.highest / search.lowest) ** part for part in (0.35, 0.75)]
+        parts = (0.35, 0.75) if np.isfinite(neutral) else (0.35, 0.5, 0.65, 0.8)
+        values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
     else:
         values = [search.lowest + 0.75 * (search.highest - search.lowest)]
     apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > 1e-9]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.signals import Array, Trajectory
 
@@ -22,6 +23,8 @@ SEGMENT = (32, 256)
 """A residual's spectrum comes from at least this many segments, of so many samples."""
 USUAL = (0.2, 0.2)
 """Correlation of neighbouring samples that noise usually has, and its spread."""
+SLOW_S = 0.05
+"""Noise of a current sensor has forgotten itself after so many seconds."""
 LEAST = 1e-9
 """Smallest noise, as a part of the torque."""
 BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
@@ -37,6 +40,7 @@ class Noise:
         correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
         period_s: period of the motion, None if it does not repeat; periods: how many whole ones the log holds.
         source: ``periods`` or ``residual``.
+        slow: (n,) correlation of what differs between periods at samples :data:`SLOW_S` apart; None without periods.
     """
 
     deviation: Array
@@ -44,6 +48,7 @@ class Noise:
     source: str
     period_s: float | None = None
     periods: int = 1
+    slow: Array | None = None
 
     @property
     def factor(self) -> Array:
@@ -77,7 +82,9 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     return None
 
 
-def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Array | None = None) -> Noise | None:
+def noise_from_periods(
+    torque: Array, samples: int, *, rate_hz: float, skip: int, regressors: Array | None = None
+) -> Noise | None:
     """Noise from the differences of neighbouring periods.
 
     Args:
@@ -93,7 +100,7 @@ def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Ar
     first, second = torque[skip : torque.shape[0] - samples], torque[skip + samples :]
     if first.shape[0] < samples // 2 or first.shape[0] < 30:
         return None
-    deviation, correlation = np.zeros(n), np.zeros(n)
+    deviation, correlation, slow = np.zeros(n), np.zeros(n), np.zeros(n)
     for j in range(n):
         difference = (second[:, j] - first[:, j]) / np.sqrt(2)
         columns = [np.ones(difference.size)]
@@ -102,15 +109,18 @@ def noise_from_periods(torque: Array, samples: int, *, skip: int, regressors: Ar
             columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
         table = np.column_stack(columns)
         table = table / np.linalg.norm(table, axis=0)
-        spread, correlation[j] = _without_events(difference, table, max(samples // BLOCKS, 10))
+        rest, kept = _without_events(difference, table, max(samples // BLOCKS, 10))
+        spread = float(np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1)))
+        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
+        slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
         deviation[j] = max(spread, LEAST * float(np.sqrt(np.mean(torque[:, j] ** 2))), 1e-300)
     periods = 1 + (torque.shape[0] - skip) // samples
-    return Noise(deviation, correlation, "periods", periods=periods)
+    return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
 
 
-def _without_events(difference: Array, table: Array, block: int) -> tuple[float, float]:
-    """Deviation and correlation of what columns (N, m) leave of a difference (N,), without blocks that stand out."""
+def _without_events(difference: Array, table: Array, block: int) -> tuple[Array, NDArray[np.bool_]]:
+    """What columns (N, m) leave of a difference (N,), and which samples do not belong to blocks that stand out."""
     place = np.arange(difference.size) // block
     kept = np.ones(difference.size, dtype=bool)
     for _ in range(4):
@@ -124,10 +134,13 @@ def _without_events(difference: Array, table: Array, block: int) -> tuple[float,
             break
         kept = wanted
     rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
-    deviation = np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1))
-    pairs = kept[1:] & kept[:-1]
-    rho = float(np.sum((rest[1:] * rest[:-1])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
-    return float(deviation), float(np.clip(rho, 0.0, LARGEST_CORRELATION))
+    return np.asarray(rest), kept
+
+
+def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: int) -> float:
+    """Of the kept values so many samples apart."""
+    pairs = kept[lag:] & kept[:-lag]
+    return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
 
 
 def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:

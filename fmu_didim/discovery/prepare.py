@@ -27,6 +27,8 @@ SMOOTHING = (0.003, 0.05)
 description is always part of it."""
 NOT_NOISE = 1.25
 """Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
+SLOW = 0.25
+"""So do those whose difference is that correlated over a time in which noise is not."""
 TRANSIENT = 0.1
 """Part of a period that is left out when periods are compared: the first one may begin with a transient."""
 
@@ -77,11 +79,14 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
 def _without_events(noise: Noise, fit: Fit, experiment: Experiment, joints: int) -> tuple[Noise, tuple[str, ...]]:
     """The noise of the periods, unless the periods differ by more than what the residual holds at high frequencies.
 
-    Noise has both; a force from outside, or anything else that does not repeat, only the first.
+    Noise has both; a force from outside, or anything else that does not repeat, only the first. What is correlated for
+    longer than noise is need not be larger by a quarter.
     """
     frequency = motion_frequency(experiment.reference, joints)
     fast = noise_from_residual(fit.residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
-    more = noise.deviation > NOT_NOISE * fast.deviation
+    slow = noise.slow if noise.slow is not None else np.zeros(joints)
+    forgets = slow < max(SLOW, 3 / np.sqrt(experiment.torque.shape[0]))
+    more = noise.deviation > np.where(forgets, NOT_NOISE, 1.0) * fast.deviation
     if not more.any():
         return noise, ()
     named = ", ".join(str(j + 1) for j in np.flatnonzero(more))
@@ -106,7 +111,11 @@ def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | N
         return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
     count = round(samples)
     noise = noise_from_periods(
-        experiment.torque, count, skip=round(TRANSIENT * count), regressors=friction_columns(experiment)
+        experiment.torque,
+        count,
+        rate_hz=experiment.rate_hz,
+        skip=round(TRANSIENT * count),
+        regressors=friction_columns(experiment),
     )
     return (None, []) if noise is None else (replace(noise, period_s=period), [])
 

@@ -188,8 +188,8 @@ def renewed_noise(noise: Noise, fit: Fit) -> Noise:
     if noise.source != "periods" or noise.period_s is None:
         frequency = motion_frequency(run.problem.experiment.reference, fit.model.joint_count)
         return noise_from_residual(fit.residual, rate_hz=run.problem.experiment.rate_hz, motion_hz=frequency)
-    count = round(noise.period_s * run.problem.experiment.rate_hz)
-    renewed = noise_from_periods(fit.residual, count, skip=0)
+    rate = run.problem.experiment.rate_hz
+    renewed = noise_from_periods(fit.residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
     return noise if renewed is None else replace(renewed, period_s=noise.period_s)
 
 

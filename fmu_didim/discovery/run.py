@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.decide import HELD_OUT, Options
+from fmu_didim.discovery.decide import FAILS_HELD_OUT, HELD_OUT, Options, held_out_ratio
 from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.findings import (
     FindingResult,
@@ -129,12 +129,24 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         outside = [push_finding(pushed, base, free, noise)]
         windows = push_windows(free, noise)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
+    if pushed is None:
+        discovery = _proven(discovery, noise, options)
     document = findings_document(
         ask.name, discovery, workshop, noise, options, outside=outside, windows=windows, found_regions=disagreement,
         notes=[*ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])],
         provenance=ask.provenance,
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)
+
+
+def _proven(discovery: Discovery, noise: Noise, options: Options) -> Discovery:
+    """Without what was found, if all of it together is no better on the held-out data than the base model."""
+    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
+    if ratio is None or ratio.high < 1.0 or any(step.remark for step in discovery.steps):
+        return discovery
+    why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
+    refused = (*((step.addition, why) for step in discovery.steps), *discovery.refused)
+    return Discovery(discovery.base, discovery.base, (), refused)
 
 
 def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, found: Found) -> Found:

@@ -17,7 +17,7 @@ from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 
 NAME = "torque_saturation"
-QUANTILES = (0.98, 0.99, 0.995, 0.998)
+QUANTILES = (0.9, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998)
 """Of the measured torque of a joint, tried as its limit."""
 WORSE = 1.02
 """Held-out RMS ratio beyond which data that do not reach the limit still speak against it; a little comes from the base
