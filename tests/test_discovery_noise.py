@@ -223,7 +223,7 @@ def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
     slow = 10 * np.sin(2 * np.pi * 0.25 * time) + 5 * np.sin(2 * np.pi * 0.9 * time + 1)
     for seed in range(10):
         residual = SIGMA * slow + coloured(np.random.default_rng(seed), (2000, 2), 0.3, SIGMA)
-        noise = noise_from_residual(residual, rate_hz=100.0, motion_hz=1.0)
+        noise = noise_from_residual(residual, rate_hz=rate_hz, motion_hz=1.0)
         assert (noise.deviation > 0.5 * SIGMA).all()
         assert (noise.deviation < 2.0 * SIGMA).all()
 
