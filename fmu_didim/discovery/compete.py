@@ -255,15 +255,22 @@ def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, nois
     cost = workshop.cost(addition) - absent - _idle(found.jacobian[:, :, own])
     gain = delta_bic(fit.residual, found.residual, cost, noise)
     size, share = explained(fit.residual, found.residual, noise)
-    without = workshop.without(found.model, index)
-    try:
-        change = found.torque - without.torque(without.start)
-        raw = float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
-    except SimulationError:
-        raw = np.inf  # the loop cannot even be run without it
+    raw = switched_off(addition, found, workshop, noise)
     return Contender(
         addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
     )
+
+
+def switched_off(addition: Addition, found: Fit, workshop: Workshop, noise: Noise, which: str = "train") -> float:
+    """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
+    nothing else changes; infinite if the loop cannot be run."""
+    without = workshop.without(found.model, found.model.additions.index(addition))
+    try:
+        torque = found.torque if which == "train" else found.model.torque(found.values, which)
+        change = torque - without.torque(without.start, which)
+    except SimulationError:
+        return np.inf
+    return float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
 
 
 def proposal_of(found: Contender) -> Proposal:

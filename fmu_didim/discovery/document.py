@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.decide import Options, Step, held_out_ratio
+from fmu_didim.discovery.decide import Options, Step
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
     FindingResult,
@@ -22,7 +22,7 @@ from fmu_didim.discovery.findings import (
     WindowResult,
 )
 from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.gap import gap_pair, joint_gaps
+from fmu_didim.discovery.gap import Ratio, gap_pair, joint_gaps
 from fmu_didim.discovery.localise import Region, force_windows
 from fmu_didim.discovery.loop_model import Addition, Knob
 from fmu_didim.discovery.noise import Noise
@@ -46,6 +46,7 @@ def findings_document(
     noise: Noise,
     options: Options,
     *,
+    ratio: Ratio | None,
     outside: Sequence[FindingResult] = (),
     windows: Sequence[WindowResult] = (),
     found_regions: Sequence[Region] = (),
@@ -56,12 +57,12 @@ def findings_document(
 
     Args:
         name: of the case; discovery: base, final model and the steps between; noise: of the data.
+        ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
         found_regions: where the base model disagrees; notes: further remarks.
     """
     residuals = _residuals(discovery)
     verdict = _verdict(discovery, noise)
-    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
     units = discovery.base.model.runs["train"].problem.parameters.torque_units
     return FindingsDocument(
         name=name,

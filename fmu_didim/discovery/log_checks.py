@@ -48,7 +48,7 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
         turned = [int(j) + 1 for j in np.flatnonzero(own < AGAINST)]
         raise InputError(
             "The measured torque runs against the simulated one.",
-            where=f"{where}: joint {_list(turned)}",
+            where=f"{where}: joint {', '.join(map(str, turned))}",
             got=f"correlation {', '.join(f'{own[j - 1]:.2f}' for j in turned)}",
             valid="positive along the joint, as in the robot description",
             next_step="Turn the sign of these columns, or of the joint's axis in the robot description.",
@@ -64,11 +64,9 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
 
 def _correlations(measured: Array, simulated: Array) -> Array:
     """(n, n) correlation of each measured with each simulated torque; 0 where one is constant."""
-    scaled = []
-    for table in (measured, simulated):
-        centred = table - table.mean(axis=0)
-        scaled.append(centred / np.maximum(np.linalg.norm(centred, axis=0), 1e-300))
-    return np.asarray(scaled[0].T @ scaled[1])
+    n = measured.shape[1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.nan_to_num(np.corrcoef(measured, simulated, rowvar=False)[:n, n:])
 
 
 def _check_order(measured: Array, simulated: Array, where: str) -> None:
@@ -86,7 +84,3 @@ def _check_order(measured: Array, simulated: Array, where: str) -> None:
         got=f"squared error {own:.3g} of the torque's square; {other:.3g} if {', '.join(moved)}",
         next_step="Check the columns of the torque log: torque: {columns: {tau1: ...}}.",
     )
-
-
-def _list(joints: list[int]) -> str:
-    return ", ".join(str(j) for j in joints)

@@ -18,7 +18,7 @@ from fmu_didim.discovery.findings import (
     WindowResult,
 )
 from fmu_didim.discovery.fit import Fit, integrated
-from fmu_didim.discovery.gap import joint_gaps
+from fmu_didim.discovery.gap import Ratio, joint_gaps
 from fmu_didim.discovery.library import simulated_motion
 from fmu_didim.discovery.localise import Region, regions
 from fmu_didim.discovery.noise import Noise
@@ -129,21 +129,21 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         outside = [push_finding(pushed, base, free, noise)]
         windows = push_windows(free, noise)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
-    if pushed is None:
-        discovery = _proven(discovery, noise, options)
+    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
+    remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
+    if ratio is not None and ratio.high >= 1.0 and pushed is None and not remarked:
+        discovery, ratio = _withdrawn(discovery, ratio), None
     document = findings_document(
-        ask.name, discovery, workshop, noise, options, outside=outside, windows=windows, found_regions=disagreement,
+        ask.name, discovery, workshop, noise, options,
+        ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
         notes=[*ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])],
         provenance=ask.provenance,
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)
 
 
-def _proven(discovery: Discovery, noise: Noise, options: Options) -> Discovery:
-    """Without what was found, if all of it together is no better on the held-out data than the base model."""
-    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
-    if ratio is None or ratio.high < 1.0 or any(step.remark for step in discovery.steps):
-        return discovery
+def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
+    """The base model alone, and what was found as refused: together it is no better on the held-out data."""
     why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
     refused = (*((step.addition, why) for step in discovery.steps), *discovery.refused)
     return Discovery(discovery.base, discovery.base, (), refused)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.compete import Contender, contender, refit
+from fmu_didim.discovery.compete import Contender, contender, refit, switched_off
 from fmu_didim.discovery.decide import FAILS_HELD_OUT, HELD_OUT, Options, Step, held_out_ratio, objection, step_of
 from fmu_didim.discovery.fit import Fit
 from fmu_didim.discovery.loop_model import Addition
@@ -75,12 +75,7 @@ def saturation(
 
 def _held_out_tells(candidate: Contender, workshop: Workshop, fit: Fit, noise: Noise, options: Options) -> bool:
     """Whether the held-out experiment comes to the limit, so that it would be seen there, or speaks against it."""
-    model = candidate.fit.model
-    without = workshop.without(model, model.additions.index(candidate.addition))
-    try:
-        change = model.torque(candidate.fit.values, HELD_OUT) - without.torque(without.start, HELD_OUT)
-    except SimulationError:
+    if switched_off(candidate.addition, candidate.fit, workshop, noise, HELD_OUT) >= options.smallest_size:
         return True
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
-    seen = np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)) >= options.smallest_size
-    return bool(seen.any()) or ratio is None or ratio.low > WORSE
+    return ratio is None or ratio.low > WORSE
