@@ -111,6 +111,21 @@ def test_averages_and_points_are_told_apart(tmp_path: Path) -> None:
     assert outcome.document.relative_error_percent["train"].total < 2.0  # type: ignore[operator]
 
 
+def test_a_log_with_gaps_is_not_brought_to_another_rate(tmp_path: Path) -> None:
+    """Its rows are no equally spaced ticks; as it is, it may be used."""
+    rows = (SCARA.parent / "train_200hz.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "gaps.csv").write_text("\n".join(rows[:300] + rows[303:700] + rows[701:]), encoding="utf-8")
+    path = scara(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["train"]["torque"] = {"file": "gaps.csv"}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    assert load_case(path).problem.measured.shape == (len(rows) - 1 - 4, 2)
+    content["train"]["torque"]["rate_hz"] = 20
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"lacks samples[\s\S]*2 gaps, the first one after t = 1.49 s[\s\S]*rate_hz"):
+        load_case(path)
+
+
 def test_late_stamps_are_taken_back(tmp_path: Path) -> None:
     """The log of the example, stamped 17 ms late: the estimate of the right stamps if that is told, else another."""
     log = read_trajectory(SCARA.parent / "train_200hz.csv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from fmu_didim.discovery.noise import (
 )
 from fmu_didim.discovery.prepare import friction_columns, prepare
 from fmu_didim.errors import InputError
+from fmu_didim.master import sample_operator
 from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
 from tests.discovery_helpers import RATE, arm_problem, coloured, sines, with_torque
 
@@ -258,6 +260,29 @@ def test_prepared_from_periods(tmp_path: Path) -> None:
     assert prepared.noise.deviation == pytest.approx([0.1], rel=0.1)
     assert prepared.noise.correlation == pytest.approx([0.5], abs=0.1)
     assert not prepared.notes
+
+
+def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> None:
+    """Periods are compared where both have a sample; taken one after the other the rows would no longer match."""
+    problem = arm_problem(tmp_path, seconds=12.0)
+    noise = coloured(np.random.default_rng(5), problem.measured.shape, 0.5, 0.1)
+    whole = with_torque(problem, problem.measured + noise).experiment
+    kept = np.delete(np.arange(whole.time.size), [150, 151, 420, 700, 701, 702])
+    reference = whole.reference.time
+    operator = sample_operator(
+        whole.time[kept], start=float(reference[0]), step=float(reference[1] - reference[0]), tick_count=reference.size
+    )
+    less = replace(whole, time=whole.time[kept], torque=whole.torque[kept], operator=operator)
+    assert less.rate_hz == pytest.approx(whole.rate_hz)
+    prepared = prepare(problem.on(less), {})
+    everything = prepare(problem.on(whole), {}).noise
+    assert prepared.noise.source == "periods"
+    assert prepared.noise.period_s == pytest.approx(4.0)
+    assert prepared.noise.deviation == pytest.approx(everything.deviation, rel=0.03)
+    assert prepared.noise.correlation == pytest.approx(everything.correlation, abs=0.03)
+    assert prepared.noise.slow == pytest.approx(everything.slow, abs=0.03)
+    (note,) = prepared.notes
+    assert "6 of 1200 torque samples are missing, the first of them after t = 1.49 s" in note
 
 
 def test_prepared_without_repetition_says_so(tmp_path: Path) -> None:

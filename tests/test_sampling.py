@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.errors import InputError
-from fmu_didim.master import decimated_times, sample_operator
+from fmu_didim.master import decimated_times, grid_places, sample_operator
 from fmu_didim.master.sampling import JITTER, Kind, SampleOperator, Window
 
 START, STEP, COUNT = 0.3, 0.005, 200
@@ -83,6 +83,24 @@ def test_the_window_is_the_spacing_unless_it_is_given() -> None:
     np.testing.assert_allclose(sampled(times, kind="average"), expected, atol=1e-12)
     with pytest.raises(InputError, match="window_s"):
         sampled(times[:1], kind="average")
+    kept = np.delete(np.arange(20), [5, 11, 12])  # samples that the logger has dropped make no window longer
+    np.testing.assert_allclose(sampled(times[kept], kind="average"), expected[kept], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("steps", "places"),
+    [
+        ([1, 1, 1], [0, 1, 2, 3]),
+        ([1, 2, 1, 3, 1], [0, 1, 3, 4, 7, 8]),
+        ([1.2, 0.9, 1.0, 0.8, 2.1, 1.0], [0, 1, 2, 3, 4, 6, 7]),
+        ([1, 0.3, 1, 1, 2], [0, 1, 2, 3, 4, 5]),
+        ([], [0]),
+    ],
+)
+def test_places_count_the_samples_that_are_missing(steps: list[float], places: list[int]) -> None:
+    """Stamps may lie beside the grid; a log with much shorter steps has none."""
+    times = 0.7 + 0.01 * np.concatenate([[0.0], np.cumsum(steps)])
+    assert grid_places(times).tolist() == places
 
 
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])

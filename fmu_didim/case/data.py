@@ -13,7 +13,7 @@ from fmu_didim.case.document import ExperimentSource, ReferenceFile, SignalFile,
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
 from fmu_didim.identification.problem import Experiment
-from fmu_didim.master import decimated_times, sample_operator
+from fmu_didim.master import decimated_times, grid_places, sample_operator
 from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
@@ -89,6 +89,13 @@ def _with_warm_up(found: Trajectory, step: float, period_s: float, warm_up_s: fl
 
 def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, times: Array) -> Array:
     """Samples of a log at other instants: the values that hold there, or their averages."""
+    gaps = np.flatnonzero(np.diff(grid_places(log.time)) > 1)
+    if gaps.size:
+        raise InputError(
+            "A log that lacks samples cannot be brought to another rate.", where=log.source,
+            got=f"{gaps.size} gaps, the first one after t = {log.time[gaps[0]]:g} s",
+            next_step="Leave out torque.rate_hz: the log is then used as it is, without the samples that it lacks.",
+        )  # fmt: skip
     step = float((log.time[-1] - log.time[0]) / (log.time.size - 1))
     operator = sample_operator(
         times, start=float(log.time[0]), step=step, tick_count=log.time.size, kind=source.sampling,

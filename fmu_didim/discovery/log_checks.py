@@ -1,4 +1,4 @@
-"""Whether a torque log can be that of the loop at all: its signs, the order of its joints, its unit.
+"""Whether a torque log can be that of the loop at all: its signs, the order of its joints, its unit, what is missing.
 
 The base fit would hide such errors, or make physics of them; so the log is compared with what the loop gives at the
 start values of the parameters, which need not be good for it:
@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from fmu_didim.discovery.loop_model import LoopModel
 from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.identification.problem import Experiment
 from fmu_didim.signals import Array
 
 AGAINST = -0.7
@@ -37,10 +38,11 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
     """
     run = model.runs[label]
     where = run.problem.experiment.label or label
+    gaps = _gaps(run.problem.experiment, where)
     try:
         simulated = model.torque(model.start, label)
     except SimulationError:  # nothing to compare with; the fit deals with such a start
-        return ()
+        return gaps
     correlation = _correlations(run.measured, simulated)
     _check_order(run.measured, simulated, where)
     own = np.diag(correlation)
@@ -55,10 +57,25 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.sum(run.measured * simulated, axis=0) / np.sum(simulated**2, axis=0)
-    return tuple(
+    units = tuple(
         f"{where}: the torque of joint {j + 1} is {ratio[j]:.3g} times what the start values give: is it in the unit, "
         "and on the side of the gear, that the robot description means?"
         for j in np.flatnonzero((own > FOLLOWS) & ((ratio > OTHER_UNIT) | (ratio < 1 / OTHER_UNIT)))
+    )
+    return (*gaps, *units)
+
+
+def _gaps(experiment: Experiment, where: str) -> tuple[str, ...]:
+    """What is said of samples that the logger has dropped."""
+    places = experiment.places
+    total = int(places[-1]) + 1
+    if total == places.size:
+        return ()
+    first = experiment.time[np.argmax(np.diff(places) > 1)]
+    missing = total - places.size
+    return (
+        f"{where}: {missing} of {total} torque samples {'is' if missing == 1 else 'are'} missing, the first of them "
+        f"after t = {first:.6g} s. The others are used; a gap near a reversal hides what happens there.",
     )
 
 

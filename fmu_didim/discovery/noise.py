@@ -88,7 +88,7 @@ def noise_from_periods(
     """Noise from the differences of neighbouring periods.
 
     Args:
-        torque: (N, n) log; samples: number of samples in a period.
+        torque: (N, n) log, NaN where a sample is missing; samples: number of samples in a period.
         skip: samples at the begin that the transient spoils.
         regressors: (N, n, m) columns whose slow change is taken out of the differences first, such as friction:
             else thermal drift would count as noise. What happened in one period only, such as a push, is left out too.
@@ -103,13 +103,15 @@ def noise_from_periods(
     deviation, correlation, slow = np.zeros(n), np.zeros(n), np.zeros(n)
     for j in range(n):
         difference = (second[:, j] - first[:, j]) / np.sqrt(2)
+        there = np.isfinite(difference)
+        difference = np.where(there, difference, 0.0)
         columns = [np.ones(difference.size)]
         if regressors is not None:
-            part = regressors[skip + samples :, j]
+            part = np.nan_to_num(regressors[skip + samples :, j])
             columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
         table = np.column_stack(columns)
         table = table / np.linalg.norm(table, axis=0)
-        rest, kept = _without_events(difference, table, max(samples // BLOCKS, 10))
+        rest, kept = _without_events(difference, table, there, max(samples // BLOCKS, 10))
         spread = float(np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1)))
         correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
         slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
@@ -119,16 +121,18 @@ def noise_from_periods(
     return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
 
 
-def _without_events(difference: Array, table: Array, block: int) -> tuple[Array, NDArray[np.bool_]]:
-    """What columns (N, m) leave of a difference (N,), and which samples do not belong to blocks that stand out."""
+def _without_events(
+    difference: Array, table: Array, there: NDArray[np.bool_], block: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
     place = np.arange(difference.size) // block
-    kept = np.ones(difference.size, dtype=bool)
+    kept = there
     for _ in range(4):
         rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
-        power = np.bincount(place, rest**2) / np.bincount(place)
-        wanted = (power <= OUTLIER * np.median(power))[place]
-        if np.mean(wanted) < 1 - MOST_OUTLIERS:
-            kept = np.ones(difference.size, dtype=bool)  # they are the rule: loud and quiet parts of the motion
+        power = np.bincount(place, rest**2 * there) / np.maximum(np.bincount(place, there), 1)
+        wanted = (power <= OUTLIER * np.median(power))[place] & there
+        if wanted.sum() < (1 - MOST_OUTLIERS) * there.sum():
+            kept = there  # they are the rule: loud and quiet parts of the motion
             break
         if np.array_equal(wanted, kept):
             break

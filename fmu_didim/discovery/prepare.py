@@ -111,11 +111,11 @@ def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | N
         return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
     count = round(samples)
     noise = noise_from_periods(
-        experiment.torque,
+        experiment.with_gaps(experiment.torque),
         count,
         rate_hz=experiment.rate_hz,
         skip=round(TRANSIENT * count),
-        regressors=friction_columns(experiment),
+        regressors=experiment.with_gaps(friction_columns(experiment)),
     )
     return (None, []) if noise is None else (replace(noise, period_s=period), [])
 

@@ -185,11 +185,12 @@ def push_knobs(fit: Fit, pushes: Sequence[Push]) -> list[Knob]:
 def renewed_noise(noise: Noise, fit: Fit) -> Noise:
     """Noise from the differences of periods, of what a fit leaves instead of the log itself."""
     run = fit.model.runs["train"]
+    experiment, rate = run.problem.experiment, run.problem.experiment.rate_hz
     if noise.source != "periods" or noise.period_s is None:
-        frequency = motion_frequency(run.problem.experiment.reference, fit.model.joint_count)
-        return noise_from_residual(fit.residual, rate_hz=run.problem.experiment.rate_hz, motion_hz=frequency)
-    rate = run.problem.experiment.rate_hz
-    renewed = noise_from_periods(fit.residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
+        frequency = motion_frequency(experiment.reference, fit.model.joint_count)
+        return noise_from_residual(fit.residual, rate_hz=rate, motion_hz=frequency)
+    residual = experiment.with_gaps(fit.residual)
+    renewed = noise_from_periods(residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
     return noise if renewed is None else replace(renewed, period_s=noise.period_s)
 
 

@@ -15,7 +15,17 @@ from fmu_didim.identification.low_pass import LowPass
 from fmu_didim.identification.parameters import Parameters
 from fmu_didim.identification.probing import RegressorProbe
 from fmu_didim.identification.side_by_side import default_workers
-from fmu_didim.master import InstancePool, Observer, Recording, SampleOperator, System, logged_torque, simulate
+from fmu_didim.master import (
+    Indices,
+    InstancePool,
+    Observer,
+    Recording,
+    SampleOperator,
+    System,
+    grid_places,
+    logged_torque,
+    simulate,
+)
 from fmu_didim.signals import Array, Trajectory
 
 STABLE = 8
@@ -45,8 +55,20 @@ class Experiment:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the torque log."""
-        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+        """Mean rate of the torque log, counting the samples that are missing."""
+        return float(self.places[-1] / (self.time[-1] - self.time[0]))
+
+    @property
+    def places(self) -> Indices:
+        """(N,) place of each sample when those count, too, that the logger has dropped."""
+        return grid_places(self.time)
+
+    def with_gaps(self, values: Array) -> Array:
+        """(M, ...) values (N, ...) of the samples with rows of NaN for those that are missing."""
+        places = self.places
+        result = np.full((places[-1] + 1, *values.shape[1:]), np.nan)
+        result[places] = values
+        return result
 
     def after(self, seconds: float) -> Experiment:
         """The same without the samples of the first ``seconds`` of the reference."""

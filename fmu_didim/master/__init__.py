@@ -3,13 +3,14 @@
 from fmu_didim.master.interpreted import Observer
 from fmu_didim.master.pool import InstancePool
 from fmu_didim.master.recording import Recording
-from fmu_didim.master.sampling import SampleOperator, decimated_times, sample_operator
+from fmu_didim.master.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
 from fmu_didim.master.simulation import simulate
 from fmu_didim.master.splice import logged_torque, splice, splice_effect, splice_output
 from fmu_didim.master.system import Connection, System, closed_loop
 
 __all__ = [
     "Connection",
+    "Indices",
     "InstancePool",
     "Observer",
     "Recording",
@@ -17,6 +18,7 @@ __all__ = [
     "System",
     "closed_loop",
     "decimated_times",
+    "grid_places",
     "logged_torque",
     "sample_operator",
     "simulate",

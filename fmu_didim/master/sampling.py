@@ -130,7 +130,7 @@ def sample_operator(
         tick_count: number of ticks of the reference.
         kind: ``point``: the command that acts at the instant; ``average``: its mean over a window.
         window: where the window lies: it ends, is centred or starts at the instant.
-        window_s: its length in s; by default the mean spacing of ``times``.
+        window_s: its length in s; by default the usual spacing of ``times``.
 
     Raises:
         InputError: an instant lies outside the reference.
@@ -166,7 +166,7 @@ def _length(times: Array, window_s: float | None) -> float:
         return window_s
     if times.size < 2:
         raise InputError("The window of a single average is unknown.", next_step="Give window_s.")
-    return float((times[-1] - times[0]) / (times.size - 1))
+    return float((times[-1] - times[0]) / grid_places(times)[-1])
 
 
 def _average(position: Array, last: int, window: Window, length: float) -> tuple[Indices, Indices, Array]:
@@ -185,6 +185,17 @@ def _average(position: Array, last: int, window: Window, length: float) -> tuple
         columns.append(ticks)
         weights.append(overlap / overlap.sum())
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+
+
+def grid_places(times: Array) -> Indices:
+    """(N,) place of each sample of a log on its grid, of which a logger may have dropped some: 0, 1, 2, 4, ...
+
+    A step of time counts as many places as usual steps fit into it. Where a step is shorter than half of the usual one
+    there is no grid, and the samples are just counted.
+    """
+    steps = np.diff(times)
+    counts = np.rint(steps / np.median(steps)).astype(np.int64) if steps.size else np.zeros(0, dtype=np.int64)
+    return np.arange(times.size) if (counts < 1).any() else np.concatenate([[0], np.cumsum(counts)])
 
 
 def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
