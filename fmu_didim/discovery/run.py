@@ -27,6 +27,7 @@ from fmu_didim.discovery.push_result import push_finding, push_windows, refitted
 from fmu_didim.discovery.push_rivals import rivalled
 from fmu_didim.discovery.pushes import find_pushes
 from fmu_didim.discovery.rounds import Discovery, Say, run_rounds
+from fmu_didim.discovery.sampling_kind import other_sampling
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
@@ -133,10 +134,14 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
     if ratio is not None and ratio.high >= 1.0 and pushed is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
+    way = other_sampling(discovery.final, workshop, noise, threshold=options.threshold)
     document = findings_document(
         ask.name, discovery, workshop, noise, options,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
-        notes=[*ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT])],
+        notes=[
+            *ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]),
+            *([way.text(1 / problem.experiment.rate_hz)] if way is not None else []),
+        ],
         provenance=ask.provenance,
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)

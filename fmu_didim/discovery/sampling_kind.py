@@ -1,0 +1,124 @@
+"""Whether the torque log shows points or averages, other than the case says.
+
+An average over the preceding sample period lies half of it late and is smoothed; taken for a point it looks like a log
+whose clock is late, or like a lag. So the model that was found, without a shift of the log, is simulated once more and
+sampled in each way, y_k = S_k tau; what its parameters can absorb is projected out of the residuals, and the best way
+is fitted and compared with the model that was found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.gap import delta_bic
+from fmu_didim.discovery.loop_model import LoopModel
+from fmu_didim.discovery.noise import Noise
+from fmu_didim.effects.measurement import MeasurementEffect
+from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.master import SampleOperator, sample_operator
+from fmu_didim.master.sampling import Kind, Window
+from fmu_didim.signals import Array
+
+WAYS: tuple[tuple[Kind, Window], ...] = (
+    ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
+)  # fmt: skip
+NEARLY = 1.1
+"""Instead of a shift, a way is fitted if it leaves less than this many times the chi-square of what was found."""
+WORDS = {"preceding": "before", "centred": "around", "following": "after"}
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way of sampling.
+
+    Attributes:
+        gain: BIC by which it is better than the model that was found.
+        instead: whether that model has a shift of the log, which it does without.
+    """
+
+    kind: Kind
+    window: Window
+    gain: float
+    instead: bool
+
+    def text(self, seconds: float) -> str:
+        """What is said of it; ``seconds``: sample period."""
+        shows, entry = "points", "sampling: point"
+        if self.kind == "average":
+            shows = f"averages over the {1000 * seconds:.4g} ms {WORDS[self.window]} each stamp"
+            entry = f"sampling: average, window: {self.window}"
+        how = "without a shift, and as well" if self.instead else "better than what was found"
+        return (
+            f"The log may show {shows}, other than the case says: that explains it {how} (BIC difference "
+            f"{self.gain:.0f}). Find out how the logger samples; if so, write torque: {{{entry}}}."
+        )
+
+
+def other_sampling(fit: Fit, workshop: Workshop, noise: Noise, *, threshold: float) -> Way | None:
+    """A way of sampling that explains the log better than the model that was found, or as well and without its shift.
+
+    Args:
+        fit: that model; threshold: BIC difference from which another way is better.
+    """
+    model, cost = fit.model, 0.0
+    for index in reversed(range(len(model.additions))):
+        if isinstance(workshop.effect(model.additions[index]), MeasurementEffect):
+            cost -= workshop.cost(model.additions[index])
+            model = workshop.without(model, index)
+    instead = model is not fit.model
+    try:
+        ways = _sampled(model, fit, noise, NEARLY if instead else 1.0)
+        if not ways:
+            return None
+        way, operator = min(ways, key=lambda one: one[0])[1:]
+        found = minimise(_with(model, operator), noise)
+    except SimulationError:
+        return None
+    gain = delta_bic(fit.residual, found.residual, cost, noise)
+    return Way(*way, gain, instead) if gain >= (0.0 if instead else threshold) else None
+
+
+def _sampled(
+    model: LoopModel, fit: Fit, noise: Noise, most: float
+) -> list[tuple[float, tuple[Kind, Window], SampleOperator]]:
+    """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operator."""
+    run = model.runs["train"]
+    experiment, step, start = run.problem.experiment, run.problem.system.step_size, model.start
+    count = experiment.reference.time.size
+    torque = model.logged_torque(model.record(start, all_ticks=True), start)
+    table = (fit.jacobian * noise.weight[:, None]).reshape(-1, fit.jacobian.shape[2])
+    scale = np.linalg.norm(table, axis=0)
+    basis = np.linalg.qr(table[:, scale > 0] / scale[scale > 0])[0]
+
+    def left(simulated: Array) -> float:
+        rest = ((run.measured - simulated) * noise.weight).ravel()
+        return float(np.sum((rest - basis @ (basis.T @ rest)) ** 2))
+
+    found = []
+    for kind, window in WAYS:
+        try:
+            operator = sample_operator(
+                experiment.time, start=float(experiment.reference.time[0]), step=step,
+                tick_count=count, kind=kind, window=window,
+            ).stamped_later(experiment.operator.lag, count)  # fmt: skip
+        except InputError:  # an instant at the end of the data, where a point or a window has no tick
+            continue
+        size = left(run.problem.filtered(operator.apply(torque[operator.ticks])))
+        if size < most * left(fit.torque) and not _same(operator, run.operator):
+            found.append((size, (kind, window), operator))
+    return found
+
+
+def _same(one: SampleOperator, other: SampleOperator) -> bool:
+    return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < 1e-9
+
+
+def _with(model: LoopModel, operator: SampleOperator) -> LoopModel:
+    """The model of the training data alone, sampled in another way."""
+    run = model.runs["train"]
+    problem = run.problem.on(replace(run.problem.experiment, operator=operator))
+    return replace(model, runs={"train": replace(run, problem=problem, operator=operator)})

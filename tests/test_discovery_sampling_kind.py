@@ -1,0 +1,97 @@
+"""Logs of averages that are taken for points, and the other way round: told beside what was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.fit import Fit, minimise
+from fmu_didim.discovery.loop_model import Addition, loop_model
+from fmu_didim.discovery.sampling_kind import Way, other_sampling
+from fmu_didim.effects import EFFECTS
+from fmu_didim.identification.problem import Problem, predict_torque
+from fmu_didim.master import SampleOperator, sample_operator
+from fmu_didim.robot import read_robot
+from tests.discovery_helpers import arm_problem, known_noise, with_torque
+
+SIGMA = (0.02, 0.01)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Problem]:
+    folder = tmp_path_factory.mktemp("arm")
+    return folder, arm_problem(folder, joints=2, rate_hz=50.0)
+
+
+def operator(problem: Problem, kind: str, window: str = "preceding") -> SampleOperator:
+    reference = problem.experiment.reference.time
+    return sample_operator(
+        problem.experiment.time, start=float(reference[0]), step=float(reference[1] - reference[0]),
+        tick_count=reference.size, kind=kind, window=window,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def logged(problem: Problem, taken: SampleOperator, told: SampleOperator) -> Problem:
+    """A noisy log that was taken in one way, said to be taken in another."""
+    there = problem.on(replace(problem.experiment, operator=taken))
+    torque = predict_torque(there, problem.parameters.nominal())[0]
+    noise = np.random.default_rng(4).normal(size=torque.shape) * SIGMA
+    return with_torque(problem.on(replace(problem.experiment, operator=told)), torque + noise)
+
+
+def asked(folder: Path, problem: Problem, *, shifted: bool = False) -> Way | None:
+    """What is told after a fit of the base, or of a shift of the log beside it."""
+    noise = known_noise(SIGMA)
+    base = loop_model(problem, {})
+    workshop = Workshop(base, read_robot(folder / "robot.yaml"), EFFECTS)
+    fit: Fit = minimise(base, noise)
+    if shifted:
+        shift = Proposal(Addition("log_time_shift", 1), {"log_shift": 0.005})
+        fit = minimise(workshop.build(fit.model, [shift]), noise)
+    return other_sampling(fit, workshop, noise, threshold=10.0)
+
+
+@pytest.mark.parametrize("window", ["preceding", "centred", "following"])
+def test_averages_taken_for_points_are_told(arm: tuple[Path, Problem], window: str) -> None:
+    folder, problem = arm
+    way = asked(folder, logged(problem, operator(problem, "average", window), operator(problem, "point")))
+    assert way is not None
+    assert (way.kind, way.window, way.instead) == ("average", window, False)
+    assert way.gain > 100
+    text = way.text(0.02)
+    word = {"preceding": "before", "centred": "around", "following": "after"}[window]
+    assert f"averages over the 20 ms {word} each stamp" in text
+    assert f"torque: {{sampling: average, window: {window}}}" in text
+
+
+def test_points_taken_for_averages_are_told(arm: tuple[Path, Problem]) -> None:
+    folder, problem = arm
+    way = asked(folder, logged(problem, operator(problem, "point"), operator(problem, "average")))
+    assert way is not None
+    assert way.kind == "point"
+    assert "torque: {sampling: point}" in way.text(0.02)
+
+
+def test_averages_are_told_instead_of_a_shift(arm: tuple[Path, Problem]) -> None:
+    """An average over the preceding 20 ms resembles a log that is 10 ms late."""
+    folder, problem = arm
+    wrong = logged(problem, operator(problem, "average"), operator(problem, "point"))
+    way = asked(folder, wrong, shifted=True)
+    assert way is not None
+    assert (way.kind, way.window, way.instead) == ("average", "preceding", True)
+    assert "without a shift" in way.text(0.02)
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
+@pytest.mark.parametrize("late_s", [0.0, 0.03])
+def test_a_log_as_the_case_says_is_not_doubted(arm: tuple[Path, Problem], kind: str, late_s: float) -> None:
+    """Nor is one that is late by more than averages are."""
+    folder, problem = arm
+    told = operator(problem, kind)
+    reference = problem.experiment.reference.time
+    taken = told.stamped_later(late_s / float(reference[1] - reference[0]), reference.size)
+    assert asked(folder, logged(problem, taken, told), shifted=late_s > 0) is None
