@@ -285,6 +285,14 @@ def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> N
     assert "6 of 1200 torque samples are missing, the first of them after t = 1.49 s" in note
 
 
+def test_exact_repetition_with_a_gap_gives_finite_weights() -> None:
+    torque = repeating()
+    torque[700] = np.nan
+    noise = noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=50)
+    assert noise is not None
+    assert (noise.deviation >= 1e-9 * np.sqrt(np.nanmean(torque**2, axis=0))).all()
+
+
 def test_prepared_without_repetition_says_so(tmp_path: Path) -> None:
     problem = arm_problem(tmp_path, seconds=5.0)
     noise = coloured(np.random.default_rng(6), problem.measured.shape, 0.0, 0.1)

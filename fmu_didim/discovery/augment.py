@@ -72,9 +72,10 @@ class Workshop:
 
     def joints(self, name: str) -> tuple[int, ...]:
         """The joints, from 1, on which an effect may be; of one of the whole log the first stands for all."""
-        return tuple(range(1, self.base.joint_count + 1))[: 1 if self._is_of_log(name) else None]
+        return tuple(range(1, self.base.joint_count + 1))[: 1 if self.is_of_log(name) else None]
 
-    def _is_of_log(self, name: str) -> bool:
+    def is_of_log(self, name: str) -> bool:
+        """Whether an effect changes the log as a whole, and not the loop."""
         return isinstance(self.effects[name], MeasurementEffect)
 
     def joint_type(self, joint: int) -> str:
@@ -181,7 +182,7 @@ class Workshop:
         """The robot description with all effects, wherever they act."""
         if self.description is None:
             return None
-        return self._description([a for a in additions if not self._is_of_log(a.effect)])
+        return self._description([a for a in additions if not self.is_of_log(a.effect)])
 
     def _knobs(self, proposal: Proposal, index: int) -> list[Knob]:
         addition = proposal.addition
@@ -221,7 +222,7 @@ class Workshop:
 
     def can_add(self, addition: Addition) -> bool:
         """Whether an effect can be added to this plant: to a black box only what its wiring can take."""
-        anywhere = self.description is not None or self._is_of_log(addition.effect)
+        anywhere = self.description is not None or self.is_of_log(addition.effect)
         return anywhere or self.part(addition) is not None
 
     def is_spliced(self, addition: Addition) -> bool:
@@ -238,7 +239,7 @@ class Workshop:
         return effect if isinstance(effect, SplicedEffect) else None
 
     def _plant(self, additions: Sequence[Addition]) -> Component:
-        inner = tuple(a for a in additions if not self.is_spliced(a) and not self._is_of_log(a.effect))
+        inner = tuple(a for a in additions if not self.is_spliced(a) and not self.is_of_log(a.effect))
         if not inner:
             return self.base.plant
         if self.description is None:

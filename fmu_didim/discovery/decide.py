@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,10 @@ class Options:
     smallest_share: float = 0.05
     smallest_part: float = 0.03
     seed: int = 0
+
+    def record(self) -> dict[str, Any]:
+        """The options as they are written down."""
+        return {**asdict(self), "forbid": sorted(self.forbid), "prefer": list(self.prefer)}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.decide import Options, Step
+from fmu_didim.discovery.decide import Step
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
     FindingResult,
@@ -44,7 +44,6 @@ def findings_document(
     discovery: Discovery,
     workshop: Workshop,
     noise: Noise,
-    options: Options,
     *,
     ratio: Ratio | None,
     outside: Sequence[FindingResult] = (),
@@ -87,7 +86,7 @@ def findings_document(
         seconds=0.0,
         notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
-        provenance={**(provenance or {}), "options": _options(options), "catalogue": sorted(workshop.effects)},
+        provenance={**(provenance or {}), "catalogue": sorted(workshop.effects)},
     )  # fmt: skip
 
 
@@ -191,20 +190,6 @@ def _noise(noise: Noise) -> NoiseResult:
         period_s=noise.period_s,
         periods=noise.periods,
     )
-
-
-def _options(options: Options) -> dict[str, Any]:
-    return {
-        "forbid": sorted(options.forbid),
-        "prefer": list(options.prefer),
-        "rounds": options.rounds,
-        "threshold": options.threshold,
-        "smallest_size": options.smallest_size,
-        "smallest_gain": options.smallest_gain,
-        "smallest_share": options.smallest_share,
-        "smallest_part": options.smallest_part,
-        "seed": options.seed,
-    }
 
 
 def _norm(gaps: Array) -> float:

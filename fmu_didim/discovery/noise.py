@@ -116,7 +116,7 @@ def noise_from_periods(
         correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
         slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
-        deviation[j] = max(spread, LEAST * float(np.sqrt(np.mean(torque[:, j] ** 2))), 1e-300)
+        deviation[j] = max(spread, LEAST * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), 1e-300)
     periods = 1 + (torque.shape[0] - skip) // samples
     return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
 

@@ -136,13 +136,13 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         discovery, ratio = _withdrawn(discovery, ratio), None
     way = other_sampling(discovery.final, workshop, noise, threshold=options.threshold)
     document = findings_document(
-        ask.name, discovery, workshop, noise, options,
+        ask.name, discovery, workshop, noise,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
         notes=[
             *ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]),
             *([way.text(1 / problem.experiment.rate_hz)] if way is not None else []),
         ],
-        provenance=ask.provenance,
+        provenance={**(ask.provenance or {}), "options": options.record()},
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)
 

@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.discovery.augment import Workshop
+from fmu_didim.discovery.compete import Basis
 from fmu_didim.discovery.fit import Fit, minimise
 from fmu_didim.discovery.gap import delta_bic
 from fmu_didim.discovery.loop_model import LoopModel
 from fmu_didim.discovery.noise import Noise
-from fmu_didim.effects.measurement import MeasurementEffect
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.master.sampling import Kind, Window
-from fmu_didim.signals import Array
 
 WAYS: tuple[tuple[Kind, Window], ...] = (
     ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
@@ -66,7 +65,7 @@ def other_sampling(fit: Fit, workshop: Workshop, noise: Noise, *, threshold: flo
     """
     model, cost = fit.model, 0.0
     for index in reversed(range(len(model.additions))):
-        if isinstance(workshop.effect(model.additions[index]), MeasurementEffect):
+        if workshop.is_of_log(model.additions[index].effect):
             cost -= workshop.cost(model.additions[index])
             model = workshop.without(model, index)
     instead = model is not fit.model
@@ -75,7 +74,8 @@ def other_sampling(fit: Fit, workshop: Workshop, noise: Noise, *, threshold: flo
         if not ways:
             return None
         way, operator = min(ways, key=lambda one: one[0])[1:]
-        found = minimise(_with(model, operator), noise)
+        other = {"train": replace(model.runs["train"], operator=operator)}  # held-out data are not looked at
+        found = minimise(replace(model, runs=other), noise)
     except SimulationError:
         return None
     gain = delta_bic(fit.residual, found.residual, cost, noise)
@@ -90,14 +90,8 @@ def _sampled(
     experiment, step, start = run.problem.experiment, run.problem.system.step_size, model.start
     count = experiment.reference.time.size
     torque = model.logged_torque(model.record(start, all_ticks=True), start)
-    table = (fit.jacobian * noise.weight[:, None]).reshape(-1, fit.jacobian.shape[2])
-    scale = np.linalg.norm(table, axis=0)
-    basis = np.linalg.qr(table[:, scale > 0] / scale[scale > 0])[0]
-
-    def left(simulated: Array) -> float:
-        rest = ((run.measured - simulated) * noise.weight).ravel()
-        return float(np.sum((rest - basis @ (basis.T @ rest)) ** 2))
-
+    basis = Basis(fit, noise)
+    limit = most * float(basis.residual @ basis.residual)
     found = []
     for kind, window in WAYS:
         try:
@@ -107,18 +101,13 @@ def _sampled(
             ).stamped_later(experiment.operator.lag, count)  # fmt: skip
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
-        size = left(run.problem.filtered(operator.apply(torque[operator.ticks])))
-        if size < most * left(fit.torque) and not _same(operator, run.operator):
+        residual = run.measured - run.problem.filtered(operator.apply(torque[operator.ticks]))
+        rest = basis.project((residual * basis.weight).ravel())
+        size = float(rest @ rest)
+        if size < limit and not _same(operator, run.operator):
             found.append((size, (kind, window), operator))
     return found
 
 
 def _same(one: SampleOperator, other: SampleOperator) -> bool:
     return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < 1e-9
-
-
-def _with(model: LoopModel, operator: SampleOperator) -> LoopModel:
-    """The model of the training data alone, sampled in another way."""
-    run = model.runs["train"]
-    problem = run.problem.on(replace(run.problem.experiment, operator=operator))
-    return replace(model, runs={"train": replace(run, problem=problem, operator=operator)})
