@@ -13,7 +13,7 @@ from fmu_didim import __version__
 from fmu_didim.errors import FmuDidimError, InputError
 
 if TYPE_CHECKING:
-    from fmu_didim.identification.estimate import Iteration
+    from fmu_didim.prediction.iteration import Iteration
 
 EXIT_ERROR, EXIT_NOT_SETTLED = 1, 3
 

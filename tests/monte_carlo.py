@@ -21,9 +21,9 @@ from scipy import stats
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.finish import evaluate
-from fmu_didim.identification.problem import Problem, predict_torque
-from fmu_didim.identification.weighting import whitened
+from fmu_didim.prediction.finish import evaluate
+from fmu_didim.prediction.problem import Problem, predict_torque
+from fmu_didim.prediction.weighting import whitened
 from fmu_didim.statistics import covariance_efficient
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

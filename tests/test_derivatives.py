@@ -14,10 +14,10 @@ from fmu_didim.components import Component, ModelComponent, block_as_control, lo
 from fmu_didim.documents import validate
 from fmu_didim.effects import EFFECTS
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.problem import Problem, predict
-from fmu_didim.identification.sensitivity import sensitivity
 from fmu_didim.master import System, simulate, splice_effect
 from fmu_didim.master.variation import with_derivatives
+from fmu_didim.prediction.plant_sensitivity import sensitivity
+from fmu_didim.prediction.problem import Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel
 from tests.benchmarks.counting import simulated
 from tests.helpers import PERIOD, law_block, loop, reference, scara, scara_cascade, scara_pd

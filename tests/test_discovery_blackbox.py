@@ -12,15 +12,15 @@ import yaml
 
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu
-from fmu_didim.discovering import discover
-from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.blackbox import acts_on_own_joint, finer, torque_part
-from fmu_didim.discovery.loop_model import Addition, loop_model
+from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, finer, torque_part
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
 from fmu_didim.effects import EFFECTS, Surroundings, TorqueEffect
 from fmu_didim.export import build_fmu
+from fmu_didim.prediction.loop_model import Addition, loop_model
 from fmu_didim.robot import RobotModel, read_robot, write_robot
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.workflow import simulate_case
+from fmu_didim.workflow.discover import discover
 
 NOISE = (0.03, 0.003)
 """Standard deviation of the torque log of the joints, N.m."""

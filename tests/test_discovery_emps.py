@@ -11,13 +11,13 @@ from scipy.io import loadmat
 
 from fmu_didim.case import load_case
 from fmu_didim.case.data import data_folder
-from fmu_didim.discovering import discover
+from fmu_didim.discovery.base_model import prepare
+from fmu_didim.discovery.external_torques.fit import find_pushes
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.noise import Noise
-from fmu_didim.discovery.prepare import prepare
-from fmu_didim.discovery.push import Push
-from fmu_didim.discovery.pushes import find_pushes
+from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.workflow.discover import discover
 from tests.conftest import needs_emps
 from tests.test_discovery_blackbox import vendor_case
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.gap import colour, delta_bic, explained, joint_gaps, rms_ratio, total_gap
+from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps, rms_ratio, total_gap
+from fmu_didim.prediction.noise import colour
 from tests.discovery_helpers import coloured, known_noise
 
 SIGMA = np.array([0.3, 0.02])

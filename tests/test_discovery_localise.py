@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.localise import BINS, Region, Window, benjamini_hochberg, force_windows, regions
-from fmu_didim.discovery.signatures import Motion
+from fmu_didim.diagnosis.localise import BINS, Region, Window, benjamini_hochberg, force_windows, regions
+from fmu_didim.prediction.motion import Motion
 from tests.discovery_helpers import RATE, coloured, known_noise, sines
 
 SIGMA = np.array([0.3, 0.02])

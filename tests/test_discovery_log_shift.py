@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augment import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.discovery.loop_model import LOG, Addition, LoopModel, loop_model
-from fmu_didim.discovery.sensitivity import sensitivity
+from fmu_didim.prediction.loop_model import LOG, Addition, LoopModel, loop_model
+from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate_case
 from tests.discovery_helpers import RATE, arm_case

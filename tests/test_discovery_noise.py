@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.noise import (
+from fmu_didim.discovery.base_model import friction_columns, prepare
+from fmu_didim.errors import InputError
+from fmu_didim.master import sample_operator
+from fmu_didim.prediction.noise import (
     LARGEST_CORRELATION,
     Noise,
     motion_frequency,
@@ -16,9 +19,6 @@ from fmu_didim.discovery.noise import (
     noise_from_residual,
     period_in_ticks,
 )
-from fmu_didim.discovery.prepare import friction_columns, prepare
-from fmu_didim.errors import InputError
-from fmu_didim.master import sample_operator
 from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
 from tests.discovery_helpers import RATE, arm_problem, coloured, sines, with_torque
 

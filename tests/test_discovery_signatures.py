@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.fit import Fit, minimise
-from fmu_didim.discovery.library import Library, Signature, simulated_motion
-from fmu_didim.discovery.loop_model import Addition, loop_model
-from fmu_didim.discovery.prepare import with_nuisances
-from fmu_didim.discovery.response import load_response
-from fmu_didim.discovery.signatures import Motion, TorqueSignature, search_grid
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.base_model import with_nuisances
+from fmu_didim.discovery.screening.catalogue import Library, Signature, simulated_motion
+from fmu_didim.discovery.screening.load_response import load_response
+from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
+from fmu_didim.prediction.least_squares import Fit, minimise
+from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.motion import Motion
 from tests.discovery_helpers import arm_problem, known_noise
 
 ADDED = [

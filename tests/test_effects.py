@@ -21,9 +21,9 @@ from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
 from fmu_didim.export.units import base_unit
 from fmu_didim.identification.estimate import Status
-from fmu_didim.identification.parameters import RobotParameters
-from fmu_didim.identification.problem import Experiment, Problem, predict
 from fmu_didim.master import sample_operator
+from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.prediction.problem import Experiment, Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.along import observed_along
 from fmu_didim.robot.description import write_robot

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.identification import finish
-from fmu_didim.identification.estimate import Iteration
-from fmu_didim.identification.finish import Point, efficient_finish, evaluate
-from fmu_didim.identification.problem import Prediction, Problem
+from fmu_didim.prediction import finish
+from fmu_didim.prediction.finish import Point, efficient_finish, evaluate
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Prediction, Problem
 
 NEAR = np.array([3.41, 0.04, 0.81, 0.0637, 0.2455, 0.0145, 0.0127, 0.1373])
 

@@ -15,13 +15,13 @@ from fmu_didim.block import Block
 from fmu_didim.case import load_case
 from fmu_didim.components import FmuComponent, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.diagnosis.acting import check_acting, start_warnings
+from fmu_didim.diagnosis.consistency import Consistency, check_consistency
 from fmu_didim.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.acting import check_acting, start_warnings
-from fmu_didim.identification.consistency import Consistency, check_consistency
 from fmu_didim.identification.estimate import RefusedError
-from fmu_didim.identification.problem import Problem
 from fmu_didim.identification.result import load_result
+from fmu_didim.prediction.problem import Problem
 from fmu_didim.report import result_table, write_report
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.workflow import identify, simulate_case

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.errors import InputError
 from fmu_didim.identification.result import (
     ColumnResult,
@@ -19,7 +20,6 @@ from fmu_didim.identification.result import (
     StageResult,
     save_result,
 )
-from fmu_didim.identification.validation import Validation
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.figures import decimated
 from fmu_didim.report.numbers import loop_summary, pretty_unit, rounding, significant

@@ -17,25 +17,25 @@ from fmu_didim.case.document import ExperimentSource
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller
-from fmu_didim.discovery.augment import Proposal, Workshop
-from fmu_didim.discovery.compete import Contender, contend, screen
-from fmu_didim.discovery.experiment import Limits, Search, SplittingExperiment, design_experiment, limits_of
-from fmu_didim.discovery.experiment_members import Member, Scene, Setting, affine_states
-from fmu_didim.discovery.experiment_motions import Space, motion_table
-from fmu_didim.discovery.experiment_programs import candidates
-from fmu_didim.discovery.experiment_separation import amplitudes, separations
-from fmu_didim.discovery.fit import minimise
-from fmu_didim.discovery.library import Library
-from fmu_didim.discovery.loop_model import Addition, loop_model
-from fmu_didim.discovery.noise import Noise
-from fmu_didim.discovery.prepare import with_nuisances
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.base_model import with_nuisances
+from fmu_didim.discovery.next_experiment.design import Limits, Search, SplittingExperiment, design_experiment, limits_of
+from fmu_didim.discovery.next_experiment.members import Member, Scene, Setting, affine_states
+from fmu_didim.discovery.next_experiment.motions import Space, motion_table
+from fmu_didim.discovery.next_experiment.programs import candidates
+from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
+from fmu_didim.discovery.screening.catalogue import Library
+from fmu_didim.discovery.selection.contenders import Contender, contend, screen
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier, FourierJoint
-from fmu_didim.identification.parameters import RobotParameters
-from fmu_didim.identification.problem import Experiment, Problem
 from fmu_didim.master import System, closed_loop, simulate
 from fmu_didim.master.sampling import sample_operator
+from fmu_didim.prediction.least_squares import minimise
+from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.prediction.problem import Experiment, Problem
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Array, Trajectory
 from tests.helpers import PERIOD, ROOT, on_reference

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case import load_case
+from fmu_didim.diagnosis.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.validation import validate
 
 HERE = Path(__file__).parent
 DELAYS = (0.0, 0.5, 1.0)

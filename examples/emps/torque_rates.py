@@ -16,11 +16,11 @@ import numpy as np
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import read_experiment
+from fmu_didim.diagnosis.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.problem import Problem
-from fmu_didim.identification.validation import validate
 from fmu_didim.master import decimated_times, sample_operator
+from fmu_didim.prediction.problem import Problem
 
 HERE = Path(__file__).parent
 RATES_HZ = (1000.0, 100.0, 10.0, 4.0)

@@ -31,11 +31,11 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.low_pass import LowPass
-from fmu_didim.identification.parameters import NamedParameters, Parameters, RobotParameters
-from fmu_didim.identification.problem import Experiment, Problem
 from fmu_didim.imports import import_object
 from fmu_didim.master import System, closed_loop
+from fmu_didim.prediction.low_pass import LowPass
+from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
+from fmu_didim.prediction.problem import Experiment, Problem
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.signals import Trajectory
 

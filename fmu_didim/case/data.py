@@ -12,8 +12,8 @@ import numpy as np
 from fmu_didim.case.document import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
-from fmu_didim.identification.problem import Experiment
 from fmu_didim.master import decimated_times, grid_places, sample_operator
+from fmu_didim.prediction.problem import Experiment
 from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"

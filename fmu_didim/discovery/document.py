@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.decide import Step
+from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
+from fmu_didim.diagnosis.localise import Region, force_windows
+from fmu_didim.discovery.augmentation.builder import Workshop
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
     FindingResult,
@@ -21,13 +22,12 @@ from fmu_didim.discovery.findings import (
     Verdict,
     WindowResult,
 )
-from fmu_didim.discovery.fit import Fit
-from fmu_didim.discovery.gap import Ratio, gap_pair, joint_gaps
-from fmu_didim.discovery.localise import Region, force_windows
-from fmu_didim.discovery.loop_model import Addition, Knob
-from fmu_didim.discovery.noise import Noise
-from fmu_didim.discovery.rounds import Discovery
+from fmu_didim.discovery.selection.decide import Step
+from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import Addition, Knob
+from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 
@@ -130,6 +130,16 @@ def _rival(addition: Addition, behind: float, workshop: Workshop) -> Rival:
     return Rival(effect=addition.effect, title=title, joint=addition.joint, bic_behind=behind)
 
 
+def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
+    """The gaps of two residuals (N, n), as they are saved."""
+    return GapPair(
+        before=total_gap(before, noise),
+        after=total_gap(after, noise),
+        before_per_joint=joint_gaps(before, noise).tolist(),
+        after_per_joint=joint_gaps(after, noise).tolist(),
+    )
+
+
 def values_found(fit: Fit, noise: Noise, wanted: Callable[[Knob], bool]) -> list[ValueFound]:
     """The wanted knobs of a fit with their standard deviations and 95 % intervals."""
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
@@ -196,4 +206,4 @@ def _norm(gaps: Array) -> float:
     return float(np.sqrt(np.mean(gaps**2)))
 
 
-__all__ = ["findings_document", "values_found"]
+__all__ = ["findings_document", "gap_pair", "values_found"]

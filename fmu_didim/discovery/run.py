@@ -9,29 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.discovery.augment import Workshop
-from fmu_didim.discovery.decide import FAILS_HELD_OUT, HELD_OUT, Options, held_out_ratio
+from fmu_didim.diagnosis.gap import Ratio, joint_gaps
+from fmu_didim.diagnosis.localise import Region, regions
+from fmu_didim.diagnosis.sampling_kind import other_sampling
+from fmu_didim.discovery.augmentation.builder import Workshop
+from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import findings_document
+from fmu_didim.discovery.external_torques.findings import push_finding, push_windows, refitted
+from fmu_didim.discovery.external_torques.fit import find_pushes
+from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.findings import (
     FindingResult,
     FindingsDocument,
     WindowResult,
 )
-from fmu_didim.discovery.fit import Fit, integrated
-from fmu_didim.discovery.gap import Ratio, joint_gaps
-from fmu_didim.discovery.library import simulated_motion
-from fmu_didim.discovery.localise import Region, regions
-from fmu_didim.discovery.noise import Noise
-from fmu_didim.discovery.prepare import Prepared, prepare
-from fmu_didim.discovery.push_result import push_finding, push_windows, refitted
-from fmu_didim.discovery.push_rivals import rivalled
-from fmu_didim.discovery.pushes import find_pushes
-from fmu_didim.discovery.rounds import Discovery, Say, run_rounds
-from fmu_didim.discovery.sampling_kind import other_sampling
+from fmu_didim.discovery.screening.catalogue import simulated_motion
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT, Options, held_out_ratio
+from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
-from fmu_didim.identification.problem import Problem
+from fmu_didim.prediction.least_squares import Fit, integrated
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.problem import Problem
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
@@ -134,7 +135,8 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
     if ratio is not None and ratio.high >= 1.0 and pushed is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
-    way = other_sampling(discovery.final, workshop, noise, threshold=options.threshold)
+    unshifted, saved = _without_shift(discovery.final.model, workshop)
+    way = other_sampling(discovery.final, unshifted, noise, saved=saved, threshold=options.threshold)
     document = findings_document(
         ask.name, discovery, workshop, noise,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
@@ -145,6 +147,16 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         provenance={**(ask.provenance or {}), "options": options.record()},
     )  # fmt: skip
     return Found(document, discovery, workshop, noise)
+
+
+def _without_shift(model: LoopModel, workshop: Workshop) -> tuple[LoopModel, float]:
+    """A model without the effects that change the log as a whole, and the parameters that they count as."""
+    saved = 0.0
+    for index in reversed(range(len(model.additions))):
+        if workshop.is_of_log(model.additions[index].effect):
+            saved += workshop.cost(model.additions[index])
+            model = workshop.without(model, index)
+    return model, saved
 
 
 def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from fmu_didim.errors import InputError
-from fmu_didim.identification.estimate import Estimate, Iteration
-from fmu_didim.identification.problem import Problem
+from fmu_didim.identification.estimate import Estimate
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Problem
 from fmu_didim.signals import Trajectory
 
 Progress = Callable[[Iteration], None]

@@ -17,11 +17,12 @@ import numpy as np
 from fmu_didim.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.conclude import minimise, torque_estimate
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage
-from fmu_didim.identification.finish import evaluate
-from fmu_didim.identification.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.identification.problem import Problem
+from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import start_values
+from fmu_didim.prediction.finish import evaluate
+from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Problem
 
 ADVICE = (
     "Start nearer to the truth (start: {name: value}), check the sign, unit and clock of the torque, the controller, "

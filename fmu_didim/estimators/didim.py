@@ -6,7 +6,7 @@ the log did, and solves one linear least squares problem (eqs. 18 to 20 of the p
     chi_{k+1} = argmin | Y - W_s(chi_k) chi |
 
 The regressor of the simulated motion stands for the derivative of the simulated torque. The efficient
-finish (:mod:`fmu_didim.identification.finish`) then replaces it by the true sensitivity.
+finish (:mod:`fmu_didim.prediction.finish`) then replaces it by the true sensitivity.
 """
 
 from __future__ import annotations
@@ -20,13 +20,15 @@ import numpy as np
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.conclude import integration_error, minimise, torque_estimate
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage
-from fmu_didim.identification.finish import Point, evaluate
-from fmu_didim.identification.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.identification.probing import RegressorProbe
-from fmu_didim.identification.problem import Prediction, Problem, predict, predict_torque
-from fmu_didim.identification.start import Start, from_reference, start_values
-from fmu_didim.identification.weighting import weighted_solution, whitened
+from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
+from fmu_didim.identification.start import Start, start_values
+from fmu_didim.prediction.finish import Point, evaluate
+from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.probing import RegressorProbe
+from fmu_didim.prediction.problem import Prediction, Problem, predict, predict_torque
+from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import (
     covariance_efficient,

@@ -15,11 +15,12 @@ from scipy import signal
 
 from fmu_didim.errors import InputError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
-from fmu_didim.identification.guard import physical_problem
-from fmu_didim.identification.problem import Problem
-from fmu_didim.identification.start import observed_on
-from fmu_didim.identification.weighting import weighted_solution, whitened
+from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Status
+from fmu_didim.prediction.guard import physical_problem
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.reference_start import observed_on
+from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_paper, relative_error_percent
 

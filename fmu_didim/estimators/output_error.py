@@ -16,12 +16,13 @@ from scipy.optimize import least_squares
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Stage, Status
-from fmu_didim.identification.guard import mass_matrix_problem, physical_problem
-from fmu_didim.identification.problem import Problem, joint_signals, predict
-from fmu_didim.identification.sensitivity import parameter_scale
+from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.identification.start import start_values
 from fmu_didim.master import sample_operator, simulate
+from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.plant_sensitivity import parameter_scale
+from fmu_didim.prediction.problem import Problem, joint_signals, predict
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_efficient, relative_error_percent
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.identification.estimate import Estimate, Iteration, Stage, Status
-from fmu_didim.identification.finish import Point, efficient_finish, evaluate, split
-from fmu_didim.identification.problem import Problem, predict_torque
+from fmu_didim.identification.estimate import Estimate, Stage, Status
+from fmu_didim.prediction.finish import Point, efficient_finish, evaluate, split
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.signals import Array
 
 INTEGRATION_TOLERANCE = 1e-6

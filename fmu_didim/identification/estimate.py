@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.errors import IdentificationError
+from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
 
@@ -23,27 +24,6 @@ class Status(Enum):
         "start from the reference trajectory, or check the model of the controller and the delay of the loop."
     )
     REFUSED = "No values are given: see the reason."
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """One step of an estimator.
-
-    Attributes:
-        stage: ``didim``, ``finish``, ...; number: counted from 1 within the stage.
-        parameters: (b,) values simulated in this step.
-        relative_error_percent: 100 |y - y_s| / |y| at these values; NaN if the simulation failed.
-        change: relative change of the parameters that the step proposes, in units of torque.
-        note: what was caught and how it was recovered from.
-    """
-
-    stage: str
-    number: int
-    parameters: Array
-    relative_error_percent: float
-    change: float = float("nan")
-    condition_number: float = float("nan")
-    note: str = ""
 
 
 @dataclass(frozen=True)

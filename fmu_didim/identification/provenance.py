@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from fmu_didim.identification.problem import Experiment, Problem
+from fmu_didim.prediction.problem import Experiment, Problem
 
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 

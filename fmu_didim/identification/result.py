@@ -13,12 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from fmu_didim.diagnosis.consistency import Consistency
+from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
-from fmu_didim.identification.consistency import Consistency
-from fmu_didim.identification.estimate import Estimate, Iteration, RefusedError, Status
-from fmu_didim.identification.problem import Problem
-from fmu_didim.identification.validation import Validation
+from fmu_didim.identification.estimate import Estimate, RefusedError, Status
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.problem import Problem
 from fmu_didim.signals import Array, trajectory, write_csv
 
 RESULT_FILE = "result.json"

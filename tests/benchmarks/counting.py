@@ -7,11 +7,11 @@ from typing import Any
 from unittest.mock import patch
 
 from fmu_didim.estimators import Estimator
-from fmu_didim.identification import problem as problem_module
-from fmu_didim.identification import sensitivity as sensitivity_module
 from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.problem import Problem
 from fmu_didim.master import Recording, System
+from fmu_didim.prediction import plant_sensitivity as sensitivity_module
+from fmu_didim.prediction import problem as problem_module
+from fmu_didim.prediction.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def _measure() -> dict[str, float]:
     begin = time.perf_counter()
     import fmu_didim.export.build as build
     import fmu_didim.export.fmu as export
-    import fmu_didim.identification.problem as problem
+    import fmu_didim.prediction.problem as problem
     import fmu_didim.report as report
     from fmu_didim import workflow
 

@@ -1,0 +1,237 @@
+"""Whether a given plant and the robot description say the same: torque and regressor, point by point.
+
+Where a case gives a robot description and, apart from it, a plant that is to run (an FMU of another tool), the
+regressor comes from the description and the motion from the plant. The two must obey the same equation,
+
+    tau = W(q, dq, ddq) theta + known,
+
+at each instant of any motion. It is looked at along the first part of the reference with the values of the
+description: the torque that acts against the right-hand side, and each column of W against the one that is measured
+on the running plant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.diagnosis.mismatch import unlike_torque
+from fmu_didim.errors import SimulationError
+from fmu_didim.master import Observer, Recording, simulate
+from fmu_didim.prediction.guard import mass_matrix_problem
+from fmu_didim.prediction.probing import RegressorProbe
+from fmu_didim.prediction.problem import Problem, drive_torque, joint_signals
+from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.signals import Array
+
+POINTS = 20
+LENGTHS = (2000, 200, 20, 10)
+"""Ticks of the reference that are simulated; fewer where the loop does not run for so long."""
+TORQUE_TOLERANCE, COLUMN_TOLERANCE = 1e-3, 1e-2
+"""Relative differences from which on plant and description count as different."""
+DIFFERENCE_TOLERANCE = 5e-2
+"""The same where accelerations are differences of velocities."""
+CHANGE = 1e-2
+"""Relative change of a parameter whose column is found by simulating again."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the regressor, from the plant against from the description.
+
+    Attributes:
+        difference: relative, |plant - description| / |description|.
+        cosine, size: of the angle between the two, and the ratio of their norms; NaN and 0 if it does not act.
+        joint: where they differ most, from 1.
+    """
+
+    difference: float
+    cosine: float
+    size: float
+    joint: int
+
+    def text(self, name: str) -> str:
+        """What is wrong, for the user."""
+        if self.size == 0:
+            return f"{name}: it has no effect in the plant"
+        return (
+            f"{name}: the column differs most at joint {self.joint} (cosine {self.cosine:.3g}, "
+            f"{self.size:.3g} times as large in the plant)"
+        )
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the comparison gave.
+
+    Attributes:
+        points: instants compared; torque: (n,) RMS difference of each joint, relative to the RMS of all its torque.
+        columns: by name of the parameter; those that the motion does not excite are left out.
+        method: how the plant's columns were found: ``probed``, or ``simulated again`` where a parameter cannot be
+            changed in a run; empty if they were not.
+        by_differences: whether accelerations are differences of velocities.
+        causes: what would explain a difference of the torque, if anything was found.
+        failure: why nothing was compared; empty otherwise.
+    """
+
+    points: int = 0
+    torque: tuple[float, ...] = ()
+    columns: dict[str, Column] | None = None
+    method: str = ""
+    by_differences: bool = False
+    causes: tuple[str, ...] = ()
+    failure: str = ""
+
+    @property
+    def worst(self) -> float:
+        """Largest of all relative differences; NaN if nothing was compared."""
+        found = [*self.torque, *(c.difference for c in (self.columns or {}).values())]
+        return max(found) if found else float("nan")
+
+    def warnings(self) -> list[str]:
+        """What differs, a line each; empty if plant and description agree."""
+        if self.failure:
+            return [f"The plant could not be compared with the robot description: {self.failure}"]
+        torque_limit = DIFFERENCE_TOLERANCE if self.by_differences else TORQUE_TOLERANCE
+        column_limit = DIFFERENCE_TOLERANCE if self.by_differences else COLUMN_TOLERANCE
+        found = [c.text(name) for name, c in (self.columns or {}).items() if c.difference > column_limit]
+        unlike = [f"{100 * d:.2g} % at joint {j}" for j, d in enumerate(self.torque, start=1) if d > torque_limit]
+        if unlike:
+            found.append(f"torque: differs by {', '.join(unlike)}")
+        return found + list(self.causes)
+
+
+def check_consistency(problem: Problem) -> Consistency:
+    """Compare the plant of a problem with the robot description that gives its regressor.
+
+    Two simulations of at most 2 000 ticks; one more a parameter if the plant's parameters cannot be changed in a run.
+    """
+    offered = {v.name for v in problem.system.components[problem.plant].outputs}
+    absent = [name for name in problem.parameters.observed if name not in offered]
+    if absent:
+        return Consistency(failure=f"its torque also depends on {', '.join(absent)}, which the plant does not give.")
+    runs = _runs(problem)
+    if runs is None:
+        return Consistency(failure="neither the values of the description nor those of the reference can be simulated.")
+    theta, count = runs
+    ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
+    columns: Array | None = None
+    method, by_differences = "", not problem.gives_acceleration
+    try:
+        probe = RegressorProbe(problem.plant, problem.parameters, theta, ticks.size)
+        if by_differences:
+            points = _points(problem, theta, ticks)
+        else:
+            try:
+                points = _points(problem, theta, ticks, observe=probe)
+                columns, method = probe.columns, "probed"
+            except SimulationError:  # parameters that are fixed in a run, or no feed-through
+                points = _points(problem, theta, ticks)
+        if columns is None or not np.isfinite(columns).all() or _silent(columns, points[1]).any():
+            columns, method = _simulated_columns(problem, theta, ticks, points), "simulated again"
+    except SimulationError as error:
+        return Consistency(failure=error.what)
+    torque, regressor, known, motion, observed = points
+    residual = torque - regressor @ theta - known
+    size = np.sqrt((torque**2).mean(axis=0))
+    whole = float(np.sqrt((torque**2).mean()))
+    # A joint that hardly needs torque is measured by that of all.
+    relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, 1e-3 * whole)
+    compared = _compared(problem.parameters.names, columns, regressor)
+    found = Consistency(ticks.size, tuple(float(v) for v in relative), compared, method, by_differences)
+    if by_differences or not any("torque:" in line for line in found.warnings()):
+        return found
+    return replace(found, causes=tuple(unlike_torque(problem.parameters, theta, motion, observed, residual)))
+
+
+Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
+"""Torque (K, n), regressor (K, n, p), known torque (K, n), the motion they belong to and what else they depend on."""
+
+
+def _runs(problem: Problem) -> tuple[Array, int] | None:
+    """The description's own values, or those that the reference gives, and for how many ticks the loop runs."""
+    total = problem.experiment.reference.time.size
+    for count in sorted({min(total, length) for length in LENGTHS}, reverse=True):
+        for choose in (lambda p: p.parameters.nominal(), from_reference):
+            theta: Array = choose(problem)
+            if mass_matrix_problem(problem, theta):
+                continue
+            try:
+                _run(problem, theta, np.arange(count - 1, count))
+            except SimulationError:
+                continue
+            return theta, count
+    return None
+
+
+def _run(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Recording:
+    return simulate(
+        problem.system_with(theta), problem.experiment.reference, ticks=ticks, bounds=problem.position_bounds(),
+        observe=observe, pool=problem.pool,
+    )  # fmt: skip
+
+
+def _points(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
+    if problem.gives_acceleration:
+        recording = _run(problem, theta, ticks, observe)
+        motion = [recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq")]
+        torque, rows = drive_torque(problem, recording), np.arange(ticks.size)
+    else:
+        # While a torque is held, the mean acceleration of the period belongs to its middle.
+        both = np.unique(np.concatenate([ticks, ticks + 1]))
+        recording = _run(problem, theta, both)
+        here, after = np.searchsorted(both, ticks), np.searchsorted(both, ticks + 1)
+        rows = here
+        q, dq = (recording.table(joint_signals(problem, name)) for name in ("q", "dq"))
+        acceleration = (dq[after] - dq[here]) / problem.system.step_size
+        motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
+        torque = drive_torque(problem, recording)[here]
+    names = [f"{problem.plant}.{name}" for name in problem.parameters.observed]
+    observed = recording.table(names)[rows] if names else np.zeros((ticks.size, 0))
+    regressor, known = problem.parameters.regressor(*motion, observed=observed)
+    return torque, regressor, known, (motion[0], motion[1], motion[2]), observed
+
+
+def _silent(columns: Array, analytic: Array) -> NDArray[np.bool_]:
+    """Parameters of the plant that show no effect where the description has one."""
+    return np.asarray(~columns.any(axis=(0, 1)) & analytic.any(axis=(0, 1)), dtype=np.bool_)
+
+
+def _simulated_columns(problem: Problem, theta: Array, ticks: NDArray[np.int64], points: Points) -> Array:
+    """The plant's columns from a simulation with each parameter changed.
+
+    With r = tau - W theta - known on each simulation, the plant's column is W_i + dr / dtheta_i: exact where plant and
+    description agree or the parameter has no effect, and to first order in the change of the motion otherwise.
+    """
+    torque, regressor, known, *_ = points
+    before = torque - regressor @ theta - known
+    size = np.linalg.norm(torque) / np.maximum(np.linalg.norm(regressor, axis=(0, 1)), 1e-300)
+    columns = np.empty_like(regressor)
+    for i in range(theta.size):
+        step = CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
+        other = theta.copy()
+        other[i] += step
+        moved_torque, moved, moved_known, *_ = _points(problem, other, ticks)
+        after = moved_torque - moved @ other - moved_known
+        columns[:, :, i] = regressor[:, :, i] + (after - before) / step
+    return columns
+
+
+def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str, Column]:
+    scale = np.abs(analytic).max(axis=(0, 1))
+    found = {}
+    for i, name in enumerate(names):
+        ours, theirs = analytic[:, :, i], plant[:, :, i]
+        norm, other = float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))
+        if scale[i] <= 1e-12:
+            continue  # the motion says nothing of this parameter
+        cosine = float((ours * theirs).sum() / (norm * other)) if other else float("nan")
+        joint = int(np.argmax(np.linalg.norm(theirs - ours, axis=0))) + 1
+        # What differences leave of nothing counts as nothing.
+        silent = other <= 1e-6 * norm
+        found[name] = Column(
+            float(np.linalg.norm(theirs - ours)) / norm, cosine, 0.0 if silent else other / norm, joint
+        )
+    return found

@@ -1,0 +1,200 @@
+"""Effects of the torque balance for a plant that is a black box: as a component before its input.
+
+A plant of which only an FMU is known cannot get a term in its equations. Where an effect depends on the motion of its
+own joint and on time alone, the same is reached from outside:
+
+    y = u - tau_e(q, dq, t, z; parameters),    dz/dt = rates(q, dq, t, z)
+
+with the command u, position q and velocity dq of the plant, its outputs. The torque is held over a communication step,
+so that steep friction needs shorter steps than the control period: the tick of such a loop is a part of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.block import Block
+from fmu_didim.components.spliced import spliced_component
+from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
+from fmu_didim.effects.base import NOMINAL_ACCELERATION, NOMINAL_SPEED, UNITS, JointType, OperatingRange
+from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.errors import SimulationError
+from fmu_didim.master import Connection, System
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.signals import Array, Variable
+
+FINER = (4, 16)
+"""Ticks in a control period that are tried: with one, the torque would come half a period late."""
+SETTLED = 1e-3
+"""RMS change of the torque of a joint, as a part of its RMS, by four times shorter steps, below which the longer ones
+do: little beside the noise of any drive."""
+START_TIME = "t_start"
+
+
+class TorquePart(SplicedEffect):
+    """A torque effect as a component with inputs ``u``, ``q``, ``dq`` and output ``y``; nearest to the plant.
+
+    Args:
+        effect: one that :func:`acts_on_own_joint`.
+    """
+
+    place = "drive"
+    rank = 1000
+
+    def __init__(self, effect: TorqueEffect) -> None:
+        self.effect = effect
+        for name in ("name", "title", "equation", "class_name", "confounded_with", "signature", "experiment", "source"):
+            setattr(self, name, getattr(effect, name))
+        setattr(self, "neutral", {v.name: 0.0 for v in effect.parameters("revolute")})  # noqa: B010 - a class variable
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return self.effect.parameters(joint_type)
+
+    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
+        return self.effect.shapes(joint_type)
+
+    def search(self, joint_type: JointType) -> Mapping[str, Search]:
+        return self.effect.search(joint_type)
+
+    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+        raise NotImplementedError("the torque depends on q and dq as well; see block")
+
+    def block(self, joint_type: JointType, step: float) -> Block:
+        """The component's equations; continuous where the effect has states or looks at the time."""
+        effect, units = self.effect, UNITS[joint_type]
+        amplitudes, shapes = effect.parameters(joint_type), effect.shapes(joint_type)
+        states = effect.states(joint_type)
+        has_time = "time" in effect.needs
+        u, z, p = ca.SX.sym("u", 3), ca.SX.sym("z", len(states) + has_time), ca.SX.sym("p", len(amplitudes + shapes))
+        begin = ca.SX.sym("t0", int(has_time))
+        parameters = ca.vertcat(p, begin)
+        values = {v.name: p[i] for i, v in enumerate((*amplitudes, *shapes))}
+        at = Surroundings(
+            joint=0, joint_type=joint_type, all_q=u[1], all_dq=u[2], all_ddq=ca.SX(0),
+            time=z[-1] if has_time else ca.SX(0), state=tuple(z[i] for i in range(len(states))),
+        )  # fmt: skip
+        own = {v.name: values[v.name] for v in shapes}
+        torque = sum(
+            (
+                values[v.name] * (c[0] if isinstance(c, Mapping) else c)
+                for v, c in zip(amplitudes, effect.columns(at, own), strict=True)
+            ),
+            ca.SX(0),
+        )
+        rates = [*effect.rates(at, own), *([ca.SX(1)] if has_time else [])]
+        first = [*(ca.SX(v.start) for v in states), *([begin] if has_time else [])]
+        within = OperatingRange(NOMINAL_SPEED[joint_type], NOMINAL_ACCELERATION[joint_type], ca.SX(0))
+        rate = ca.SX(effect.own_rate(own, within)) if states else ca.SX(0)
+        neutral = {v.name: 0.0 for v in amplitudes}
+        return Block(
+            name=effect.name,
+            description=f"{effect.title}: u - ({effect.equation})",
+            inputs=(
+                Variable("u", units.torque, "input", 0.0, "torque of the drive"),
+                Variable("q", units.position, "input", 0.0, "position of the joint"),
+                Variable("dq", units.velocity, "input", 0.0, "velocity of the joint"),
+            ),
+            outputs=(Variable("y", units.torque, "output", 0.0, "torque that is left for the plant"),),
+            states=(*states, *((Variable("clock", "s", "local"),) if has_time else ())),
+            parameters=(
+                *(
+                    replace(v, causality="parameter", start=neutral.get(v.name, v.start))
+                    for v in (*amplitudes, *shapes)
+                ),
+                *((Variable(START_TIME, "s", "parameter", 0.0, "time at the start"),) if has_time else ()),
+            ),
+            update=ca.Function(
+                "update", [z, u, parameters], [ca.densify(ca.vertcat(*rates)) if rates else ca.SX(0, 1)]
+            ),
+            output=ca.Function("output", [z, u, parameters], [ca.densify(u[0] - torque)]),
+            start=ca.Function("start", [u, parameters], [ca.densify(ca.vertcat(*first)) if first else ca.SX(0, 1)]),
+            rate_bound=ca.Function("rate", [z, parameters], [ca.densify(rate)]),
+        )
+
+
+@lru_cache(maxsize=128)
+def torque_part(effect: TorqueEffect) -> TorquePart:
+    """The component of an effect, one for all joints."""
+    return TorquePart(effect)
+
+
+@lru_cache(maxsize=256)
+def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
+    """Whether an effect depends on position, velocity and states of its own joint and on time alone."""
+    if effect.reach or effect.needs - {"time"}:
+        return False
+    ddq, load, link = ca.SX.sym("ddq"), ca.SX.sym("load"), ca.SX.sym("link", len(PAYLOAD))
+    z = ca.SX.sym("z", len(effect.states(joint_type)))
+    at = Surroundings(
+        joint=0, joint_type=joint_type, all_q=ca.SX.sym("q"), all_dq=ca.SX.sym("dq"), all_ddq=ddq, load=load,
+        time=ca.SX.sym("t"), state=tuple(z[i] for i in range(z.numel())),
+        link={name: link[i] for i, name in enumerate(PAYLOAD)},
+    )  # fmt: skip
+    shapes = {v.name: ca.SX.sym(v.name) for v in effect.shapes(joint_type)}
+    columns = effect.columns(at, shapes)
+    if any(isinstance(c, Mapping) and set(c) != {0} for c in columns):
+        return False
+    full = ca.vertcat(*(c[0] if isinstance(c, Mapping) else c for c in columns))
+    return not ca.depends_on(full, ca.vertcat(ddq, load, link))
+
+
+def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
+    """Whether an effect can be put before a plant that is a black box: it gives q and dq of the joint."""
+    given = {v.name for v in model.plant.outputs}
+    return {f"q{joint}", f"dq{joint}"} <= given and acts_on_own_joint(effect, joint_type)
+
+
+def splice_part(
+    system: System, effect: TorqueEffect, joint: int, joint_type: JointType, *, start_time: float, plant: str
+) -> System:
+    """The system with the component of an effect right before the plant, named ``<effect><joint>``."""
+    name, at = f"{effect.name}{joint}", f"{plant}.tau{joint}"
+    component = spliced_component(torque_part(effect), joint_type, system.step_size)
+    if any(v.name == START_TIME for v in component.parameters):
+        component = component.with_parameters({START_TIME: start_time})
+    place = system.order.index(plant)
+    own = (
+        *(replace(c, target=f"{name}.u") if c.target == at else c for c in system.connections),
+        Connection(f"{name}.y", at),
+        *(Connection(f"{plant}.{signal}{joint}", f"{name}.{signal}") for signal in ("q", "dq")),
+    )
+    return replace(
+        system,
+        components={**system.components, name: component},
+        connections=own,
+        order=(*system.order[:place], name, *system.order[place:]),
+    )
+
+
+def finer(model: LoopModel) -> int:
+    """Ticks in a control period that a loop with such components needs: shorter ones change the torque no more."""
+    chosen, before = FINER[-1], None
+    for count in FINER:
+        try:
+            torque = model.refined(count).torque(model.start)
+        except SimulationError:
+            before = None
+            continue
+        if before is not None and (_rms(torque - before) <= SETTLED * _rms(torque)).all():
+            return chosen
+        chosen, before = count, torque
+    return chosen
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+__all__ = [
+    "TorquePart",
+    "acts_on_own_joint",
+    "can_be_added",
+    "finer",
+    "splice_part",
+    "torque_part",
+]

@@ -1,0 +1,197 @@
+"""Torques from outside during some time: when they begin and end, and how large they are.
+
+The loop reacts to a push within milliseconds, so that the log does not simply show the push. Steps of the torque are
+first found to first order, then their times and sizes are fitted in the closed loop, together with the model.
+
+The search for steps is that of :mod:`fmu_didim.discovery.external_torques.search`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.discovery.external_torques.search import linear_pushes, step_response, what_is_left
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.external_torque import PUSH, Push
+from fmu_didim.prediction.least_squares import Fit, minimise
+from fmu_didim.prediction.loop_model import DELAY, Knob, LoopModel
+from fmu_didim.prediction.noise import Noise, motion_frequency, noise_from_periods, noise_from_residual
+from fmu_didim.prediction.sensitivity import STEP
+from fmu_didim.signals import Array
+
+SHARE = 0.6
+"""Part of the gap that pushes must explain before they are taken for what is missing."""
+LINEAR_SHARE = 0.5
+"""The same of the linear search, whose times are only those of control periods."""
+LONGEST = 0.5
+"""Part of the data that pushes may last: what lasts longer, or does not end, may as well be an offset or a load."""
+STAIRCASE = 0.25
+"""Part of the pushes that may follow each other without a pause: more of them only copy what else is missing."""
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """Pushes that were found, fitted with the parameters of the model.
+
+    Attributes:
+        fit: of the model with the pushes, which are held there for all that follows; free: with a delay of the loop
+            and the times and torques of the pushes as its last knobs.
+        noise: of the data, without the pushes.
+        delta_bic: over the model without; share: of the gap.
+    """
+
+    fit: Fit
+    free: Fit
+    noise: Noise
+    delta_bic: float
+    share: float
+
+    @property
+    def pushes(self) -> tuple[Push, ...]:
+        """In the order of time."""
+        return self.fit.model.runs["train"].pushes
+
+
+def find_pushes(fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda text: None) -> Pushed | None:
+    """The pushes that explain most of what a model leaves, or None if none do.
+
+    A torque that comes back with each period of the motion belongs to the machine and is not taken for a push.
+
+    Args:
+        fit: of the model; noise: of the data.
+    """
+    best: tuple[float, list[Push]] | None = None
+    for joint in range(1, fit.model.joint_count + 1):
+        response = step_response(fit, joint)
+        if response is None:
+            continue
+        for is_logged in (False, True):
+            found = linear_pushes(fit, noise, joint, response + 1.0 if is_logged else response, is_logged)
+            if found is not None and (best is None or found[0] > best[0]):
+                best = found
+    if best is None or best[0] < LINEAR_SHARE:
+        return None
+    time = fit.model.runs["train"].problem.experiment.reference.time
+    if _is_staircase(best[1]) or _comes_back(best[1], noise) or _is_lasting(best[1], time):
+        return None
+    say(f"{len(best[1])} torques from outside on joint {best[1][0].joint}")
+    return _fitted(fit, noise, best[1])
+
+
+def _is_staircase(pushes: list[Push]) -> bool:
+    following = sum(a.end_s == b.begin_s for a, b in pairwise(pushes))
+    return following > STAIRCASE * len(pushes)
+
+
+def _is_lasting(pushes: list[Push], time: Array) -> bool:
+    """Whether most of the time is pushed, or most of that in pushes of which no end or no begin is seen."""
+    lengths = np.array([p.end_s - p.begin_s for p in pushes])
+    bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in pushes])
+    return bool(lengths.sum() > LONGEST * (time[-1] - time[0]) or lengths[~bounded].sum() > 0.5 * lengths.sum())
+
+
+def _comes_back(pushes: list[Push], noise: Noise) -> bool:
+    """Whether most of the impulse is there again one period of the motion later, or was one before."""
+    if noise.period_s is None or not pushes:
+        return False
+    begins = np.array([p.begin_s for p in pushes])
+    near = min(0.05 * noise.period_s, 0.1)
+    alike = [any(np.abs(begins - (b + k * noise.period_s)).min() < near for k in (-1, 1)) for b in begins]
+    impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in pushes]
+    return bool(np.average(alike, weights=impulses) >= 0.5)
+
+
+def _fitted(fit: Fit, noise: Noise, pushes: list[Push]) -> Pushed | None:
+    """Times and torques fitted in the closed loop, with all knobs of the model."""
+    model = fit.model
+    run = model.runs["train"]
+    count = len(model.knobs)
+    runs = {**model.runs, "train": replace(run, pushes=tuple(pushes))}
+    # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
+    delay = Knob("loop_delay", "", DELAY, "samples", 0.1, 0.1, 0.0, 3.0, None, True)
+    knobs = (*model.knobs, delay, *push_knobs(fit, pushes))
+    try:
+        free = minimise(replace(model, runs=runs, knobs=knobs), noise, iterations=12, renew=2)
+        noise = renewed_noise(noise, free)  # until now pushes that do not repeat counted as noise
+        free = minimise(free.model, noise, torque=free.torque, iterations=8, renew=2)
+        moved = _edges_moved(free, noise)
+        if moved is not None:
+            better = minimise(moved, noise, iterations=12, renew=3)
+            free = better if better.chi_square < free.chi_square else free
+        held = replace(model, runs={**runs, "train": replace(run, pushes=free.model.pushes(free.values))})
+        fixed = minimise(held.with_values(free.values[:count]), noise, renew=1)
+    except SimulationError:
+        return None
+    if _comes_back(list(held.runs["train"].pushes), noise):
+        return None
+    worth = delta_bic(fit.residual, fixed.residual, float(len(knobs) - count), noise)
+    _, share = explained(fit.residual, fixed.residual, noise)
+    return Pushed(fixed, free, noise, worth, share) if worth > 0 and share >= SHARE else None
+
+
+def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
+    """The model with edges moved into a neighbouring control period where the data fit better there; None if nowhere.
+
+    An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
+    """
+    model, weight = free.model, noise.weight
+    time = model.runs["train"].problem.experiment.reference.time
+    step = float(time[1] - time[0])
+    edges = [i for i, k in enumerate(model.knobs) if k.owner == PUSH and k.is_shape]
+    table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
+    measured = model.runs["train"].measured
+
+    def shifted(i: int, change: float) -> Array:
+        values = free.values.copy()
+        values[i] += change
+        return model.torque(values)
+
+    tried = [(i, part * step) for i in edges for part in (-0.6, -0.3, 0.3, 0.6)]
+    torques = model.side_by_side([lambda i=i, c=c: shifted(i, c) for i, c in tried])  # type: ignore[misc]
+    values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - 1.0)
+    for (i, change), torque in zip(tried, torques, strict=True):
+        rest = what_is_left(np.delete(table, i, axis=1), ((measured - torque) * weight).ravel())
+        cost = float(rest @ rest)
+        if cost < best[i]:
+            best[i], values[i] = cost, free.values[i] + change
+    return None if np.array_equal(values, free.values) else model.with_values(values)
+
+
+def push_knobs(fit: Fit, pushes: Sequence[Push]) -> list[Knob]:
+    """Times and torques of pushes as knobs of the training data."""
+    run = fit.model.runs["train"]
+    time, rate = run.problem.experiment.reference.time, run.problem.experiment.rate_hz
+    step, size = float(time[1] - time[0]), max(abs(p.torque) for p in pushes)
+    unit = run.problem.parameters.torque_units[pushes[0].joint - 1]
+    room = max(4 / rate, 4 * step)
+    knobs: list[Knob] = []
+    for i, push in enumerate(pushes):
+        knobs.append(Knob(f"F[{i + 1}]", unit, PUSH, f"{i}.torque", push.torque, size))
+        for label, name in (("t_on", "begin_s"), ("t_off", "end_s")):
+            at = float(getattr(push, name))
+            if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
+                # Slopes over half a period: those at an instant change from one period to the next.
+                half = 0.5 * step / STEP
+                name = f"{i}.{name}"
+                knobs.append(Knob(f"{label}[{i + 1}]", "s", PUSH, name, at, half, at - room, at + room, None, True))
+    return knobs
+
+
+def renewed_noise(noise: Noise, fit: Fit) -> Noise:
+    """Noise from the differences of periods, of what a fit leaves instead of the log itself."""
+    run = fit.model.runs["train"]
+    experiment, rate = run.problem.experiment, run.problem.experiment.rate_hz
+    if noise.source != "periods" or noise.period_s is None:
+        frequency = motion_frequency(experiment.reference, fit.model.joint_count)
+        return noise_from_residual(fit.residual, rate_hz=rate, motion_hz=frequency)
+    residual = experiment.with_gaps(fit.residual)
+    renewed = noise_from_periods(residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
+    return noise if renewed is None else replace(renewed, period_s=noise.period_s)
+
+
+__all__ = ["Pushed", "find_pushes", "push_knobs", "renewed_noise"]

@@ -1,0 +1,189 @@
+"""The search for pushes to first order: steps of a torque, found in what they leave in the log.
+
+With s(t) the change of the log by a lasting unit torque that begins at t = 0, which one more simulation gives, a
+residual made of pushes is
+
+    r(t) = sum_k F_k s(t - t_k),    s: response of the command,  or of the command plus the push where the log shows it
+
+The instants t_k are picked greedily, together with the parameters of the model; steps up and down are joined to pushes.
+
+Source: orthogonal matching pursuit, Pati, Rezaiifar, Krishnaprasad, Asilomar 1993.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.noise import Noise, colour
+from fmu_didim.signals import Array
+
+MAXIMUM_PUSHES = 2 * MAXIMUM_WINDOWS
+STEP_COST = 2.0
+"""Parameters that one step counts as: instant and size."""
+UNPAIRED = 0.35
+"""Part of a step up by which the step down may differ, so that both bound one push."""
+NEAR = 5.0
+"""Samples of the log, beyond the time in which the loop settles, within which steps are taken for one."""
+LEAST = 0.05
+"""Part of the largest step below which a step only corrects the instant of another."""
+SETTLED = 0.003
+"""Part of the sum of squares that a step must explain to be looked at."""
+
+
+def step_response(fit: Fit, joint: int) -> Array | None:
+    """(K,) change of the command by a lasting unit torque on the joint, from the tick at which it begins on."""
+    model, run = fit.model, fit.model.runs["train"]
+    time = run.problem.experiment.reference.time
+    size = float(np.sqrt(np.mean(run.measured[:, joint - 1] ** 2)))
+    begin = time.size // 2
+    try:
+        still = model.logged_torque(model.record(fit.values, all_ticks=True), fit.values)
+        push = Push(joint, float(time[begin]), float(time[-1] + 1.0), size)
+        moved = replace(model, runs={**model.runs, "train": replace(run, pushes=(*run.pushes, push))})
+        after = moved.logged_torque(moved.record(fit.values, all_ticks=True), fit.values)
+    except SimulationError:
+        return None
+    return np.asarray((after - still)[begin:, joint - 1] / size)
+
+
+@dataclass(frozen=True)
+class _Shifted:
+    """The response at the samples for a step at any tick."""
+
+    places: Array
+    response: Array
+    ahead: int
+
+    def column(self, tick: int) -> Array:
+        at = np.asarray(self.places - tick + self.ahead)
+        return np.where(at < 0, 0.0, self.response[np.clip(at, 0, self.response.size - 1)])
+
+
+def _shifted(fit: Fit, response: Array, ticks: int) -> _Shifted:
+    """The response as the log takes it, a mean over several ticks where it averages."""
+    operator = fit.model.runs["train"].operator
+    matrix = operator.matrix
+    places = operator.ticks[matrix.indices[matrix.indptr[:-1]]]
+    middle = matrix.shape[0] // 2
+    row = slice(matrix.indptr[middle], matrix.indptr[middle + 1])
+    offsets = operator.ticks[matrix.indices[row]]
+    offsets, ahead = offsets - offsets.min(), int(offsets.max() - offsets.min())
+    long = np.concatenate([np.zeros(ahead), response, np.full(ticks + ahead, response[-1])])[: ticks + 2 * ahead]
+    taken = np.zeros(ticks + ahead)
+    for offset, weight in zip(offsets, matrix.data[row], strict=True):
+        part = long[offset : offset + taken.size]
+        taken[: part.size] += weight * part
+    return _Shifted(np.asarray(places), taken, ahead)
+
+
+def linear_pushes(
+    fit: Fit, noise: Noise, joint: int, response: Array, is_logged: bool
+) -> tuple[float, list[Push]] | None:
+    """Share of the gap of the joint that pushes explain to first order, and the pushes."""
+    run = fit.model.runs["train"]
+    time = run.problem.experiment.reference.time
+    weight = 1 / noise.deviation[joint - 1]
+    shifted = _shifted(fit, response, time.size)
+    target, base = fit.residual[:, joint - 1] * weight, fit.jacobian[:, joint - 1] * weight
+    chosen: list[int] = []
+    rest = what_is_left(base, target)
+    first = float(rest @ rest)
+    power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
+    floor = STEP_COST * np.log(rest.size) / max(float(colour(rest[:, None])[0]), 0.05)
+    while len(chosen) < 2 * MAXIMUM_PUSHES:
+        gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
+        columns = np.column_stack([base, *(shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain))))])
+        left = what_is_left(columns, target)
+        if float(rest @ rest - left @ left) < max(floor, SETTLED * first):
+            break
+        chosen.append(int(np.argmax(gain)))
+        rest = left
+    if not chosen:
+        return None
+    chosen.sort()
+    step = float(time[1] - time[0])
+    settled = np.abs(response - response[-1]) > 0.2 * np.abs(response).max()
+    near = round(NEAR / (run.problem.experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
+    for again in (True, False):
+        columns = np.column_stack([base, *(shifted.column(k) * weight for k in chosen)])
+        sizes = _solved(columns, target)[base.shape[1] :]
+        if again:
+            chosen = _merged(chosen, sizes, near)
+    pushes = _joined(time, chosen, sizes, joint, is_logged)
+    if not pushes or len(pushes) > MAXIMUM_PUSHES:
+        return None
+    edges = [
+        (shifted.column(round((p.begin_s - time[0]) / step)) - shifted.column(round((p.end_s - time[0]) / step)))
+        * weight
+        for p in pushes
+    ]
+    left = what_is_left(np.column_stack([base, *edges]), target)
+    share = 1 - (float(left @ left) - rest.size) / max(first - rest.size, 1e-300)
+    return share, pushes
+
+
+def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
+    """Instants of the steps, those joined into one that only correct its instant or the course of its response."""
+    groups: list[list[int]] = []
+    for i, tick in enumerate(ticks):
+        group = groups[-1] if groups else []
+        main = max((abs(sizes[k]), sizes[k]) for k in group)[1] if group else 0.0
+        alike = sizes[i] * main > 0 or min(abs(sizes[i]), abs(main)) < UNPAIRED * max(abs(sizes[i]), abs(main))
+        if group and alike and tick - ticks[group[0]] <= near:
+            group.append(i)
+        else:
+            groups.append([i])
+    least = LEAST * float(np.abs(sizes).max())
+    kept = [group for group in groups if abs(sizes[group].sum()) > least]
+    # The same impulse, to first order, as all of the group together.
+    return [round(float(np.average(np.array(ticks)[group], weights=sizes[group]))) for group in kept]
+
+
+def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) -> Array:
+    """sum_n values_n response(place_n - tick) for every tick, by one transform."""
+    line = np.zeros(ticks)
+    np.add.at(line, shifted.places.astype(np.int64), values)
+    size = 1 << (line.size + response.size).bit_length()
+    product = np.fft.irfft(np.fft.rfft(line, size) * np.conj(np.fft.rfft(response, size)), size)
+    # Index i of the response belongs to i - ahead ticks after the step.
+    return np.asarray(np.roll(product, shifted.ahead)[:ticks])
+
+
+def _solved(table: Array, target: Array) -> Array:
+    scale = np.linalg.norm(table, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(table / scale, target, rcond=1e-9)[0] / scale)
+
+
+def what_is_left(table: Array, target: Array) -> Array:
+    """The part of ``target`` that the columns of ``table`` do not explain."""
+    return np.asarray(target - table @ _solved(table, target))
+
+
+def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[Push]:
+    """Steps joined to pushes: neighbours that cancel belong together; of others the torque between them counts."""
+    pushes: list[Push] = []
+    end = float(time[-1] + (time[1] - time[0]))
+    level, i = 0.0, 0
+    while i < len(ticks):
+        begin = float(time[ticks[i]])
+        after = float(time[ticks[i + 1]]) if i + 1 < len(ticks) else end
+        pair = sizes[i : i + 2]
+        if level == 0 and pair.size == 2 and abs(pair.sum()) < UNPAIRED * np.abs(pair).max():
+            pushes.append(Push(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
+            i += 2
+            continue
+        # A staircase, or a push that outlasts the data: what little is left at its end is none.
+        level += float(sizes[i])
+        if abs(level) < UNPAIRED * np.abs(sizes).max():
+            level = 0.0
+        else:
+            pushes.append(Push(joint, begin, after, level, is_logged))
+        i += 1
+    return pushes

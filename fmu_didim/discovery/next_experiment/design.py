@@ -1,0 +1,251 @@
+"""Design of the experiment that splits an ambiguous set: the reference that separates its members best.
+
+Discovery ends with effects that its data cannot tell apart. Seeded candidates of many kinds (Fourier series, rests,
+slow ramps, small reversals, the same path at two speeds) are compared by the smallest separation of any two members
+(:mod:`fmu_didim.discovery.next_experiment.separation`), and the best one is improved. What no motion can split, such as
+lag and delay, is said to be so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.next_experiment.members import Member, Setting
+from fmu_didim.discovery.next_experiment.motions import Limits, limits_of
+from fmu_didim.discovery.next_experiment.programs import Candidate
+from fmu_didim.discovery.next_experiment.search import Search, Studio, improved, same_pairs
+from fmu_didim.discovery.next_experiment.separation import Table
+from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.errors import InputError
+from fmu_didim.excitation import Fourier
+from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.signals import Array, Trajectory, write_csv
+
+THRESHOLD = 10.0
+"""BIC difference from which a larger model, or one member of a set, is accepted."""
+
+
+@dataclass(frozen=True)
+class PairSeparation:
+    """How well one member can be told from another if it is the truth.
+
+    Attributes:
+        truth, rival: the members.
+        now, then: separation d(truth|rival) on the present and on the proposed motion, in units of the noise.
+        bic_now, bic_then: BIC difference to expect in favour of the truth.
+        same: whether they have the same first-order signature on every motion: torque alone cannot split them.
+    """
+
+    truth: Addition
+    rival: Addition
+    now: float
+    then: float
+    bic_now: float
+    bic_then: float
+    same: bool
+
+
+@dataclass(frozen=True)
+class SplittingExperiment:
+    """A proposed experiment.
+
+    Attributes:
+        description: what to do, what it will tell, and what it cannot.
+        reference: the motion, one row a control period, from rest to rest; None if none does better than the present.
+        excitation: its document for a case, where it is a Fourier series.
+        separation_now, separation_then: smallest d over the pairs that a motion can split; NaN if there is none.
+        bic_now, bic_then: smallest BIC difference to expect over these pairs.
+        pairs: all, in both orders.
+        advice: what splits the members, from the catalogue, for pairs that this motion leaves open.
+        is_sufficient: whether every pair is expected to be split, by a BIC difference of at least ``THRESHOLD``.
+    """
+
+    description: str
+    reference: Trajectory | None
+    excitation: Fourier | None
+    separation_now: float
+    separation_then: float
+    bic_now: float
+    bic_then: float
+    pairs: tuple[PairSeparation, ...]
+    advice: tuple[str, ...]
+    is_sufficient: bool
+
+    def save(self, path: Path | str) -> Path:
+        """Write the reference: ``.csv`` as a table; ``.yaml`` as the key ``reference`` of a case, beside its CSV.
+
+        Raises:
+            InputError: there is no motion to write, or the file name ends otherwise.
+        """
+        path = Path(path)
+        if self.reference is None:
+            raise InputError("No motion splits this set.", where=str(path), next_step=" ".join(self.advice))
+        if path.suffix not in (".csv", ".yaml"):
+            raise InputError("This is no file name for a reference.", where=str(path), valid=".csv, .yaml")
+        table = path.with_suffix(".csv")
+        if path.suffix == ".csv" or self.excitation is None:
+            write_csv(self.reference, table)
+        if path.suffix == ".yaml":
+            source = {"file": table.name} if self.excitation is None else self.excitation.model_dump(mode="json")
+            path.write_text(yaml.safe_dump({"reference": source}, sort_keys=False), encoding="utf-8")
+        return path
+
+
+def design_experiment(
+    description: RobotDescription,
+    chi: Array,
+    members: Sequence[Proposal],
+    *,
+    reference: Trajectory,
+    rate_hz: float,
+    noise: Noise,
+    effects: Mapping[str, Effect] = EFFECTS,
+    search: Search | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> SplittingExperiment:
+    """Propose the motion that separates the members of an ambiguous set best.
+
+    Args:
+        description: the base robot, with the effects found earlier; chi: (ns,) its standard parameters.
+        members: the set, with fitted amplitudes and shapes; a member without amplitudes gets those with which it
+            looks most like the first that has some. At least one must have them.
+        reference: of the present data, one row a control period.
+        rate_hz: of the torque log; noise: of the torque log.
+
+    Raises:
+        InputError: fewer than two members, or the limits leave no room.
+    """
+    if len({m.addition for m in members}) < 2:
+        raise InputError("There is nothing to split.", where="splitting experiment", valid="at least two members")
+    search, model = search or Search(), RobotModel(description)
+    setting = Setting(description, chi, noise, rate_hz, effects, search.follow)
+    shown, hidden = _sorted_out(members, setting, model)
+    if len(shown) < 2:
+        return _textual(members, effects, (), hidden)
+    studio = Studio(setting, model, shown, reference, search)
+    tried = []
+    for candidate in studio.candidates:
+        tried.append((candidate, studio.table(candidate.build(candidate.design))))
+    same = same_pairs([studio.now, *(table for _, table in tried)])
+    studio.open = {pair for pair in studio.now if pair not in same}
+    if not studio.open:
+        return _textual(members, effects, _pairs(shown, studio.now, studio.now, same), hidden)
+    tried.sort(key=lambda item: -studio.score(item[1]))
+    progress(f"best of {len(tried)} motions: {tried[0][0].description}, score {studio.score(tried[0][1]):.3g}")
+    candidate, design = improved(studio, tried[:2], search.evaluations, progress)
+    motion = candidate.build(design)
+    table = studio.table(motion, quickly=False)
+    if studio.smallest(table) <= studio.smallest(studio.now):
+        return _textual(members, effects, _pairs(shown, studio.now, studio.now, same), hidden, NO_BETTER)
+    return _proposal(studio, candidate, motion, table, same, hidden)
+
+
+def _sorted_out(members: Sequence[Proposal], setting: Setting, model: RobotModel) -> tuple[list[Member], list[Effect]]:
+    """Members with a signature on a motion, and the effects of the others."""
+    shown, hidden = [], []
+    for proposal in members:
+        try:
+            shown.append(Member(proposal, setting, model))
+        except InputError:
+            hidden.append(setting.effects[proposal.addition.effect])
+    return shown, hidden
+
+
+def _pairs(
+    members: Sequence[Member], now: Table, then: Table, same: set[tuple[int, int]]
+) -> tuple[PairSeparation, ...]:
+    return tuple(
+        PairSeparation(
+            members[a].addition,
+            members[b].addition,
+            now[a, b].distance,
+            then[a, b].distance,
+            float(now[a, b].margin),
+            float(then[a, b].margin),
+            (a, b) in same,
+        )
+        for a, b in sorted(now.keys() & then.keys())
+    )
+
+
+def _proposal(
+    studio: Studio, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[tuple[int, int]],
+    hidden: Sequence[Effect],
+) -> SplittingExperiment:  # fmt: skip
+    pairs = _pairs(studio.members, studio.now, table, same)
+    split = [p for p in pairs if not p.same]
+    weak = [p for p in pairs if p.same or p.bic_then < THRESHOLD]
+    advice = _advice([studio.setting.effects[a.effect] for p in weak for a in (p.truth, p.rival)] + list(hidden))
+    lines = [f"Run {candidate.description} for {studio.space.duration_s:g} s, from rest to rest."]
+    lines += [
+        f"If {_named(p.truth)} is the truth and not {_named(p.rival)}: separation from {p.now:.2g} to {p.then:.2g} "
+        f"times the noise, BIC difference to expect from {p.bic_now:.0f} to {p.bic_then:.0f}."
+        for p in split
+    ]
+    lines += _same_lines(pairs)
+    if any(not p.same for p in weak):
+        lines.append("That is too little to be sure: move for longer, faster or further, if the robot can.")
+    lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
+    lines.append(
+        "It is assumed that the robot follows the reference." if studio.setting.follow is None
+        else "The figures hold for the simulated motion of the base model."
+    )  # fmt: skip
+    return SplittingExperiment(
+        description=" ".join([*lines, *advice]),
+        reference=studio.reference(motion),
+        excitation=motion if isinstance(motion, Fourier) else None,
+        separation_now=min(p.now for p in split),
+        separation_then=min(p.then for p in split),
+        bic_now=min(p.bic_now for p in split),
+        bic_then=min(p.bic_then for p in split),
+        pairs=pairs,
+        advice=advice,
+        is_sufficient=not weak and not hidden,
+    )
+
+
+NO_BETTER = (
+    "No motion that was tried within these limits separates better than the present one: repeat that for longer, or "
+    "allow more range, speed, acceleration or time."
+)
+SAME_TEXT = "the same torque to first order on every motion; torque alone cannot split them."
+
+
+def _same_lines(pairs: Sequence[PairSeparation]) -> list[str]:
+    both = dict.fromkeys(tuple(sorted(map(_named, (p.truth, p.rival)))) for p in pairs if p.same)
+    return [f"{first} and {second}: {SAME_TEXT}" for first, second in both]
+
+
+def _named(addition: Addition) -> str:
+    return f"{addition.effect} on joint {addition.joint}"
+
+
+def _advice(effects: Sequence[Effect]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(f"{e.title}: {e.experiment}" for e in effects))
+
+
+def _textual(
+    members: Sequence[Proposal],
+    effects: Mapping[str, Effect],
+    pairs: tuple[PairSeparation, ...],
+    hidden: Sequence[Effect],
+    why: str = "",
+) -> SplittingExperiment:
+    """No motion is proposed, only what the catalogue advises."""
+    advice = _advice([effects[m.addition.effect] for m in members])
+    lines = [*([why] if why else []), *_same_lines(pairs)]
+    lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
+    nothing = float("nan")
+    return SplittingExperiment(
+        " ".join([*lines, *advice]), None, None, nothing, nothing, nothing, nothing, pairs, advice, False
+    )
+
+
+__all__ = ["Limits", "PairSeparation", "Search", "SplittingExperiment", "design_experiment", "limits_of"]

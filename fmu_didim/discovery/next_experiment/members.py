@@ -1,0 +1,284 @@
+"""The members of an ambiguous set as columns on a motion, and the base model that absorbs part of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.next_experiment.motions import motion_table
+from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
+from fmu_didim.effects import Effect, MeasurementEffect, Surroundings, TorqueEffect
+from fmu_didim.errors import InputError
+from fmu_didim.prediction.motion import Motion, motion_of
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.robot.along import observed_along
+from fmu_didim.signals import Array, Trajectory
+
+Follow = Callable[[Trajectory], tuple[Array, Array, Array]]
+"""Reference -> q, dq, ddq (K, n) of the robot that follows it, one row a control period."""
+LARGEST = 1e12
+"""A column larger than this comes from states that could not be integrated."""
+GRID = 24
+"""Largest number of shapes tried of one effect before refinement."""
+SHAPE_STEP = 1e-3
+"""Relative step of the differences by which the slopes of the base's shapes are found."""
+
+
+def _rate(motion: Motion, joint: int) -> Array:
+    return np.asarray(np.gradient(motion.torque[:, joint], motion.step))
+
+
+def _sign(motion: Motion, joint: int) -> Array:
+    torque = motion.torque[:, joint]
+    return np.asarray(np.tanh(torque / (0.01 * max(float(np.sqrt(np.mean(torque**2))), 1e-12))))
+
+
+WIRING: Mapping[str, Callable[[Motion, int], Array]] = {
+    "actuator_lag": _rate,
+    "delay": _rate,
+    "log_time_shift": lambda motion, joint: -_rate(motion, joint),
+    "dead_zone": _sign,
+    "drive_gain": lambda motion, joint: -motion.torque[:, joint],
+}
+"""Effects of drive and log whose first-order column follows from the torque alone; (K,) for a joint."""
+
+
+def _play(motion: Motion, joint: int) -> Array:
+    load = motion.load[:, joint]
+    return np.asarray(-0.5 * np.tanh(load / (0.05 * max(float(np.sqrt(np.mean(load**2))), 1e-12))))
+
+
+STRUCTURES: Mapping[str, Callable[[Motion, int], Array]] = {
+    "joint_elasticity": lambda motion, joint: -motion.load[:, joint],
+    "backlash": _play,
+}
+"""Effects by which a link moves differently from its motor: its displacement (K,) for a compliance, or gap, of one."""
+
+
+def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displacement: Array) -> Array:
+    """(K, n, 1) change of the torque of the links for a small displacement of one of them, a unit of it."""
+    size = 1e-5 / max(float(np.abs(displacement).max()), 1e-12)
+    change = displacement * size
+    moved = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
+    for table in moved:
+        table[:, joint] += change
+        change = np.gradient(change, motion.step)
+    values = np.repeat(chi[:, None], motion.time.size, axis=1)
+    torque = model.transmitted(*(np.ascontiguousarray(m.T) for m in moved), values).full().T
+    return np.asarray((torque - motion.load) / size)[:, :, None]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known before the experiment.
+
+    Attributes:
+        description, chi: the base robot and its (ns,) standard parameters.
+        noise: of the torque log; rate_hz: of its samples.
+        effects: the catalogue.
+        follow: how the robot follows a reference; None: exactly.
+    """
+
+    description: RobotDescription
+    chi: Array
+    noise: Noise
+    rate_hz: float
+    effects: Mapping[str, Effect]
+    follow: Follow | None = None
+
+
+class Scene:
+    """The base model on one motion: projects what it can absorb out of weighted columns.
+
+    Args:
+        most: largest number of samples looked at; fewer, spread evenly, then stand for all, and shapes are searched
+            for on a coarser grid.
+    """
+
+    def __init__(self, setting: Setting, model: RobotModel, reference: Trajectory, *, most: int | None = None) -> None:
+        self._setting, self._model, self.joints = setting, model, model.joint_count
+        self.is_quick = most is not None
+        moved = motion_table(reference, self.joints) if setting.follow is None else setting.follow(reference)
+        time = reference.time
+        step, none = float(time[1] - time[0]), np.zeros_like(moved[0])
+        # Only what states need; torque and load are computed where something asks for them.
+        self.path = Motion(time, *moved, none, none, step, {})
+        ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / setting.rate_hz) / step).astype(int))
+        self.samples = ticks.size * setting.noise.factor
+        self.ticks = ticks if most is None or ticks.size <= most else _spread(ticks, most)
+        self.weight = setting.noise.weight * np.sqrt(ticks.size / self.ticks.size)
+        every = observed_along(model, time, *moved, setting.chi) if model.observed else np.zeros((time.size, 0))
+        q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
+        rows = model.regressor_rows(q, dq, ddq, observed=self._observed)
+        self.sampled = motion_of(model, setting.chi, time[self.ticks], q, dq, ddq, rows @ setting.chi)
+        self.q = self._basis(np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2))
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion at all ticks, with torque and load."""
+        path, chi = self.path, self._setting.chi
+        observed = observed_along(self._model, path.time, path.q, path.dq, path.ddq, chi)
+        torque = self._model.regressor_rows(path.q, path.dq, path.ddq, observed=observed) @ chi
+        return motion_of(self._model, chi, path.time, path.q, path.dq, path.ddq, torque)
+
+    def _slopes(self) -> list[Array]:
+        """d torque / d shape of the base at the samples, (N, n, 1) each: shapes such as v0 are never known exactly."""
+        model, at, chi = self._model, self.sampled, self._setting.chi
+        count, extra = self.ticks.size, self._observed[:, : len(model.extra)].T
+
+        def torque(shapes: Array) -> Array:
+            fixed = [np.repeat(v[:, None], count, axis=1) for v in (chi, shapes)]
+            given = [at.q.T, at.dq.T, at.ddq.T, *fixed, *([extra] if model.extra else [])]
+            return np.asarray(model.inverse(*given).full().T)
+
+        base, result = torque(model.shape_values), []
+        for i, value in enumerate(model.shape_values):
+            moved = model.shape_values.copy()
+            moved[i] += SHAPE_STEP * (abs(value) or 1.0)
+            result.append(((torque(moved) - base) / (moved[i] - value))[:, :, None])
+        return result
+
+    def _basis(self, columns: Array) -> Array:
+        table = self.weighted(columns)
+        size = np.linalg.norm(table, axis=0)
+        table = table[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
+        left, values, _ = np.linalg.svd(table, full_matrices=False)
+        return np.asarray(left[:, values > 1e-7 * values[0]])
+
+    def weighted(self, columns: Array) -> Array:
+        """(N, n, m) columns at the samples -> (N n, m) in units of the noise."""
+        return np.asarray((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
+
+    def project(self, table: Array) -> Array:
+        """The part of weighted columns that the base cannot absorb."""
+        return np.asarray(table - self.q @ (self.q.T @ table))
+
+    def per_joint(self, rest: Array) -> Array:
+        """(n,) sums of squares of a weighted residual (N n,)."""
+        return np.asarray((rest.reshape(-1, self.joints) ** 2).sum(axis=0))
+
+
+def _spread(ticks: Array, most: int) -> Array:
+    return np.asarray(ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)])
+
+
+class Member:
+    """One effect of an ambiguous set: its columns on any motion.
+
+    Raises:
+        InputError: the effect has no signature on a motion, so that only closed-loop simulations show it.
+    """
+
+    def __init__(self, proposal: Proposal, setting: Setting, model: RobotModel) -> None:
+        self.addition, self._setting, self._model = proposal.addition, setting, model
+        self.effect, self.joint = setting.effects[proposal.addition.effect], proposal.addition.joint - 1
+        joints = setting.description.joints
+        self._kind, types = joints[self.joint].type, tuple(j.type for j in joints)
+        known = dict(zip((v.name for v in model.shapes), model.shape_values, strict=True))
+        shapes = {
+            v.name: known.get(f"{v.name}_{proposal.addition.joint}", v.start) for v in self.effect.shapes(self._kind)
+        }
+        self.shapes = {n: float(proposal.values.get(n, v)) for n, v in shapes.items()}
+        self.amplitudes = tuple(v.name for v in self.effect.parameters(self._kind))
+        # First-order columns of wiring and structure know no shapes.
+        searched = self.effect.search(self._kind) if isinstance(self.effect, TorqueEffect) else {}
+        self.search = {n: s for n, s in searched.items() if n in self.shapes}
+        neutral = getattr(self.effect, "neutral", {})
+        # Of a structure the column stands for a compliance or a gap; it is found by likeness.
+        self.theta: Array | None = None
+        if all(name in proposal.values for name in self.amplitudes) and self.effect.name not in STRUCTURES:
+            self.theta = np.array([proposal.values[n] - neutral.get(n, 0.0) for n in self.amplitudes])
+        self._made: TorqueSignature | None = None
+        if isinstance(self.effect, TorqueEffect):
+            self._made = TorqueSignature(self.effect, self.joint, types, tuple(self.shapes))
+            self._walk = affine_states(self.effect, self.joint, types, tuple(self.shapes))
+        elif self.effect.name not in WIRING and self.effect.name not in STRUCTURES:
+            raise InputError(
+                f"The effect '{self.effect.name}' shows in closed-loop simulations only, not on a given motion.",
+                where="splitting experiment", next_step=self.effect.experiment,
+            )  # fmt: skip
+
+    def columns(self, scene: Scene, shapes: Mapping[str, float]) -> Array | None:
+        """(N n, m) weighted columns, None where the offline integration of states fails."""
+        if self._made is not None:
+            states = None
+            if self._made.has_states:
+                walk = self._walk or self._made.states
+                states = np.ascontiguousarray(walk(scene.path, shapes)[scene.ticks])
+            table = self._made.columns(scene.sampled, shapes, states)
+        elif self.effect.name in WIRING:
+            table = np.zeros((*scene.sampled.q.shape, 1))
+            whole = isinstance(self.effect, MeasurementEffect)
+            for joint in range(scene.joints) if whole else (self.joint,):
+                table[:, joint, 0] = WIRING[self.effect.name](scene.motion, joint)[scene.ticks]
+        else:
+            shift = STRUCTURES[self.effect.name](scene.motion, self.joint)
+            table = _displaced(self._model, self._setting.chi, scene.motion, self.joint, shift)[scene.ticks]
+        if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
+            return None
+        return scene.weighted(table)
+
+    def grid(self, motion: Motion, *, coarse: bool) -> list[dict[str, float]]:
+        """Shapes to try, the fitted ones first; those that are positions lie where the motion is.
+
+        Args:
+            coarse: take only every second one.
+        """
+        units = {v.name: v.unit for v in self.effect.shapes(self._kind)}
+        search = dict(self.search)
+        for name, s in self.search.items():
+            if not s.logarithmic and units[name] in ("rad", "m"):
+                low, high = (float(v) for v in np.quantile(motion.q[:, self.joint], [0.02, 0.98]))
+                search[name] = type(s)(low, high, s.count, s.logarithmic, s.cost)
+        found = list(search_grid(search, self.shapes)) if search else []
+        if len(found) > GRID:
+            found = [found[i] for i in np.linspace(0, len(found) - 1, GRID).astype(int)]
+        return [dict(self.shapes), *found[:: 2 if coarse else 1]]
+
+    @property
+    def cost(self) -> float:
+        """Parameters that it counts as when models are compared."""
+        search = self.effect.search(self._kind)
+        return sum(1.0 for n in self.amplitudes if n not in search) + sum(s.cost for s in search.values())
+
+
+def affine_states(
+    effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]
+) -> Callable[[Motion, Mapping[str, float]], Array] | None:
+    """States of an effect with one state whose rate is affine in it, dz/dt = a + b z; None for all others.
+
+    Stable for any step: with the motion held at the middle of a tick, z+ = z e^(bh) + a h (e^(bh) - 1)/(bh).
+    """
+    n, kind = len(joint_types), joint_types[joint]
+    states = effect.states(kind)  # type: ignore[arg-type]
+    if len(states) != 1:
+        return None
+    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+    z, time, s = ca.SX.sym("z"), ca.SX.sym("t"), ca.SX.sym("s", len(shape_names))
+    at = Surroundings(joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, time=time, state=(z,))  # type: ignore[arg-type]
+    rate = effect.rates(at, dict(zip(shape_names, ca.vertsplit(s) if shape_names else (), strict=True)))[0]
+    slope = ca.jacobian(rate, z)
+    if ca.depends_on(slope, z):
+        return None
+    parts = ca.Function("parts", [q, dq, ddq, time, s], [ca.densify(ca.substitute(rate, z, 0)), ca.densify(slope)])
+
+    def walk(motion: Motion, shapes: Mapping[str, float]) -> Array:
+        middle = [(m[1:] + m[:-1]) / 2 for m in (motion.q, motion.dq, motion.ddq)]
+        instants = (motion.time[1:] + motion.time[:-1]) / 2
+        values = np.repeat(np.array([shapes[name] for name in shape_names])[:, None], instants.size, axis=1)
+        a, b = (p.full().ravel() for p in parts(*(m.T for m in middle), instants[None, :], values))
+        x = np.clip(b * motion.step, -700.0, 50.0)
+        safe = np.where(x == 0, 1.0, x)
+        keep, gain = np.exp(x), np.where(x == 0, 1.0, np.expm1(safe) / safe) * a * motion.step
+        result = [float(states[0].start)]
+        for k, g in zip(keep.tolist(), gain.tolist(), strict=True):
+            result.append(k * result[-1] + g)
+        return np.array(result)[:, None]
+
+    return walk

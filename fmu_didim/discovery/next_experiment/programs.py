@@ -1,0 +1,206 @@
+"""Candidate motions of a splitting experiment: Fourier series, and programs of moves, ramps, reversals and rests.
+
+Each candidate has a few design variables u in [0, 1], so that the best one can be improved. Position, speed and
+acceleration stay within the limits; the motion starts and ends at rest, at the same place, so that it can be repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.discovery.next_experiment.motions import WITHIN, Leg, Space, sampled, straight
+from fmu_didim.excitation import Fourier, FourierJoint
+from fmu_didim.signals import Array, Trajectory
+
+HARMONICS = 5
+LADDER_SPEEDS = 5
+LADDER_PART = 0.7
+"""Part of the duration that one round of all these speeds takes."""
+
+Design = Array
+Build = Callable[[Design], "Fourier | Trajectory"]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A family of motions.
+
+    Attributes:
+        description: what the motion consists of; build: the motion from its design variables.
+        design: (m,) where they start.
+    """
+
+    description: str
+    build: Build
+    design: Design
+
+
+def candidates(space: Space, *, seed: int, draws: int = 3) -> list[Candidate]:
+    """Fourier series with random phases, programs of one kind, and mixtures of them; the same ones for a seed."""
+    found = []
+    for i in range(draws):
+        found.append(_fourier(space, np.random.default_rng([seed, 1, i]), pace=(0.1, 0.3, 0.6)[i % 3]))
+    for i, names in enumerate(RECIPES):
+        words = ", ".join(BLOCKS[name][0] for name in names)
+        found.append(Candidate(words, _program(space, names, (seed, 2, i)), np.array([0.8, 0.5, 0.5, 0.5])))
+    return found
+
+
+def _fourier(space: Space, rng: np.random.Generator, *, pace: float) -> Candidate:
+    n, limits = space.limits.low.size, space.limits
+    cosine, sine = rng.normal(size=(n, HARMONICS)), rng.normal(size=(n, HARMONICS))
+    centre = rng.uniform(0.4, 0.6, size=n)
+
+    def build(u: Design) -> Fourier:
+        weight = 10 ** (2 * (u[:HARMONICS] - 0.5)) / np.arange(1, HARMONICS + 1)
+        k = np.arange(1, HARMONICS + 1)
+        a, b = cosine * weight, sine * weight
+        # At rest and without acceleration at the begin: sum k b_k = 0 and sum k^2 a_k = 0.
+        a, b = a - (a @ k**2)[:, None] * k**2 / (k**2 @ k**2), b - (b @ k)[:, None] * k / (k @ k)
+        periods = max(round(space.duration_s * (0.05 + 0.45 * u[HARMONICS])), 1)
+        base = periods / space.duration_s
+        joints = []
+        for j in range(n):
+            series = Fourier(
+                fundamental_hz=base, duration_s=space.duration_s,
+                joints=(FourierJoint(cosine=tuple(a[j]), sine=tuple(b[j])),),
+            )  # fmt: skip
+            # Bounds on a fine grid of one period; WITHIN covers what lies between its points.
+            q, dq, ddq = series.motion(np.linspace(0, 1 / base, 400 * HARMONICS))
+            room = limits.high[j] - limits.low[j]
+            factor = WITHIN * min(
+                room / np.ptp(q), limits.speed[j] / np.abs(dq).max(), limits.acceleration[j] / np.abs(ddq).max()
+            )
+            low, high = limits.low[j] - factor * q.min(), limits.high[j] - factor * q.max()
+            offset = low + (high - low) * centre[j]
+            joints.append(
+                FourierJoint(
+                    offset=float(offset),
+                    cosine=tuple(float(v) for v in factor * a[j]),
+                    sine=tuple(float(v) for v in factor * b[j]),
+                )
+            )
+        return Fourier(fundamental_hz=base, duration_s=space.duration_s, joints=tuple(joints))
+
+    return Candidate(f"a Fourier series of {HARMONICS} harmonics", build, np.array([0.5] * HARMONICS + [pace]))
+
+
+def _point(space: Space, rng: np.random.Generator, margin: float = 0.0) -> Array:
+    part = WITHIN * rng.uniform(margin, 1 - margin, size=space.limits.low.size) + (1 - WITHIN) / 2
+    return np.asarray(space.limits.low + part * (space.limits.high - space.limits.low))
+
+
+def _holds(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+    """Rests at several positions, reached by quick moves."""
+    for _ in range(3):
+        target = _point(space, rng)
+        yield straight(space, here, target, 0.3 + 0.7 * u[0], dwell_s=0.2 * 10 ** u[3])
+        here = target
+
+
+def _ladder(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+    """Constant speeds on a logarithmic scale, each in both directions and for about the same time."""
+    low, high = space.limits.low, space.limits.high
+    slot = LADDER_PART * space.duration_s / LADDER_SPEEDS
+    for pace in np.geomspace(0.3 + 0.7 * u[0], 10 ** (-0.3 - 2.2 * u[1]), LADDER_SPEEDS):
+        used = 0.0
+        while used < slot:
+            # Towards the far end of each joint's range; a slow ramp covers what it can in half its time.
+            near = WITHIN * rng.uniform(0.0, 0.15, size=low.size) + (1 - WITHIN) / 2
+            target = np.where(here < (low + high) / 2, high - near * (high - low), low + near * (high - low))
+            longest = float((np.abs(target - here) / (pace * space.limits.speed)).max())
+            target = here + (target - here) * min(1.0, slot / 2 / longest)
+            for start, end in ((here, target), (target, here)):
+                leg = straight(space, start, end, float(pace), ramp=True)
+                used += leg.move_s
+                yield leg
+
+
+def _reversals(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+    """Small oscillations about a position at two speeds."""
+    room = space.limits.high - space.limits.low
+    small = np.where(np.isnan(space.lengths), room * 10 ** (-3 + 2 * u[2]), space.lengths * 10 ** (1.3 * u[2]))
+    small = np.minimum(small, 0.3 * room)
+    centre = _point(space, rng, 0.35)
+    yield straight(space, here, centre, 0.3 + 0.7 * u[0])
+    sign = rng.choice([-1.0, 1.0], size=room.size)
+    for pace in (0.3 + 0.7 * u[0], 10 ** (-1 - 1.5 * u[1])):
+        for k in range(4):
+            target = centre + (small * sign if k % 2 == 0 else -small * sign)
+            yield straight(space, centre if k == 0 else centre - (target - centre), target, float(pace), ramp=True)
+        yield straight(space, target, centre, float(pace), ramp=True)
+
+
+def _two_speeds(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+    """A path at full speed, then the same path more slowly."""
+    points = [_point(space, rng) for _ in range(3)]
+    for pace in (1.0, 0.5 * 10 ** -u[1]):
+        at = here
+        for target in (*points, here):
+            yield straight(space, at, target, (0.3 + 0.7 * u[0]) * float(pace))
+            at = target
+
+
+def _sweep(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+    """From one end of the range to the other and back at constant speed."""
+    edge = (1 - WITHIN) / 2 * (space.limits.high - space.limits.low)
+    ends = [space.limits.low + edge, space.limits.high - edge]
+    flip = rng.random(edge.size) < 0.5
+    first = np.where(flip, ends[0], ends[1])
+    second = np.where(flip, ends[1], ends[0])
+    pace = 10 ** (-1.2 * u[1])
+    for start, target in ((here, first), (first, second), (second, first)):
+        yield straight(space, start, target, pace, ramp=True, dwell_s=0.1)
+
+
+BLOCKS: Mapping[str, tuple[str, Callable[[Space, Array, Design, np.random.Generator], Iterator[Leg]]]] = {
+    "holds": ("rests at several positions", _holds),
+    "ladder": ("constant speeds on a logarithmic scale in both directions", _ladder),
+    "reversals": ("small reversals at two speeds", _reversals),
+    "two speeds": ("the same path at two speeds", _two_speeds),
+    "sweep": ("sweeps over the whole range", _sweep),
+}
+RECIPES: tuple[tuple[str, ...], ...] = (
+    ("holds",),
+    ("ladder",),
+    ("reversals",),
+    ("two speeds",),
+    ("sweep",),
+    ("holds", "ladder"),
+    ("holds", "two speeds"),
+    ("reversals", "two speeds"),
+    ("ladder", "reversals"),
+    ("two speeds", "ladder", "sweep"),
+    ("two speeds", "holds", "reversals", "ladder"),
+)
+
+
+def _program(space: Space, names: tuple[str, ...], seed: tuple[int, ...]) -> Build:
+    """Blocks in turn until the duration is used, then back to the begin and rest."""
+
+    def build(u: Design) -> Trajectory:
+        rng = np.random.default_rng(seed)
+        start = _point(space, rng, 0.2)
+        legs: list[Leg] = []
+        here, used, filling = start, 0.0, True
+        while filling:
+            before = used
+            for name in names:
+                for leg in BLOCKS[name][1](space, here, u, rng):
+                    home = straight(space, leg.target, start, 1.0).move_s
+                    if used + leg.move_s + leg.dwell_s + home > space.duration_s:
+                        filling = False
+                        break
+                    legs.append(leg)
+                    here, used = leg.target, used + leg.move_s + leg.dwell_s
+                if not filling:
+                    break
+            filling = filling and used > before
+        if not np.array_equal(here, start):
+            legs.append(straight(space, here, start, 1.0))
+        return sampled(start, legs, space)
+
+    return build

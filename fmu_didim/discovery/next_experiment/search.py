@@ -1,0 +1,130 @@
+"""The search for the motion that separates members best: seeded candidates, the best of them improved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.discovery.next_experiment.members import Follow, Member, Scene, Setting
+from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
+from fmu_didim.discovery.next_experiment.programs import Candidate, candidates
+from fmu_didim.discovery.next_experiment.separation import Table, amplitudes, separations
+from fmu_didim.excitation import Fourier
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array, Trajectory
+
+SAME = 1e-4
+"""Members are the same to first order when less than this part of a signature is left on every motion."""
+MEAN_PART = 0.1
+"""Weight of the mean separation beside the smallest one."""
+MOST_SAMPLES = 600
+"""Samples that the search looks at; the result is computed with all."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How the motion is searched for.
+
+    Attributes:
+        limits: of the motion; what the present reference makes use of by default.
+        duration_s: of the proposed motion; that of the present reference by default.
+        follow: how the robot follows a reference, such as a closed-loop simulation; exactly by default.
+        seed: of the candidates; draws: number of Fourier series.
+        evaluations: motions tried to improve the best candidates.
+    """
+
+    limits: Limits | None = None
+    duration_s: float | None = None
+    follow: Follow | None = None
+    seed: int = 0
+    draws: int = 3
+    evaluations: int = 30
+
+
+class Studio:
+    """Tries motions."""
+
+    def __init__(
+        self, setting: Setting, model: RobotModel, members: list[Member], reference: Trajectory, search: Search
+    ) -> None:
+        n = model.joint_count
+        self.setting, self.model, self.members = setting, model, members
+        step = float((reference.time[-1] - reference.time[0]) / (reference.time.size - 1))
+        duration = search.duration_s or float(reference.time[-1] - reference.time[0])
+        self.space = Space(search.limits or limits_of(reference, n), duration, step, _lengths(members, n))
+        self.candidates = candidates(self.space, seed=search.seed, draws=search.draws)
+        scene = Scene(setting, model, reference)
+        self.theta = amplitudes(scene, members)
+        self.now = separations(scene, members, self.theta)
+        self.open = set(self.now)
+
+    def reference(self, motion: Fourier | Trajectory) -> Trajectory:
+        """One row a control period."""
+        return motion if isinstance(motion, Trajectory) else motion.trajectory(1 / self.space.step)
+
+    def table(self, motion: Fourier | Trajectory, *, quickly: bool = True) -> Table:
+        """All separations on a motion; one that breaks the limits separates nothing."""
+        reference = self.reference(motion)
+        if not self.space.limits.keeps(reference):
+            return {}
+        scene = Scene(self.setting, self.model, reference, most=MOST_SAMPLES if quickly else None)
+        return separations(scene, self.members, self.theta)
+
+    def smallest(self, table: Table) -> float:
+        """Smallest separation of the pairs that can be split."""
+        return min((table[p].distance if p in table else 0.0 for p in self.open), default=0.0)
+
+    def score(self, table: Table) -> float:
+        """Smallest separation of the pairs that can be split, plus a small part of their mean.
+
+        A member that hardly shows on any motion would else hide that another one is split well.
+        """
+        found = [table[p].distance if p in table else 0.0 for p in self.open]
+        return float(min(found) + MEAN_PART * np.mean(found)) if found else 0.0
+
+
+def _lengths(members: Sequence[Member], joints: int) -> Array:
+    """(n,) the smallest distance over which an effect of the joint changes."""
+    result = np.full(joints, np.nan)
+    for member in members:
+        if "zs" in member.shapes:
+            result[member.joint] = np.fmin(result[member.joint], member.shapes["zs"])
+    return result
+
+
+def same_pairs(tables: Sequence[Table]) -> set[tuple[int, int]]:
+    """Pairs of which nothing is left on any motion: the same to first order."""
+    found = set(tables[0])
+    for table in tables:
+        found -= {p for p, s in table.items() if s.distance**2 > SAME**2 * s.alone}
+    return {p for p in found if (p[1], p[0]) in found}
+
+
+def improved(
+    studio: Studio, best: Sequence[tuple[Candidate, Table]], evaluations: int, progress: Callable[[str], None]
+) -> tuple[Candidate, Array]:
+    """The best candidates, their design variables moved within [0, 1] by the simplex search of Nelder and Mead."""
+    from scipy.optimize import minimize
+
+    winner = (best[0][0], best[0][0].design, best[0][1])
+    for candidate, first in best:
+        kept = [(candidate.design, first)]
+
+        def cost(u: Array, candidate: Candidate = candidate, kept: list[tuple[Array, Table]] = kept) -> float:
+            table = studio.table(candidate.build(u))
+            if studio.score(table) > studio.score(kept[0][1]):
+                kept[0] = (u.copy(), table)
+            return -float(np.log(max(studio.score(table), 1e-12)))
+
+        start, size = candidate.design, candidate.design.size
+        simplex = np.vstack(
+            [start, *(start + np.eye(size)[i] * (0.35 if start[i] < 0.6 else -0.35) for i in range(size))]
+        )
+        options = {"maxfev": evaluations // len(best), "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}
+        minimize(cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * size, options=options)
+        if studio.score(kept[0][1]) > studio.score(winner[2]):
+            winner = (candidate, *kept[0])
+        progress(f"{candidate.description}: score {studio.score(kept[0][1]):.3g}")
+    return winner[:2]

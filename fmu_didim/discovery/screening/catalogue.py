@@ -1,0 +1,254 @@
+"""The signatures of the whole catalogue on one simulated motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.screening.load_response import load_response
+from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
+from fmu_didim.effects import Effect, Search, TorqueEffect
+from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array, Variable
+
+GRID_LIMIT = 400
+"""Largest number of shapes tried of one effect; a finer grid is thinned."""
+SEEN = 0.1
+"""Part of the largest column of an effect below which another one is of second order, such as a tilt out of the plane
+of an arm."""
+LARGEST = 1e12
+"""A column larger than this comes from states that the offline integration could not follow."""
+
+
+TOGETHER = 32
+"""Shapes whose loads the closed loop answers in one go."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What an effect would add to the torque at the samples.
+
+    Attributes:
+        addition: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
+        columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
+        neutral: value of each amplitude with which nothing is there.
+        inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
+    """
+
+    addition: Addition
+    shapes: Mapping[str, float]
+    amplitudes: tuple[str, ...]
+    columns: Array
+    neutral: Mapping[str, float]
+    inverse: bool = False
+
+    def proposal(self, coefficients: Array) -> Proposal:
+        """Start values of a fit, from the coefficients of the columns."""
+        if self.inverse:
+            stiffness = {n: 1 / max(abs(float(c)), 1e-12) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+            return Proposal(self.addition, {**self.shapes, **stiffness})
+        found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+        scales = {n: abs(float(c)) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+        return Proposal(self.addition, {**self.shapes, **found}, scales)
+
+
+class Library:
+    """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added.
+
+    Attributes:
+        workshop: builds the loops; fit: the motion's.
+    """
+
+    def __init__(self, workshop: Workshop, fit: Fit, *, candidates: Sequence[Addition]) -> None:
+        self.workshop, self.fit = workshop, fit
+        self._signatures: list[Signature] = []
+        self._response = load_response(fit)
+        self.motion = simulated_motion(workshop, fit)
+        self._thinned = None if self.motion is None else _at(self.motion, self._response.ticks)
+        for addition in candidates:
+            self._signatures += list(self._make(addition))
+
+    def __iter__(self) -> Iterator[Signature]:
+        return iter(self._signatures)
+
+    def _make(self, addition: Addition) -> Iterator[Signature]:
+        effect = self.workshop.effect(addition)
+        if isinstance(effect, NonlinearEffect):
+            if self.workshop.can_add(addition):
+                yield from self._by_simulation(addition, effect)
+        elif isinstance(effect, TorqueEffect) and self.motion is not None and self.workshop.can_add(addition):
+            yield from self._by_regressor(addition, effect, self.motion)
+
+    def _by_regressor(self, addition: Addition, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
+        joint = addition.joint - 1
+        kinds = [self.workshop.joint_type(j) for j in range(1, motion.joint_count + 1)]
+        if joint + effect.reach >= len(kinds):
+            return
+        kind = kinds[joint]
+        defaults = self._defaults(addition, effect)
+        made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
+        names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
+        search = self.workshop.search(addition)
+        assert self._thinned is not None
+        tried = _thinned(search, defaults)
+        for first in range(0, len(tried), TOGETHER):
+            kept, loads = [], []
+            for shapes in tried[first : first + TOGETHER]:
+                states = made.states(motion, shapes)[self._response.ticks] if made.has_states else None
+                columns = made.columns(self._thinned, shapes, states)
+                if 0 < max(columns.max(), -columns.min()) < LARGEST:
+                    kept.append(shapes)
+                    loads.append(columns)
+            if kept:
+                answers = np.split(self._response.at_samples(np.concatenate(loads, axis=2)), len(kept), axis=2)
+                for shapes, answer in zip(kept, answers, strict=True):
+                    yield Signature(addition, shapes, names, np.ascontiguousarray(answer), {})
+
+    def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
+        """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
+        kind = self.workshop.joint_type(addition.joint)
+        present = {knob.name: knob.value for knob in self.fit.model.knobs}
+        robot = self.workshop.description
+        own = robot.joints[addition.joint - 1].parameters if robot is not None else {}
+        return {
+            v.name: present.get(f"{v.name}_{addition.joint}", own.get(v.name, v.start))
+            for v in effect.shapes(kind)  # type: ignore[arg-type]
+        }
+
+    def _by_simulation(self, addition: Addition, effect: NonlinearEffect) -> Iterator[Signature]:
+        """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
+        amplitudes, shapes = self.workshop.free_parameters(addition)
+        searched = self.workshop.search(addition)
+        size = float(np.sqrt(np.mean(self.fit.torque[:, addition.joint - 1] ** 2)))
+        off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
+        neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
+        trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
+        single = len(amplitudes) == 1
+        trials = {n: _mirrored(values, effect, n) if single else values[:1] for n, values in trials.items()}
+        tried = [
+            (at, name, value)
+            for at in _one_at_a_time({v.name: searched[v.name] for v in shapes})
+            for name, values in trials.items()
+            for value in values
+        ]
+        tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
+        columns = [
+            # A stiffness is nothing when it is infinite: its inverse is the amplitude.
+            difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
+            for difference, (_, name, value) in zip(self.fit.model.side_by_side(tasks), tried, strict=True)
+        ]
+        if single:
+            inverse = not np.isfinite(off[amplitudes[0].name])
+            for column, (at, name, _) in zip(columns, tried, strict=True):
+                if np.abs(column).max() > 0:
+                    yield Signature(addition, at, (name,), column[:, :, None], neutral, inverse)
+            return
+        for first in range(0, len(columns), len(amplitudes)):
+            together = columns[first : first + len(amplitudes)]
+            sizes = np.array([np.linalg.norm(column) for column in together])
+            seen = np.flatnonzero(sizes > SEEN * sizes.max())
+            if seen.size:
+                names = tuple(amplitudes[i].name for i in seen)
+                table = np.stack([together[i] for i in seen], axis=2)
+                yield Signature(addition, tried[first][0], names, table, neutral)
+
+    def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
+        def difference() -> Array:
+            model = self.workshop.build(self.fit.model, [Proposal(addition, values)])
+            try:
+                return model.torque(model.start) - self.fit.torque
+            except SimulationError:
+                return np.zeros_like(self.fit.torque)
+
+        return difference
+
+
+def _middle(search: Search) -> float:
+    both = (search.lowest, search.highest)
+    return float(np.sqrt(both[0] * both[1]) if search.logarithmic else np.mean(both))
+
+
+def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
+    """Shapes on their grids, one after the other, with the others in the middle of theirs."""
+    middle = {name: _middle(s) for name, s in search.items()}
+    found = [middle]
+    for name, s in search.items():
+        found += [{**middle, **at} for at in search_grid({name: s}, {})]
+    distinct = {tuple(round(v, 12) for v in at.values()): at for at in found}
+    return list(distinct.values())
+
+
+def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
+    """Values of a parameter to try: a smaller and a larger one; more of a stiffness, with which the loop resonates."""
+    if variable.unit in ("N.m", "N"):
+        values = [0.03 * size, 0.2 * size]
+    elif search.logarithmic:
+        parts = (0.35, 0.75) if np.isfinite(neutral) else (0.35, 0.5, 0.65, 0.8)
+        values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
+    else:
+        values = [search.lowest + 0.75 * (search.highest - search.lowest)]
+    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > 1e-9]
+    return apart or [search.highest]
+
+
+def _mirrored(values: list[float], effect: NonlinearEffect, name: str) -> list[float]:
+    """The values, and with them those as far on the other side of the neutral one, if the parameter has two sides."""
+    off = effect.neutral.get(name, 0.0)
+    low, high = effect.limits.get(name, (off, off))
+    return [*values, *(2 * off - v for v in values)] if name in effect.signed and low < off < high else values
+
+
+def _thinned(search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
+    grid = list(search_grid(search, defaults))
+    names = list(search)
+    if len(names) == 2 and {"t_on", "t_off"} == set(names):  # a window ends after it begins
+        grid = [g for g in grid if g["t_off"] > g["t_on"]]
+    if len(grid) > GRID_LIMIT:
+        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
+    return grid
+
+
+def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
+    return replace(
+        motion,
+        time=motion.time[ticks],
+        q=motion.q[ticks],
+        dq=motion.dq[ticks],
+        ddq=motion.ddq[ticks],
+        torque=motion.torque[ticks],
+        load=motion.load[ticks],
+        links={j: table[ticks] for j, table in motion.links.items()},
+    )
+
+
+def _chi(workshop: Workshop, fit: Fit) -> Array:
+    """Standard parameters of the base robot at the values of a fit."""
+    assert workshop.description is not None
+    model = RobotModel(workshop.description)
+    parameters = fit.model.runs["train"].problem.parameters
+    values = parameters.values(fit.values[: parameters.count])
+    return np.array([values.get(v.name, v.start) for v in model.parameters])
+
+
+def simulated_motion(workshop: Workshop, fit: Fit) -> Motion | None:
+    """The simulated motion at all ticks; None if the plant does not tell it."""
+    if workshop.description is None:
+        return motion_from_outputs(fit.model, fit.values)
+    run = fit.model.runs["train"]
+    recording = fit.model.record(fit.values, all_ticks=True)
+    joints = range(1, fit.model.joint_count + 1)
+    q, dq, ddq = (recording.table([f"{run.problem.plant}.{name}{j}" for j in joints]) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in fit.model.logged])
+    return motion_of(RobotModel(workshop.description), _chi(workshop, fit), recording.time, q, dq, ddq, torque)
+
+
+__all__ = ["Library", "Signature"]

@@ -1,0 +1,148 @@
+"""How the logged command answers a load: the controller makes up for it, but no faster than its loop is.
+
+    du_i(t_k) = sum_j sum_l g_ij[l] e_j(t_(k-l)),      e_j: load of joint j, its mean over [t_k, t_(k+1))
+
+g is the best linear approximation along the simulated motion: the least-squares answer to a small random telegraph
+signal on one joint after the other. Slow loads come back whole; where friction jumps at a reversal the robot gives way.
+
+Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapter 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, sparse
+from scipy.linalg import toeplitz
+
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.signals import Array
+
+SPACING_S = 0.005
+"""Largest spacing of the instants at which loads are looked at, unless the control period is longer."""
+MEMORY_S = 0.5
+"""Time after which a lasting load is made up for."""
+MOST_TAPS = 200
+SIZE = 0.02
+"""Of the telegraph signal, as a part of the torque of the joint."""
+DWELL_S = (0.01, 0.2)
+"""Range of the times between its changes."""
+
+
+@dataclass(frozen=True)
+class LoadResponse:
+    """The answer of the logged torque to loads.
+
+    Attributes:
+        ticks: (K,) of the control at which loads are looked at, equally spaced.
+        taps: (L, n, n) g: answer of joint i, second axis, to joint j, third.
+        sampling: (N, K) from the answer at the ticks to the samples of the log.
+    """
+
+    ticks: NDArray[np.int64]
+    taps: Array
+    sampling: sparse.csr_array
+
+    def at_samples(self, columns: Array) -> Array:
+        """(K, n, m) loads at the ticks -> (N, n, m) change of the logged torque."""
+        count, joints, width = columns.shape
+        answer = np.zeros((joints, width, self._spectrum.shape[2]), dtype=complex)
+        for j in np.flatnonzero(columns.any(axis=(0, 2))):
+            held = np.ascontiguousarray(columns[:, j].T)
+            held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
+            answer += self._spectrum[j][:, None] * fft.rfft(held, self._size)
+        whole = fft.irfft(answer, self._size)[:, :, :count]
+        flat = np.ascontiguousarray(whole.transpose(2, 0, 1)).reshape(count, -1)
+        return np.asarray(self.sampling @ flat).reshape(-1, joints, width)
+
+    @cached_property
+    def _size(self) -> int:
+        return int(fft.next_fast_len(self.ticks.size + self.taps.shape[0], real=True))
+
+    @cached_property
+    def _spectrum(self) -> Array:
+        """(n, n, frequencies) of the taps: by the joint with the load, then the joint that answers."""
+        return np.asarray(fft.rfft(np.ascontiguousarray(self.taps.transpose(2, 1, 0)), self._size))
+
+
+def load_response(fit: Fit, *, seed: int = 0) -> LoadResponse:
+    """The response of the closed loop of a fit; loads come back unchanged where it cannot be simulated.
+
+    Args:
+        seed: of the telegraph signal.
+    """
+    model, run = fit.model, fit.model.runs["train"]
+    time = run.problem.experiment.reference.time
+    step = float(time[1] - time[0])
+    every = max(round(SPACING_S / step), 1)
+    ticks = np.arange(0, time.size, every)
+    length = min(max(round(MEMORY_S / (every * step)), 1), MOST_TAPS, ticks.size // 4)
+    switched = _telegraph(ticks.size, every * step, np.random.default_rng(seed))
+    table = toeplitz(switched, np.zeros(length))
+    normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
+    try:
+        still = _command(model, fit.values, ())
+        tasks = [_answer(model, fit.values, still, switched, time[ticks], j) for j in range(1, model.joint_count + 1)]
+        taps = -np.stack([normal @ answer[ticks] for answer in model.side_by_side(tasks)], axis=2)
+    except SimulationError:
+        taps = np.eye(model.joint_count)[None]
+    return LoadResponse(ticks, taps, _sampling(fit, every, ticks.size))
+
+
+def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
+    """(K,) of 1 and -1, constant for times spread evenly over the decades of DWELL_S."""
+    signal, at, level = np.zeros(count), 0, 1.0
+    while at < count:
+        stay = max(round(float(np.exp(rng.uniform(*np.log(DWELL_S)))) / step), 1)
+        signal[at : at + stay] = level
+        at, level = at + stay, -level
+    return signal
+
+
+def _answer(
+    model: LoopModel, values: Array, still: Array, switched: Array, time: Array, joint: int
+) -> Callable[[], Array]:
+    """What simulates the change (ticks, n) of the command by the telegraph signal on a joint, for its unit size."""
+
+    def simulated() -> Array:
+        size = SIZE * float(np.sqrt(np.mean(model.runs["train"].measured[:, joint - 1] ** 2)))
+        edges = np.flatnonzero(np.diff(switched, prepend=0.0))
+        ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
+        levels = size * switched[edges]
+        pushes = [
+            Push(joint, float(a), float(b), float(level)) for a, b, level in zip(time[edges], ends, levels, strict=True)
+        ]
+        return (_command(model, values, pushes) - still) / size
+
+    return simulated
+
+
+def _command(model: LoopModel, values: Array, pushes: Sequence[Push]) -> Array:
+    """(ticks, n) command at all ticks, the pushes left out of it."""
+    run = model.runs["train"]
+    model = replace(model, runs={**model.runs, "train": replace(run, pushes=(*run.pushes, *pushes))})
+    return model.logged_torque(model.record(values, all_ticks=True), values)
+
+
+def _sampling(fit: Fit, every: int, count: int) -> sparse.csr_array:
+    """(N, K): straight lines between the ticks of the response, then the samples of the log."""
+    operator = fit.model.operator(fit.values)
+    place = np.minimum(operator.ticks / every, count - 1.0)
+    left = np.minimum(place.astype(int), max(count - 2, 0))
+    part = place - left
+    rows = np.arange(place.size)
+    between = sparse.csr_array(
+        (np.concatenate([1 - part, part]), (np.concatenate([rows, rows]), np.concatenate([left, left + 1]))),
+        shape=(place.size, count),
+    )
+    return sparse.csr_array(operator.matrix @ between)
+
+
+__all__ = ["LoadResponse", "load_response"]

@@ -1,0 +1,125 @@
+"""Signatures: how the logged torque would change, to first order, if an effect were there.
+
+For an effect in the torque balance that is its regressor at the simulated motion, here, as the closed loop answers it
+(:mod:`fmu_didim.discovery.screening.load_response`). All other effects have the difference of two simulations of the
+closed loop (:mod:`fmu_didim.discovery.screening.catalogue`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.discovery.screening.vectorised import Vectorised
+from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
+from fmu_didim.prediction.motion import Motion
+from fmu_didim.signals import Array
+
+MAXIMUM_STATE_STEPS = 160
+
+
+def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:
+    """All combinations of the grids of the searched shapes; the others at their defaults."""
+    names = list(search)
+    grids = []
+    for name in names:
+        s = search[name]
+        grids.append(
+            np.geomspace(s.lowest, s.highest, s.count) if s.logarithmic else np.linspace(s.lowest, s.highest, s.count)
+        )
+    for values in product(*grids):
+        yield {**defaults, **{n: float(v) for n, v in zip(names, values, strict=True)}}
+
+
+class TorqueSignature:
+    """Columns of one torque effect at one joint on a motion, for any shapes."""
+
+    def __init__(self, effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]):
+        self.effect, self.joint, self._shape_names = effect, joint, shape_names
+        n, kind = len(joint_types), joint_types[joint]
+        self._states = effect.states(kind)  # type: ignore[arg-type]
+        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+        load, time = ca.SX.sym("load"), ca.SX.sym("t")
+        z = ca.SX.sym("z", len(self._states))
+        link = ca.SX.sym("link", n, len(PAYLOAD))
+        shapes = ca.SX.sym("s", len(shape_names))
+        at = Surroundings(
+            joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, load=load, time=time,  # type: ignore[arg-type]
+            state=tuple(ca.vertsplit(z)) if self._states else (),
+            link={name: link[:, i] for i, name in enumerate(PAYLOAD)},
+        )  # fmt: skip
+        by_name = dict(zip(shape_names, ca.vertsplit(shapes) if shape_names else (), strict=True))
+        columns = []
+        for column in effect.columns(at, by_name):
+            full = ca.SX.zeros(n)
+            for row, value in column.items() if isinstance(column, Mapping) else ((joint, column),):
+                full[row] = value
+            columns.append(full)
+        self.count = len(columns)
+        self._columns = Vectorised(
+            ca.Function(
+                "columns", [q, dq, ddq, load, time, z, ca.vec(link), shapes], [ca.densify(ca.vertcat(*columns))]
+            )
+        )
+        rates = effect.rates(at, by_name)
+        self._rates = (
+            ca.Function("rates", [z, q, dq, ddq, time, shapes], [ca.densify(ca.vertcat(*rates))]) if rates else None
+        )
+
+    def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
+        """(K, n, m) columns at the ticks of the motion; ``states`` (K, nz) if the effect has any."""
+        count, n = motion.q.shape
+        link = motion.links[self.joint].transpose(2, 1, 0).reshape(-1, count)
+        state = np.zeros((0, count)) if states is None else states.T
+        load, time = motion.load[None, :, self.joint], motion.time[None]
+        values = [shapes[name] for name in self._shape_names]
+        flat = self._columns(count, [motion.q.T, motion.dq.T, motion.ddq.T, load, time, state, link, values])
+        return np.ascontiguousarray(flat.reshape(count, self.count, n).transpose(0, 2, 1))
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the columns depend on states, for which the motion at all ticks is needed."""
+        return self._rates is not None
+
+    def states(self, motion: Motion, shapes: Mapping[str, float]) -> Array:
+        """(K, nz) states along a motion at all ticks, by RK4 with the motion held over each tick."""
+        assert self._rates is not None
+        speed = float(np.abs(motion.dq[:, self.joint]).max())
+        rate = self._rate_along(motion, shapes, speed)
+        steps = int(np.clip(np.ceil(rate * motion.step / 1.0), 1, MAXIMUM_STATE_STEPS))
+        n, size = motion.joint_count, len(self._states)
+        z, held = ca.SX.sym("z", size), ca.SX.sym("held", 3 * n + 1)
+        s = ca.DM([shapes[name] for name in self._shape_names])
+        q, dq, ddq, t = held[:n], held[n : 2 * n], held[2 * n : 3 * n], held[3 * n]
+        h, x = motion.step / steps, z
+        for _ in range(steps):
+            k1 = self._rates(x, q, dq, ddq, t, s)
+            k2 = self._rates(x + h / 2 * k1, q, dq, ddq, t, s)
+            k3 = self._rates(x + h / 2 * k2, q, dq, ddq, t, s)
+            k4 = self._rates(x + h * k3, q, dq, ddq, t, s)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        count = motion.q.shape[0]
+        walk = ca.Function("step", [z, held], [x]).mapaccum(count)
+        table = np.column_stack([motion.q, motion.dq, motion.ddq, motion.time]).T
+        first = np.array([v.start for v in self._states])
+        after = walk(first, table).full().T
+        return np.vstack([first, after[:-1]])
+
+    def _rate_along(self, motion: Motion, shapes: Mapping[str, float], speed: float) -> float:
+        """Largest |d rate / d state| met at the highest speed of the motion, in 1/s, by differences."""
+        assert self._rates is not None
+        i = int(np.argmax(np.abs(motion.dq[:, self.joint])))
+        s = [shapes[name] for name in self._shape_names]
+        size = len(self._states)
+        point = (motion.q[i], motion.dq[i], motion.ddq[i], motion.time[i], s)
+        zero = np.array([v.start for v in self._states])
+        slope = 0.0
+        for k in range(size):
+            moved = zero.copy()
+            moved[k] += 1e-6
+            change = (self._rates(moved, *point) - self._rates(zero, *point)).full().ravel() / 1e-6
+            slope = max(slope, float(np.abs(change).sum()))
+        return slope

@@ -1,0 +1,303 @@
+"""The competition: every candidate is screened by its signature, the best are fitted in the closed loop.
+
+Screening projects the base out of each signature: only what the present model cannot absorb counts.
+
+    gain = |Q_c' r|^2 - cost log(N f),   Q_c = orthonormal basis of (I - Q Q') C,   Q of the sensitivities of the model
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.screening.catalogue import Library, Signature
+from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.structure import StructureEffect
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.base_projection import Basis
+from fmu_didim.prediction.least_squares import Fit, minimise
+from fmu_didim.prediction.loop_model import PLANT, Addition, Knob, LoopModel
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.signals import Array
+
+SHORTLIST = 6
+WORTH = 0.25
+"""Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
+what its signature says."""
+LEADING = 0.75
+"""Part of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
+FURTHER = 3
+"""Largest number of those further shapes."""
+SIZES = (0.5, 1.0, 2.0)
+"""Tried of an effect outside the torque balance, in parts of what its signature says: gears rattle."""
+STARTS = 2
+"""Number of those from which it is fitted."""
+LEAST = 5.0
+"""What a candidate must promise to lower chi-square by, for its fit to be carried to the end."""
+SURVIVING = 5e-3
+"""Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
+
+ROUNDING = 1e-7
+"""Part of the largest column of an effect below which another one is zero."""
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate at its best shapes.
+
+    Attributes:
+        signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
+        surviving: part of the norm of the signature that the base cannot absorb.
+        others: the same candidate at further shapes that are nearly as good, which are tried too if it leads; None in
+            the torque balance, where a signature is the slope itself.
+    """
+
+    signature: Signature
+    coefficients: Array
+    gain: float
+    surviving: float
+    others: tuple[Screened, ...] | None = None
+
+    @property
+    def addition(self) -> Addition:
+        return self.signature.addition
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A candidate fitted in the closed loop.
+
+    Attributes:
+        addition: effect and joint; fit: of the model with it; delta_bic: over the model without.
+        size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
+        raw_size: how much it changes the torque when it is switched off and nothing else changes, in the same units.
+        cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
+    """
+
+    addition: Addition
+    fit: Fit
+    delta_bic: float
+    size: float
+    share: float
+    raw_size: float
+    cost: float
+
+
+def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list[Screened]:
+    """All candidates that are not in the model yet, each at its best shapes, the best first."""
+    basis = Basis(fit, noise)
+    found: dict[Addition, list[Screened]] = {}
+    # A class is named once on a joint: a second member of it would only mend the form of the first.
+    named = {(workshop.effect(a).class_name, a.joint) for a in fit.model.additions}
+    for signature in library:
+        if (workshop.effect(signature.addition).class_name, signature.addition.joint) in named:
+            continue
+        table = basis.weighted(signature.columns)
+        rest = basis.project(table)
+        size = float(np.linalg.norm(table))
+        surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
+        if surviving < SURVIVING:
+            continue
+        coefficients = _coefficients(rest, basis.residual)
+        cost = workshop.cost(signature.addition) - _idle(table)
+        gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(basis.count)
+        found.setdefault(signature.addition, []).append(Screened(signature, coefficients, gain, surviving))
+    return sorted((_best(shapes, workshop) for shapes in found.values()), key=lambda s: -s.gain)
+
+
+def _best(shapes: Sequence[Screened], workshop: Workshop) -> Screened:
+    """A candidate at its best shapes; one outside the torque balance with others."""
+    ordered = sorted(shapes, key=lambda s: -s.gain)
+    best = ordered[0]
+    if not isinstance(workshop.effect(best.addition), NonlinearEffect):
+        return best
+    near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
+    return replace(best, others=tuple(near))
+
+
+def _coefficients(columns: Array, residual: Array) -> Array:
+    """(m,) least squares of a residual (N n,) on columns (N n, m)."""
+    if columns.shape[1] == 1:  # most are so, and a factorisation takes ten times as long
+        return np.asarray(columns.T @ residual / np.sum(columns**2))
+    return np.asarray(np.linalg.lstsq(columns, residual, rcond=1e-8)[0], dtype=float)
+
+
+def _idle(columns: Array) -> int:
+    """Number of columns (..., m) that are nothing but rounding beside the largest."""
+    if columns.shape[-1] == 1:
+        return 0
+    sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
+    return int(np.sum(sizes <= ROUNDING * sizes.max(initial=0.0)))
+
+
+def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
+    """The candidates worth a closed-loop fit: the best ones, the best of each class near them, a gear on all joints."""
+    worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
+    if not worth:
+        return []
+    chosen = worth[:size]
+    classes = {(workshop.effect(s.addition).class_name, s.addition.joint) for s in chosen}
+    for s in worth[size:]:
+        key = (workshop.effect(s.addition).class_name, s.addition.joint)
+        if key not in classes:
+            chosen.append(s)
+            classes.add(key)
+    # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
+    gears = {s.addition.effect for s in chosen if isinstance(workshop.effect(s.addition), StructureEffect)}
+    return [*chosen, *(s for s in screened if s.addition.effect in gears and s.gain > 0 and s not in chosen)]
+
+
+def contend(
+    chosen: Sequence[Screened], workshop: Workshop, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
+) -> list[Contender]:
+    """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
+
+    best = [fit.chi_square - LEAST]
+    leading = LEADING * max((s.gain for s in chosen), default=0.0)
+    basis = Basis(fit, noise)
+
+    def one(candidate: Screened) -> Contender | None:
+        found = None
+        starts = [candidate.signature.proposal(candidate.coefficients)]
+        if candidate.others is not None and candidate.gain >= leading:
+            starts = _scanned(candidate, workshop, fit, basis)
+        for start in starts:
+            fitted = refit(start, workshop, fit, noise, hopeless=best[0])
+            if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                found = fitted
+                best[0] = min(best[0], found.chi_square)
+        if found is None:
+            return None
+        result = contender(candidate.addition, found, workshop, fit, noise)
+        progress(
+            f"{candidate.addition.effect} on joint {candidate.addition.joint}: BIC difference {result.delta_bic:.0f}"
+        )
+        return result
+
+    with ThreadPoolExecutor(fit.model.workers) as threads:
+        results = list(threads.map(one, chosen))
+    return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
+
+
+def with_shapes_held(candidate: Screened, workshop: Workshop, fit: Fit, noise: Noise) -> Iterator[Contender]:
+    """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
+
+    Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
+    """
+    for screened in (candidate, *(candidate.others or ())):
+        proposal = screened.signature.proposal(screened.coefficients)
+        fitted = refit(proposal, workshop, fit, noise, hold=True)
+        if fitted is not None:
+            yield contender(candidate.addition, fitted, workshop, fit, noise)
+
+
+def _shapes_held(model: LoopModel, first: int) -> LoopModel:
+    knobs = tuple(
+        replace(knob, lowest=knob.value, highest=knob.value) if i >= first and knob.is_shape else knob
+        for i, knob in enumerate(model.knobs)
+    )
+    return replace(model, knobs=knobs)
+
+
+def _scanned(candidate: Screened, workshop: Workshop, fit: Fit, basis: Basis) -> list[Proposal]:
+    """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted to
+    first order, the best ones first."""
+    tried: list[tuple[float, int, Proposal]] = []
+    for screened in (candidate, *(candidate.others or ())):
+        for size in SIZES:
+            proposal = screened.signature.proposal(size * screened.coefficients)
+            model = workshop.build(fit.model, [proposal])
+            low, high = model.limits
+            try:
+                residual = model.residual(np.clip(model.start, low, high))
+            except SimulationError:
+                continue
+            cost = float(np.sum(basis.project((residual * basis.weight).ravel()) ** 2))
+            tried.append((cost, len(tried), proposal))
+    found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+    return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+
+
+def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:
+    """What a fit with one more effect is worth."""
+    index = found.model.additions.index(addition)
+    own = [i for i, knob in enumerate(found.model.knobs) if knob.effect == index and not knob.is_shape]
+    absent = len(workshop.free_parameters(addition)[0]) - len(own)
+    cost = workshop.cost(addition) - absent - _idle(found.jacobian[:, :, own])
+    gain = delta_bic(fit.residual, found.residual, cost, noise)
+    size, share = explained(fit.residual, found.residual, noise)
+    raw = switched_off(addition, found, workshop, noise)
+    return Contender(
+        addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
+    )
+
+
+def switched_off(addition: Addition, found: Fit, workshop: Workshop, noise: Noise, which: str = "train") -> float:
+    """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
+    nothing else changes; infinite if the loop cannot be run."""
+    without = workshop.without(found.model, found.model.additions.index(addition))
+    try:
+        torque = found.torque if which == "train" else found.model.torque(found.values, which)
+        change = torque - without.torque(without.start, which)
+    except SimulationError:
+        return np.inf
+    return float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
+
+
+def proposal_of(found: Contender) -> Proposal:
+    """The effect of a contender with its fitted values, by their plain names."""
+    model, joint = found.fit.model, found.addition.joint
+    index = model.additions.index(found.addition)
+    values = {
+        plain_name(knob, joint): float(value)
+        for knob, value in zip(model.knobs, found.fit.values, strict=True)
+        if knob.effect == index
+    }
+    return Proposal(found.addition, values)
+
+
+def plain_name(knob: Knob, joint: int) -> str:
+    """Name of a parameter of an effect without the number of its joint."""
+    return knob.key.removesuffix(str(joint)).removesuffix("_") if knob.owner == PLANT else knob.key
+
+
+def refit(
+    proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf, hold: bool = False
+) -> Fit | None:
+    """The model of a fit with one more effect, fitted; None if no start of it can be simulated.
+
+    Args:
+        hopeless: see :func:`~fmu_didim.prediction.least_squares.minimise`.
+        hold: whether its shapes stay as they are proposed.
+    """
+    neutral = getattr(workshop.effect(proposal.addition), "neutral", {})
+    for part in (1.0, 0.3, 0.03):
+        values = dict(proposal.values)
+        for name in (v.name for v in workshop.free_parameters(proposal.addition)[0] if v.name in values):
+            off = neutral.get(name, 0.0)
+            if np.isfinite(off):
+                values[name] = off + part * (values[name] - off)
+            else:  # a stiffness, with nothing there when it is infinite
+                values[name] = values[name] / part
+        model = workshop.build(fit.model, [Proposal(proposal.addition, values, proposal.scales)])
+        if len(model.knobs) == len(fit.model.knobs):
+            return None  # all its parameters belong to effects that are there already
+        low, high = model.limits
+        start = np.clip(model.start, low, high)
+        model = _shapes_held(model.with_values(start), len(fit.model.knobs)) if hold else model
+        model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
+        try:
+            torque = model.torque(start)
+            added = list(range(len(fit.model.knobs), len(model.knobs)))
+            slopes = sensitivity(model, start, torque, only=added)
+        except SimulationError:
+            continue
+        jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
+        return minimise(model, noise, jacobian=jacobian, torque=torque, renew=1, hopeless=hopeless, everywhere=False)
+    return None

@@ -1,0 +1,209 @@
+"""The decision: which contender is added, if any, and what the data cannot tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.diagnosis.gap import BLOCK_S, Ratio, joint_gaps, part_of_first, rms_ratio
+from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.selection.contenders import Contender, proposal_of
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.signals import Array
+
+HELD_OUT = "test"
+FAILS_HELD_OUT = "held-out RMS ratio"
+"""How the objection begins that a contender does not help on the held-out data."""
+NEAR = 0.02
+"""Part of the gain in BIC by which contenders may differ and still be ambiguous."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to discover.
+
+    Attributes:
+        forbid: effects that are not proposed; prefer: effects taken first out of an ambiguous set.
+        rounds: largest number of effects; threshold: BIC difference from which a larger model is accepted.
+        smallest_size: how much an effect must change the torque at least, in units of the noise of a joint, when it is
+            switched off and nothing else changes.
+        smallest_gain: what it must explain at least that nothing else in the model can, in the same units.
+        smallest_share: and as a part of the gap; smallest_part: and as a part of the gap that the base model had on the
+            joint where it explains most: a refinement of what was found is not another effect.
+        seed: of the bootstrap.
+    """
+
+    forbid: frozenset[str] = frozenset()
+    prefer: tuple[str, ...] = ()
+    rounds: int = 5
+    threshold: float = 10.0
+    smallest_size: float = 0.6
+    smallest_gain: float = 0.2
+    smallest_share: float = 0.05
+    smallest_part: float = 0.03
+    seed: int = 0
+
+    def record(self) -> dict[str, Any]:
+        """The options as they are written down."""
+        return {**asdict(self), "forbid": sorted(self.forbid), "prefer": list(self.prefer)}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that was added.
+
+    Attributes:
+        addition, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
+        ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
+            other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
+        before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
+        members: the effect and those ambiguous ones that were fitted, with their values.
+        remark: what the user should know of the decision.
+    """
+
+    addition: Addition
+    delta_bic: float
+    size: float
+    share: float
+    ambiguous: tuple[tuple[Addition, float], ...]
+    before: dict[str, Array]
+    after: dict[str, Array]
+    ratio: Ratio | None
+    members: tuple[Proposal, ...] = ()
+    remark: str = ""
+
+
+def decide(
+    contenders: Sequence[Contender],
+    workshop: Workshop,
+    fit: Fit,
+    noise: Noise,
+    options: Options,
+    *,
+    base: Fit,
+    held: Callable[[Addition], Iterable[Contender]] = lambda addition: (),
+) -> Contender | tuple[tuple[Addition, str], ...]:
+    """The contender to add, or why none is.
+
+    Args:
+        contenders: the best first; fit: of the model without them; base: of the model without any effect.
+        held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
+    """
+    reasons: list[tuple[Addition, str]] = []
+    for candidate in contenders:
+        reason = objection(candidate, fit, noise, options, base=base)
+        if not reason:
+            near = [
+                c
+                for c in contenders
+                if c.delta_bic > candidate.delta_bic - _nearness(candidate, options)
+                and not objection(c, fit, noise, options, base=base)
+            ]
+            return _simplest(near, options)
+        if reason.startswith(FAILS_HELD_OUT):
+            for other in held(candidate.addition):
+                if not objection(other, fit, noise, options, base=base):
+                    return other
+        reasons.append((candidate.addition, reason))
+    return tuple(reasons)
+
+
+def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *, base: Fit) -> str:
+    """Why a contender is not accepted, or an empty string."""
+    if candidate.delta_bic < options.threshold:
+        return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
+    if candidate.raw_size < options.smallest_size:
+        return f"changes the torque by {candidate.raw_size:.2f} of the noise, less than {options.smallest_size:g}"
+    if candidate.size < options.smallest_gain:
+        return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
+    if candidate.share < options.smallest_share:
+        return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
+    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, noise)
+    if part < options.smallest_part:
+        least = 100 * options.smallest_part
+        return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
+    ratio = held_out_ratio(fit, candidate.fit, noise, options)
+    if ratio is not None and ratio.high >= 1.0:
+        return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
+    return ""
+
+
+def _simplest(near: Sequence[Contender], options: Options) -> Contender:
+    """Of an ambiguous set: what the user prefers, else the member with the fewest parameters."""
+    for name in options.prefer:
+        for c in near:
+            if c.addition.effect == name:
+                return c
+    return min(near, key=lambda c: (c.cost, -c.delta_bic))
+
+
+def _nearness(winner: Contender, options: Options) -> float:
+    """BIC difference within which contenders are ambiguous: no form is exact, so that a small part of a large gain
+    decides nothing."""
+    return max(options.threshold, NEAR * winner.delta_bic)
+
+
+def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
+    """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
+    if HELD_OUT not in before.model.runs:
+        return None
+    try:
+        second = after.model.residual(after.values, HELD_OUT)
+    except SimulationError:
+        return Ratio(np.inf, np.inf, np.inf)
+    first = before.model.residual(before.values, HELD_OUT)
+    rate = before.model.runs[HELD_OUT].problem.experiment.rate_hz
+    return rms_ratio(first, second, noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
+
+
+def gaps(fit: Fit, noise: Noise) -> dict[str, Array]:
+    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
+    result = {}
+    for label in fit.model.runs:
+        try:
+            result[label] = joint_gaps(fit.model.residual(fit.values, label), noise)
+        except SimulationError:
+            result[label] = np.full(fit.model.joint_count, np.inf)
+    return result
+
+
+def step_of(
+    accepted: Contender, contenders: Sequence[Contender], workshop: Workshop, fit: Fit, noise: Noise, options: Options
+) -> Step:
+    """A contender that is added, and which others are as good.
+
+    Args:
+        contenders: all, the best first; fit: of the model without them.
+    """
+    best = contenders[0].delta_bic
+    near = [
+        (c.addition, best - c.delta_bic)
+        for c in contenders
+        if c.addition != accepted.addition and c.delta_bic > accepted.delta_bic - _nearness(contenders[0], options)
+    ]
+    named = {a for a, _ in near} | {accepted.addition}
+    fitted = [accepted, *(c for c in contenders if c.addition in named and c.addition != accepted.addition)]
+    effect = workshop.effect(accepted.addition)
+    for name, other in workshop.effects.items():
+        member = Addition(name, accepted.addition.joint)
+        # Whether a shift of the log may stand for a lag of the loop, or the other way round, only their fits tell.
+        alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
+        if alike and member not in named:
+            near.append((member, float("nan")))
+    return Step(
+        addition=accepted.addition,
+        delta_bic=accepted.delta_bic,
+        size=accepted.size,
+        share=accepted.share,
+        ambiguous=tuple(near),
+        before=gaps(fit, noise),
+        after=gaps(accepted.fit, noise),
+        ratio=held_out_ratio(fit, accepted.fit, noise, options),
+        members=tuple(proposal_of(c) for c in fitted),
+    )

@@ -1,0 +1,28 @@
+"""The history of an estimation: one entry for each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fmu_didim.signals import Array
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One step of an estimator.
+
+    Attributes:
+        stage: ``didim``, ``finish``, ...; number: counted from 1 within the stage.
+        parameters: (b,) values simulated in this step.
+        relative_error_percent: 100 |y - y_s| / |y| at these values; NaN if the simulation failed.
+        change: relative change of the parameters that the step proposes, in units of torque.
+        note: what was caught and how it was recovered from.
+    """
+
+    stage: str
+    number: int
+    parameters: Array
+    relative_error_percent: float
+    change: float = float("nan")
+    condition_number: float = float("nan")
+    note: str = ""

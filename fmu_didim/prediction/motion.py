@@ -1,0 +1,77 @@
+"""A simulated motion with the torques that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated motion at ticks, and the torques that go with it.
+
+    Attributes:
+        time: (K,) s; q, dq, ddq: (K, n); torque: (K, n) logged torque; load: (K, n) transmitted torque of each joint,
+            that of the links alone; step: s between ticks, which are equally spaced.
+        links: joint (from 0) -> (K, n, 4) torque for one unit of each of PAYLOAD of its link.
+    """
+
+    time: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    load: Array
+    step: float
+    links: Mapping[int, Array]
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return int(self.q.shape[1])
+
+
+def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array) -> Motion:
+    """The motion with its loads.
+
+    Args:
+        model: the robot; chi: (ns,) standard parameters.
+    """
+    rows = model.regressor_rows(q, dq, ddq)
+    names = [v.name for v in model.parameters]
+    own = _is_inertial(model)
+    links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
+    load = rows[:, :, own] @ chi[own]
+    return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
+
+
+def motion_from_outputs(model: LoopModel, values: Array) -> Motion | None:
+    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack q or dq.
+
+    Loads and payloads are unknown and given as zero.
+    """
+    joints = range(1, model.joint_count + 1)
+    given = {v.name for v in model.plant.outputs}
+    if not {f"{name}{j}" for name in ("q", "dq") for j in joints} <= given:
+        return None
+    recording = model.record(values, all_ticks=True)
+    plant = model.runs["train"].problem.plant
+    q, dq = (recording.table([f"{plant}.{name}{j}" for j in joints]) for name in ("q", "dq"))
+    step = float(recording.time[1] - recording.time[0])
+    links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
+    return Motion(
+        time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
+        torque=model.logged_torque(recording, values), load=np.zeros_like(q), step=step, links=links,
+    )  # fmt: skip
+
+
+def _is_inertial(model: RobotModel) -> Array:
+    names = {v.name for v in LINK_PARAMETERS}
+    return np.array([v.name.rstrip("0123456789") in names for v in model.parameters])

@@ -1,0 +1,211 @@
+"""How noisy the torque is, and how much of it repeats: known before any model.
+
+A motion that repeats shows both: the difference of two periods is noise, their mean repeats. Without
+repetition the noise is what is left in the residual of a model above the frequencies of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.signals import Array, Trajectory
+
+REPEATS_WITHIN = 1e-6
+"""Two periods of a reference are the same when they differ by less than this part of its range."""
+SHORTEST_PERIOD = 10
+"""Ticks; a shorter period would be one of the control."""
+LARGEST_CORRELATION = 0.98
+SEGMENTS = 6
+SEGMENT = (32, 256)
+"""A residual's spectrum comes from at least this many segments, of so many samples."""
+USUAL = (0.2, 0.2)
+"""Correlation of neighbouring samples that noise usually has, and its spread."""
+SLOW_S = 0.05
+"""Noise of a current sensor has forgotten itself after so many seconds."""
+LEAST = 1e-9
+"""Smallest noise, as a part of the torque."""
+BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
+"""Blocks in a period; one whose power is this many times the usual one is no noise, unless so many of them are."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the torque log.
+
+    Attributes:
+        deviation: (n,) standard deviation sigma, N.m or N.
+        correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
+        period_s: period of the motion, None if it does not repeat; periods: how many whole ones the log holds.
+        source: ``periods`` or ``residual``.
+        slow: (n,) correlation of what differs between periods at samples :data:`SLOW_S` apart; None without periods.
+    """
+
+    deviation: Array
+    correlation: Array
+    source: str
+    period_s: float | None = None
+    periods: int = 1
+    slow: Array | None = None
+
+    @property
+    def factor(self) -> Array:
+        """(n,) part f = (1 - rho)/(1 + rho) of the samples that count as independent."""
+        return np.asarray((1 - self.correlation) / (1 + self.correlation))
+
+    @property
+    def weight(self) -> Array:
+        """(n,) sqrt(f)/sigma: residuals times this, summed in squares, are a chi-square of N f samples."""
+        return np.asarray(np.sqrt(self.factor) / self.deviation)
+
+
+def period_in_ticks(reference: Trajectory) -> int | None:
+    """Period of a reference whose motion repeats at least once, in ticks; None if it does not."""
+    spread = np.ptp(reference.values, axis=0)
+    moving = spread > 0
+    if not moving.any():
+        return None
+    values = (reference.values[:, moving] - reference.values[:, moving].mean(axis=0)) / spread[moving]
+    count = values.shape[0]
+    # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
+    size = 1 << (2 * count - 1).bit_length()
+    products = np.fft.irfft(np.abs(np.fft.rfft(values, size, axis=0)) ** 2, axis=0)[:count].sum(axis=1)
+    squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
+    lags = np.arange(SHORTEST_PERIOD, count - count // 4)
+    both = squares[count - lags] + squares[count] - squares[lags]
+    close = (both - 2 * products[lags]) / (count - lags) < 1e-6
+    for lag in lags[close]:
+        if np.abs(values[lag:] - values[:-lag]).max() < REPEATS_WITHIN:
+            return int(lag)
+    return None
+
+
+def noise_from_periods(
+    torque: Array, samples: int, *, rate_hz: float, skip: int, regressors: Array | None = None
+) -> Noise | None:
+    """Noise from the differences of neighbouring periods.
+
+    Args:
+        torque: (N, n) log, NaN where a sample is missing; samples: number of samples in a period.
+        skip: samples at the begin that the transient spoils.
+        regressors: (N, n, m) columns whose slow change is taken out of the differences first, such as friction:
+            else thermal drift would count as noise. What happened in one period only, such as a push, is left out too.
+
+    Returns:
+        None if less than one and a half periods are left.
+    """
+    n = torque.shape[1]
+    first, second = torque[skip : torque.shape[0] - samples], torque[skip + samples :]
+    if first.shape[0] < samples // 2 or first.shape[0] < 30:
+        return None
+    deviation, correlation, slow = np.zeros(n), np.zeros(n), np.zeros(n)
+    for j in range(n):
+        difference = (second[:, j] - first[:, j]) / np.sqrt(2)
+        there = np.isfinite(difference)
+        difference = np.where(there, difference, 0.0)
+        columns = [np.ones(difference.size)]
+        if regressors is not None:
+            part = np.nan_to_num(regressors[skip + samples :, j])
+            columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
+        table = np.column_stack(columns)
+        table = table / np.linalg.norm(table, axis=0)
+        rest, kept = _without_events(difference, table, there, max(samples // BLOCKS, 10))
+        spread = float(np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1)))
+        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
+        slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
+        # A simulated log may repeat exactly; its weight must stay finite.
+        deviation[j] = max(spread, LEAST * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), 1e-300)
+    periods = 1 + (torque.shape[0] - skip) // samples
+    return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
+
+
+def _without_events(
+    difference: Array, table: Array, there: NDArray[np.bool_], block: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
+    place = np.arange(difference.size) // block
+    kept = there
+    for _ in range(4):
+        rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
+        power = np.bincount(place, rest**2 * there) / np.maximum(np.bincount(place, there), 1)
+        wanted = (power <= OUTLIER * np.median(power))[place] & there
+        if wanted.sum() < (1 - MOST_OUTLIERS) * there.sum():
+            kept = there  # they are the rule: loud and quiet parts of the motion
+            break
+        if np.array_equal(wanted, kept):
+            break
+        kept = wanted
+    rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
+    return np.asarray(rest), kept
+
+
+def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: int) -> float:
+    """Of the kept values so many samples apart."""
+    pairs = kept[lag:] & kept[:-lag]
+    return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
+
+
+def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:
+    """Noise of a log without repetition, from what a residual (N, n) holds above the frequencies of the motion.
+
+    The spectrum above four times the highest frequency of the motion is taken for white noise through a first-order
+    filter; friction's steps reach up there too, so that the result is an upper bound.
+
+    Args:
+        motion_hz: highest frequency of the motion.
+    """
+    from scipy import signal
+
+    n = residual.shape[1]
+    cut = min(4 * motion_hz, 0.3 * rate_hz)
+    # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
+    segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
+    deviation, correlation = np.zeros(n), np.zeros(n)
+    for j in range(n):
+        frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
+        upper = frequency >= cut
+        if upper.sum() < 4:
+            upper = frequency >= 0.5 * frequency[-1]
+        trials = np.linspace(-0.5, 0.9, 57)
+        fits = [_misfit(power[upper], rho, frequency[upper] / rate_hz) for rho in trials]
+        misfits = np.array([misfit for misfit, _ in fits])
+        # Far up in frequency all colours look alike, and then the usual one is the best guess.
+        doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), 1e-12) + 0.5 * ((trials - USUAL[0]) / USUAL[1]) ** 2
+        least = int(np.argmin(doubt))
+        rho, level = trials[least], fits[least][1]
+        deviation[j] = np.sqrt(max(level, 1e-300) * rate_hz / 2 / (1 - rho**2))
+        correlation[j] = rho
+    return Noise(deviation, correlation, "residual")
+
+
+def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
+    """How badly level / |1 - rho e^(-i w)|^2 fits, in logarithms, and the level."""
+    shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
+    logs = np.log(np.maximum(power, 1e-300)) - np.log(shape)
+    return float(np.var(logs)), float(np.exp(np.mean(logs)))
+
+
+def colour(residual: Array) -> Array:
+    """(n,) effective part f = (1 - rho)/(1 + rho) of the samples of a residual (N, n), rho its lag-one correlation."""
+    centred = residual - residual.mean(axis=0)
+    power = np.maximum(np.sum(centred**2, axis=0), 1e-300)
+    rho = np.clip(np.sum(centred[1:] * centred[:-1], axis=0) / power, 0.0, 0.98)
+    return np.asarray((1 - rho) / (1 + rho))
+
+
+def motion_frequency(reference: Trajectory, joints: int) -> float:
+    """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies."""
+    highest = 0.0
+    step = float(reference.time[1] - reference.time[0])
+    for j in range(1, joints + 1):
+        name = f"dq{j}"
+        if name in reference.names:
+            speed = reference.select([name])[:, 0]
+        else:
+            speed = np.gradient(reference.select([f"q{j}"])[:, 0], step)
+        power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
+        total = np.cumsum(power) / max(float(power.sum()), 1e-300)
+        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, 0.999)]))
+    return highest

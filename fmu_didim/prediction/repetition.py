@@ -1,0 +1,67 @@
+"""A motion that repeats need not be simulated to its end: after the transient every period gives the same torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.master import SampleOperator
+from fmu_didim.prediction.noise import period_in_ticks
+from fmu_didim.prediction.problem import Experiment
+from fmu_didim.signals import Array
+
+REPEATS_TORQUE = 1e-5
+"""Two periods of a torque are the same when they differ by less than this part of its root mean square."""
+OVERLAP = 0.1
+"""Part of a period that is simulated twice, to see whether a column of sensitivities repeats like the torque."""
+REPEATS_COLUMN = 1e-3
+"""The same for columns, which are differences."""
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """How a log repeats.
+
+    Attributes:
+        period: samples in a period; settled: first sample from which the simulated torque repeats.
+        operator: from ticks to the first samples alone, up to the end of the overlap.
+        count: samples in the whole log.
+    """
+
+    period: int
+    settled: int
+    operator: SampleOperator
+    count: int
+
+    def continued(self, begin: Array) -> Array | None:
+        """(count, n) from the first samples (N', n); None if these do not repeat."""
+        again = self.settled + self.period
+        twice = begin[again:] - begin[self.settled : begin.shape[0] - self.period]
+        size = np.sqrt(np.mean(begin**2))
+        if not np.abs(twice).max() <= REPEATS_COLUMN * size:
+            return None
+        place = np.arange(self.count)
+        late = place >= again
+        place[late] = self.settled + (place[late] - self.settled) % self.period
+        return np.asarray(begin[place])
+
+
+def repetition(experiment: Experiment, operator: SampleOperator, step: float, torque: Array) -> Repetition | None:
+    """How a simulated torque (N, n) repeats; None if it does not, or not early enough to gain anything.
+
+    Args:
+        operator: from ticks to the samples; step: control period, s.
+    """
+    ticks = period_in_ticks(experiment.reference)
+    samples = 0.0 if ticks is None else ticks * step * experiment.rate_hz
+    period, count = round(samples), torque.shape[0]
+    if period < 1 or abs(samples - period) > 1e-6 or count < 1.5 * period:
+        return None
+    change = np.abs(torque[period:] - torque[:-period]) > REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
+    restless = np.flatnonzero(change.any(axis=1))
+    settled = int(restless[-1]) + 1 if restless.size else 0
+    simulated = settled + period + round(OVERLAP * period)
+    if simulated > 0.8 * count:
+        return None
+    return Repetition(period, settled, operator.before(simulated), count)

@@ -1,0 +1,194 @@
+"""What discovery adds to a model, as files: signals, robot description, FMUs, case and SSP archive."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fmu_didim.case import Case, load_case
+from fmu_didim.components import load_fmu
+from fmu_didim.discovery.augmentation.builder import Workshop
+from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.selection.decide import HELD_OUT
+from fmu_didim.documents import load_yaml
+from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.export import build_fmu
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import BASE, LOG, PLANT, LoopModel
+from fmu_didim.prediction.problem import Problem, predict_torque
+from fmu_didim.robot import RobotDescription, RobotModel, write_robot
+from fmu_didim.signals import trajectory, write_csv
+from fmu_didim.ssp import read_ssp, write_ssp
+
+ROBOT_FILE = "robot_augmented.yaml"
+CASE_FILE = "case_augmented.yaml"
+SYSTEM_FILE = "loop_augmented.ssp"
+_PATH_KEYS = ("robot", "source", "file", "system")
+
+
+def write_augmented(
+    case: Case, found: Found, description: RobotDescription | None, out: Path
+) -> tuple[dict[str, str], str]:
+    """The augmented model in a folder: what each file is, and how well it gives the fitted torque when it is run anew.
+
+    Args:
+        description: the robot, None for a plant that is a black box: it is left as it is, the parts stand in the loop.
+    """
+    final = found.discovery.final
+    files = _write_parts(found.workshop, final, out)
+    if description is not None:
+        files |= _write_robot(found.workshop, final, case, out)
+        return files, _rerun(out / CASE_FILE, final, found)
+    system, note = _write_system(case.name, final, files, out)
+    return files | system, note
+
+
+def write_signals(found: Found, out: Path) -> dict[str, str]:
+    """Measured torque, that of the base and of the final model, and the motion, of each experiment, as CSV."""
+    files = {}
+    base, final = found.discovery.base, found.discovery.final
+    for label, run in final.model.runs.items():
+        experiment, joints = run.problem.experiment, range(1, final.model.joint_count + 1)
+        columns = {f"measured{j}": run.measured[:, j - 1] for j in joints}
+        for name, fit in (("base", base), ("final", final)):
+            torque = fit.model.torque(fit.values, label)
+            columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
+        columns |= _motion(final.model, final.values, label)
+        path = out / f"signals_{label}.csv"
+        write_csv(trajectory(experiment.time, columns), path)
+        files[f"signals_{label}"] = path.name
+    return files
+
+
+def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.ndarray]:
+    """Simulated positions and velocities at the tick before each sample."""
+    run = model.runs[label]
+    recording = model.record(values, label, all_ticks=True)
+    times = run.problem.experiment.time - model.operator(values, label).lag * run.problem.system.step_size
+    place = np.clip(np.searchsorted(recording.time, times + 1e-9, side="right") - 1, 0, recording.time.size - 1)
+    result = {}
+    for name in ("q", "dq"):
+        for j in range(1, model.joint_count + 1):
+            signal = f"{run.problem.plant}.{name}{j}"
+            if signal in recording.applied:
+                result[f"{name}{j}"] = recording.applied[signal][place]
+    return result
+
+
+def augmented_robot(workshop: Workshop, fit: Fit) -> RobotDescription:
+    """The robot description with all effects found and the fitted values, wherever they act."""
+    described = workshop.described(fit.model.additions)
+    parameters = fit.model.runs["train"].problem.parameters
+    assert described is not None
+    values = _described_values(parameters.described(fit.values[: parameters.count]))
+    for knob, value in zip(fit.model.knobs, fit.values, strict=True):
+        if knob.owner == PLANT:
+            values[knob.key] = float(value)
+        elif knob.owner not in (BASE, LOG) and knob.effect is not None:
+            values[f"{knob.key}_{fit.model.additions[knob.effect].joint}"] = float(value)
+    return described.with_values(values)
+
+
+def _described_values(robot: RobotDescription | None) -> dict[str, float]:
+    assert robot is not None
+    return {v.name: v.start for v in (*robot.standard_parameters(), *robot.shape_parameters())}
+
+
+def _write_robot(workshop: Workshop, fit: Fit, case: Case, out: Path) -> dict[str, str]:
+    robot = augmented_robot(workshop, fit)
+    write_robot(robot, out / ROBOT_FILE)
+    fmu = build_fmu(RobotModel(robot).block(), directory=out)
+    document = _relocated(load_yaml(case.path), case.folder, out)
+    document["robot"] = ROBOT_FILE
+    chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
+    document["plant"] = {"kind": "fmu", **chosen}
+    shift = fit.model.log_shift_s(fit.values)
+    logs = [document[which].get("torque") for which in ("train", "validation") if which in document]
+    for log in (log for log in logs if log and shift):
+        log["log_shift_s"] = log.get("log_shift_s", 0.0) + shift
+    (out / CASE_FILE).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
+
+
+def _relocated(content: Any, old: Path, new: Path) -> Any:
+    """A case document whose relative paths are seen from another folder."""
+    if isinstance(content, list):
+        return [_relocated(item, old, new) for item in content]
+    if not isinstance(content, dict):
+        return content
+    result = {}
+    for key, value in content.items():
+        is_file = key in _PATH_KEYS and isinstance(value, str) and (old / value).is_file()
+        result[key] = os.path.relpath(old / value, new) if is_file else _relocated(value, old, new)
+    return result
+
+
+def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
+    """The FMUs of the effects that stand in the wiring, with their values."""
+    files = {}
+    step = fit.model.runs["train"].system.step_size
+    for index, addition in enumerate(fit.model.additions):
+        effect = workshop.part(addition)
+        if effect is None:
+            continue
+        block = effect.block(workshop.joint_type(addition.joint), step)  # type: ignore[arg-type]
+        values = {k.key: float(v) for k, v in zip(fit.model.knobs, fit.values, strict=True) if k.effect == index}
+        name = f"{addition.effect}{addition.joint}"
+        path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
+        files[f"part_{name}"] = path.name
+    return files
+
+
+def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> tuple[dict[str, str], str]:
+    """The loop with the parts in its wiring as an SSP archive, and how well it gives the fitted torque."""
+    bare = replace(fit.model, runs={label: replace(run, pushes=()) for label, run in fit.model.runs.items()})
+    system = bare.simulated(fit.values)
+    try:
+        for component in system.components:
+            if f"part_{component}" in files:
+                part = system.components[component]
+                values = {v.name: v.start for v in part.parameters}
+                alone = load_fmu(out / files[f"part_{component}"]).with_parameters(values)
+                system = system.replace(component, alone)
+        path = write_ssp(system, out / SYSTEM_FILE, name=name)
+        recording = bare.record(fit.values, system=read_ssp(path))
+    except (InputError, SimulationError) as error:
+        return {}, f"The augmented loop could not be written as an SSP archive: {error}"
+    torque = bare.operator(fit.values).apply(bare.logged_torque(recording, fit.values))
+    wanted = bare.torque(fit.values)
+    worst = float(np.abs(torque - wanted).max() / np.abs(wanted).max())
+    note = f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
+    shift = fit.model.log_shift_s(fit.values)
+    told = f" A case with it states of the torque log: log_shift_s: {shift:.6g}." if shift else ""
+    return {"system": path.name}, note + told
+
+
+def _rerun(path: Path, final: Fit, found: Found) -> str:
+    """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
+    case = load_case(path)
+    assert case.problem is not None
+    runs: dict[str, Problem] = {"train": case.problem}
+    if case.validation is not None:
+        runs[HELD_OUT] = replace(case.problem.on(case.validation), system=case.system(case.validation.reference))
+    worst = 0.0
+    # Torques from outside belong to the experiment, not to the augmented model.
+    bare = {label: replace(run, pushes=()) for label, run in final.model.runs.items()}
+    alone = replace(final.model, runs=bare)
+    for label, problem in runs.items():
+        try:
+            torque = predict_torque(problem, problem.parameters.nominal())[0]
+        except SimulationError as error:
+            return f"The augmented FMU could not be run on {label}: {error}"
+        wanted = alone.torque(final.values, label)
+        compared = torque[-wanted.shape[0] :]  # discovery leaves out the begin
+        worst = max(worst, float(np.abs(compared - wanted).max() / np.abs(wanted).max()))
+    return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
+
+
+__all__ = ["augmented_robot", "write_augmented", "write_signals"]

@@ -1,0 +1,158 @@
+"""The verb ``discover``: a case in; what its model lacks and the augmented model out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from fmu_didim.case import Case, load_case
+from fmu_didim.discovery.findings import FindingsDocument, save_findings
+from fmu_didim.discovery.next_experiment.design import design_experiment
+from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.run import discover as discover_problem
+from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.identification.provenance import provenance
+from fmu_didim.imports import import_object
+from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.workflow.augmented_files import augmented_robot, write_augmented, write_signals
+from fmu_didim.workflow.case_files import case_files
+
+NEXT_FILE = "reference_next.yaml"
+NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
+
+
+def discover(
+    case: Case | Path | str,
+    out: Path | str | None = None,
+    *,
+    forbid: Sequence[str] = (),
+    prefer: Sequence[str] = (),
+    effects: Sequence[str] = (),
+    rounds: int = 5,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> FindingsDocument:
+    """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
+
+    Args:
+        case: a loaded case or the path of its file; its validation experiment is the held-out data.
+        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
+        forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
+        effects: further effects, ``package.module:Name``.
+        rounds: largest number of effects; seed: of the bootstrap.
+        progress: called with a line about each piece of work.
+
+    Raises:
+        InputError, UnknownNameError: the case or a name is wrong; SimulationError: the base model cannot be simulated.
+    """
+    say = progress or (lambda text: None)
+    case = case if isinstance(case, Case) else load_case(case)
+    problem = case.problem
+    assert problem is not None
+    catalogue = _catalogue(effects)
+    for name in (*forbid, *prefer):
+        if name not in catalogue:
+            raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
+    held_out = None
+    if case.validation is not None:
+        held_out = replace(problem.on(case.validation), system=case.system(case.validation.reference))
+    description = _description(case)
+    record = provenance(problem, {"name": "discover"}, validation=case.validation, files=case_files(case))
+    found = discover_problem(
+        problem,
+        held_out,
+        description=description,
+        name=case.name,
+        effects=catalogue,
+        options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
+        provenance={**record, "loop": problem.system.describe()},
+        say=say,
+    )
+    return found.document if out is None else _saved(case, found, description, Path(out), say)
+
+
+def _catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
+    catalogue = dict(EFFECTS)
+    for name in further:
+        effect = import_object(name, where="effects")
+        effect = effect() if isinstance(effect, type) else effect
+        if not isinstance(effect, Effect):
+            raise InputError("This is no effect.", where=name, got=type(effect).__name__, valid="a class of Effect")
+        catalogue[name] = effect
+    return catalogue
+
+
+def _description(case: Case) -> RobotDescription | None:
+    """The robot, if the plant is built from it: to any other plant effects can only be added from outside."""
+    source = case.document.plant.source
+    if source is not None and not source.endswith((".yaml", ".yml")):
+        return None
+    model = getattr(case.parameters, "model", None)
+    return model.description if isinstance(model, RobotModel) else None
+
+
+def _saved(
+    case: Case, found: Found, description: RobotDescription | None, out: Path, say: Callable[[str], None]
+) -> FindingsDocument:
+    """Everything written to the folder, and the document that names it."""
+    from fmu_didim.report.discovery_page import write_discovery_report
+
+    out.mkdir(parents=True, exist_ok=True)
+    files = write_signals(found, out)
+    notes = list(found.document.notes)
+    if found.discovery.final.model.additions:
+        say("writing the augmented model")
+        augmented, note = write_augmented(case, found, description, out)
+        files |= augmented
+        notes.append(note)
+    document = found.document
+    proposed: dict[str, str] = {}
+    if description is not None:
+        document, proposed = _with_experiment(found, case, out, say)
+    document = document.model_copy(update={"files": files | proposed, "notes": notes})
+    save_findings(document, out)
+    write_discovery_report(out)
+    return document
+
+
+def _with_experiment(
+    found: Found, case: Case, out: Path, say: Callable[[str], None]
+) -> tuple[FindingsDocument, dict[str, str]]:
+    """The document with a motion that splits the first ambiguous set of fitted effects, and the file of that motion."""
+    document, final = found.document, found.discovery.final
+    first = len(document.findings) - len(found.discovery.steps)  # torques from outside come before
+    for i, step in enumerate(found.discovery.steps, start=first):
+        if len(step.members) < 2:
+            continue
+        say("designing the experiment that splits the ambiguous effects")
+        without = found.workshop.without(final.model, final.model.additions.index(step.addition))
+        robot = augmented_robot(found.workshop, replace(final, model=without, values=without.start))
+        model = RobotModel(robot)
+        run = final.model.runs["train"]
+        try:
+            plan = design_experiment(
+                robot,
+                model.parameter_values,
+                step.members[:2],  # the nearest rival: with more of them the worst pair decides
+                reference=run.problem.experiment.reference,
+                rate_hz=run.problem.experiment.rate_hz,
+                noise=found.noise,
+                effects=found.workshop.effects,
+            )
+        except InputError:
+            continue  # two structures, say, have no columns to be compared by: the general advice stays
+        advice = document.findings[i].experiment
+        text = plan.description if plan.reference is not None else f"{advice} {NO_MOTION}"
+        findings = list(document.findings)
+        findings[i] = findings[i].model_copy(update={"experiment": text})
+        document = document.model_copy(update={"findings": findings})
+        if plan.reference is None:
+            return document, {}
+        return document, {"reference_next": plan.save(out / NEXT_FILE).name}
+    return document, {}
+
+
+__all__ = ["discover"]

@@ -1,0 +1,39 @@
+"""The verb ``export``: the loop of a case as an SSP archive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fmu_didim.case import Case, load_case
+from fmu_didim.errors import InputError
+from fmu_didim.identification.result import (
+    load_result,
+)
+from fmu_didim.ssp import write_ssp
+from fmu_didim.workflow.simulate import base_values, loop_without_data
+
+
+def export_ssp(case: Case | Path | str, path: Path | str, *, result: Path | str | None = None) -> Path:
+    """Write the closed loop of a case as an SSP archive.
+
+    Args:
+        path: the ``.ssp`` file.
+        result: ``result.json`` or its folder; its values, the delay among them, go into the archive instead of those
+            of the robot description.
+
+    Raises:
+        InputError: a component is no FMU, or there is no such result, or it holds no values of this case.
+    """
+    case = case if isinstance(case, Case) else load_case(case, require_torque=False)
+    problem = loop_without_data(case, "train")
+    values: dict[str, float] = {}
+    if result is not None:
+        folder = Path(result).parent if Path(result).suffix == ".json" else Path(result)
+        document = load_result(folder)
+        values = {name: p.value for name, p in document.parameters.items()}
+        if not values:
+            raise InputError("The result holds no values.", where=str(result), got=document.status)
+        if "delay" in values and "delay" not in case.parameters.names:
+            problem = problem.with_delay(values.pop("delay"))
+    system = problem.system_with(base_values(case, values))
+    return write_ssp(system, path, name=case.name)
