@@ -32,7 +32,7 @@ NOISE = 0.05
 
 
 @dataclass(frozen=True)
-class Setting:
+class DesignContext:
     """The problem with noise-free torque, the truth, the noise and the Cramer-Rao bound of the parameters."""
 
     problem: Problem
@@ -43,7 +43,7 @@ class Setting:
 
 
 @lru_cache
-def setting(rate_hz: int) -> Setting:
+def context(rate_hz: int) -> DesignContext:
     """The SCARA example with torque at ``rate_hz``."""
     problem = load_case(EXAMPLES / "scara" / CASES[rate_hz]).problem
     assert problem is not None
@@ -52,12 +52,12 @@ def setting(rate_hz: int) -> Setting:
     noise = NOISE * np.sqrt((torque**2).mean(axis=0))
     clean = problem.on(replace(problem.experiment, torque=torque))
     bound = covariance_efficient(whitened(evaluate(clean, truth).sensitivity, noise))
-    return Setting(clean, truth, torque, noise, np.sqrt(np.diag(bound)))
+    return DesignContext(clean, truth, torque, noise, np.sqrt(np.diag(bound)))
 
 
 def one_seed(rate_hz: int, seed: int) -> dict[str, list[float]]:
     """Values and standard deviations of one identification."""
-    here = setting(rate_hz)
+    here = context(rate_hz)
     measured = here.torque + here.noise * np.random.default_rng(seed).normal(size=here.torque.shape)
     problem = here.problem.on(replace(here.problem.experiment, torque=measured))
     estimate = Didim(start="reference", tolerance=1e-5).estimate(problem)
@@ -102,7 +102,7 @@ class Summary:
 
 def summarise(rate_hz: int, runs: list[dict[str, list[float]]]) -> Summary:
     """Coverage and efficiency over the seeds."""
-    here = setting(rate_hz)
+    here = context(rate_hz)
     table = {key: np.array([run[key] for run in runs]) for key in runs[0]}
     half = stats.t.ppf(0.975, runs[0]["freedom"][0])
 
@@ -121,7 +121,7 @@ def summarise(rate_hz: int, runs: list[dict[str, list[float]]]) -> Summary:
 
 def run(rate_hz: int, seeds: int, *, processes: int = 1) -> Summary:
     """Identify once for each seed 0 ... seeds - 1."""
-    setting(rate_hz)
+    context(rate_hz)
     work = [(rate_hz, seed) for seed in range(seeds)]
     if processes == 1:
         return summarise(rate_hz, [one_seed(*item) for item in work])

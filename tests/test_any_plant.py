@@ -133,7 +133,7 @@ def test_dymola_pair_is_identified_from_torque(rate_hz: float) -> None:
     truth = np.array([1.0, 2.0, 1e4, 100.0])
     parameters = NamedParameters(
         names=("J1", "J2", "c", "d"), units=("kg.m2", "kg.m2", "N.m/rad", "N.m.s/rad"),
-        carriers=("inertia1.J", "inertia2.J", "spring.c", "spring.d"), torque_units=("N.m",), start=tuple(truth),
+        plant_names=("inertia1.J", "inertia2.J", "spring.c", "spring.d"), torque_units=("N.m",), start=tuple(truth),
         lowest=(0.0,) * 4, highest=(np.inf,) * 4,
     )  # fmt: skip
     times = decimated_times(time, rate_hz)

@@ -260,8 +260,8 @@ def test_noise_has_the_stated_size_and_colour() -> None:
     values = noise(np.random.default_rng(1), design, np.array([2.0, 0.5]))
     assert values.std(axis=0) == pytest.approx([2.0, 0.5], rel=0.05)
     every = values[::2]
-    colour = np.mean(every[1:] * every[:-1], axis=0) / np.var(every, axis=0)
-    assert colour == pytest.approx(0.75 * np.exp(-0.01 / 0.011), abs=0.05)
+    effective_fraction = np.mean(every[1:] * every[:-1], axis=0) / np.var(every, axis=0)
+    assert effective_fraction == pytest.approx(0.75 * np.exp(-0.01 / 0.011), abs=0.05)
 
 
 def made(folder: Path, *effects: str, seed: int = 5, robots: str = "development") -> list[Path]:

@@ -1,4 +1,4 @@
-"""Closed-loop input error: parameters that enter anyhow, with and without a robot description."""
+"""Closed-loop input error: parameters that enter in any way, with and without a robot description."""
 
 from __future__ import annotations
 

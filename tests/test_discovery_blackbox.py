@@ -12,11 +12,11 @@ import yaml
 
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu
-from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, finer, torque_part
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, subdivision, torque_part
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS, Surroundings, TorqueEffect
 from fmu_didim.export import build_fmu
-from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
 from fmu_didim.robot import RobotModel, read_robot, write_robot
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.workflow import simulate_case
@@ -173,11 +173,12 @@ def test_friction_before_the_plant_is_friction_in_the_plant(tmp_path: Path) -> N
     """With short enough steps the loop gives the torque of a robot that has the effect; one a period is too long."""
     problem = load_case(vendor_case(tmp_path, "stribeck", 2, Fs=0.08, vs=0.15)).problem
     assert problem is not None
-    shop = Workshop(loop_model(problem, {}), None)
-    model = shop.build(shop.base, [Proposal(Addition("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
-    assert model.runs["train"].finer == finer(shop._with_friction()) > 1
+    shop = LoopModelBuilder(loop_model(problem, {}), None)
+    model = shop.build(shop.base, [Proposal(EffectAtJoint("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
+    assert model.runs["train"].subdivision == subdivision(shop._with_friction()) > 1
     misfit = [
-        np.std(model.refined(m).residual(model.start), axis=0)[1] / NOISE[1] for m in (1, model.runs["train"].finer)
+        np.std(model.refined(m).residual(model.start), axis=0)[1] / NOISE[1]
+        for m in (1, model.runs["train"].subdivision)
     ]
     assert misfit[0] > 1.1
     assert misfit[1] == pytest.approx(1.0, abs=0.05)

@@ -12,9 +12,9 @@ from scipy.io import loadmat
 from fmu_didim.case import load_case
 from fmu_didim.case.data import data_folder
 from fmu_didim.discovery.base_model import prepare
-from fmu_didim.discovery.external_torques.fit import find_pushes
+from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.workflow.discover import discover
@@ -42,11 +42,11 @@ def base_of(path: Path | str) -> tuple[Fit, Noise]:
     return prepared.fit, prepared.noise
 
 
-def check_pulses(pushes: list[tuple[float, float, float]], tolerance: float) -> None:
+def check_pulses(external_torques: list[tuple[float, float, float]], tolerance: float) -> None:
     """Times within a sample of the torque log, sizes within a tolerance."""
     begins, ends = pulse_edges()
-    assert len(pushes) == begins.size == 25
-    found = np.array(pushes)
+    assert len(external_torques) == begins.size == 25
+    found = np.array(external_torques)
     assert np.abs(found[:, 0] - begins).max() < SAMPLE_S
     assert np.abs(found[: ends.size, 1] - ends).max() < SAMPLE_S  # the last one outlasts the log
     assert np.abs(found[:, 2] - PULSE).max() < 0.08 * PULSE
@@ -98,11 +98,11 @@ def test_what_the_usual_model_lacks() -> None:
 @needs_emps
 def test_pulses_are_found() -> None:
     fit, noise = base_of(PULSES)
-    pushed = find_pushes(fit, noise)
-    assert pushed is not None
-    assert pushed.share > 0.9
-    assert all(push.is_logged for push in pushed.pushes)
-    check_pulses([(p.begin_s, p.end_s, p.torque) for p in pushed.pushes], 0.03)
+    fitted_torques = find_external_torques(fit, noise)
+    assert fitted_torques is not None
+    assert fitted_torques.share > 0.9
+    assert all(external.is_logged for external in fitted_torques.external_torques)
+    check_pulses([(p.begin_s, p.end_s, p.torque) for p in fitted_torques.external_torques], 0.03)
 
 
 @needs_emps
@@ -118,14 +118,14 @@ def test_pulses_are_reported_before_what_else_is_missing(tmp_path: Path) -> None
 # The same where the truth is known: a simulated robot that somebody pushes.
 
 
-def pushed_data(folder: Path, pushes: tuple[Push, ...]) -> tuple[Fit, Noise]:
+def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> tuple[Fit, Noise]:
     """The base fit to data of a complete model that was pushed, with noise."""
     problem = load_case(vendor_case(folder)).problem
     assert problem is not None
     model = prepare(problem, {}).fit.model
     run = model.runs["train"]
-    pushing = replace(model, runs={"train": replace(run, pushes=pushes)})
-    change = pushing.torque(model.start) - model.torque(model.start)
+    from_outside = replace(model, runs={"train": replace(run, external_torques=external_torques)})
+    change = from_outside.torque(model.start) - model.torque(model.start)
     experiment = replace(problem.experiment, torque=problem.experiment.torque + change)
     prepared = prepare(problem.on(experiment), {})
     return prepared.fit, prepared.noise
@@ -133,11 +133,11 @@ def pushed_data(folder: Path, pushes: tuple[Push, ...]) -> tuple[Fit, Noise]:
 
 @pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
 def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
-    truth = (Push(1, 2.3137, 2.9512, 6.0, is_logged), Push(1, 7.0288, 7.4433, -4.0, is_logged))
-    pushed = find_pushes(*pushed_data(tmp_path, truth))
-    assert pushed is not None
-    assert [(p.joint, p.is_logged) for p in pushed.pushes] == [(1, is_logged)] * 2
-    for got, wanted in zip(pushed.pushes, truth, strict=True):
+    truth = (ExternalTorque(1, 2.3137, 2.9512, 6.0, is_logged), ExternalTorque(1, 7.0288, 7.4433, -4.0, is_logged))
+    fitted_torques = find_external_torques(*pushed_data(tmp_path, truth))
+    assert fitted_torques is not None
+    assert [(p.joint, p.is_logged) for p in fitted_torques.external_torques] == [(1, is_logged)] * 2
+    for got, wanted in zip(fitted_torques.external_torques, truth, strict=True):
         assert abs(got.begin_s - wanted.begin_s) < SAMPLE_S / 2
         assert abs(got.end_s - wanted.end_s) < SAMPLE_S / 2
         assert got.torque == pytest.approx(wanted.torque, rel=0.03)
@@ -147,9 +147,9 @@ def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bo
     ("hidden", "values"), [("", {}), ("stribeck", {"Fs": 0.4, "vs": 0.2})], ids=["nothing", "friction"]
 )
 def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, values: dict[str, float]) -> None:
-    assert find_pushes(*base_of(vendor_case(tmp_path, hidden, **values))) is None
+    assert find_external_torques(*base_of(vendor_case(tmp_path, hidden, **values))) is None
 
 
 def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
-    truth = tuple(Push(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
-    assert find_pushes(*pushed_data(tmp_path, truth)) is None
+    truth = tuple(ExternalTorque(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
+    assert find_external_torques(*pushed_data(tmp_path, truth)) is None

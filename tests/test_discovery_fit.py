@@ -65,7 +65,7 @@ def test_noise_free_log_gives_the_parameters(tmp_path: Path, joints: int) -> Non
 def test_smoothing_velocity_is_found_too(tmp_path: Path) -> None:
     problem = arm_problem(tmp_path, joints=2, rate_hz=200.0)
     model = with_nuisances(loop_model(problem, {}))
-    assert [knob.name for knob in model.knobs[-2:]] == ["v0_1", "v0_2"]
+    assert [parameter.name for parameter in model.free_parameters[-2:]] == ["v0_1", "v0_2"]
     start = model.start * 1.2
     fit = minimise(model.with_values(start), known_noise([1e-4, 1e-4]), iterations=12)
     assert fit.values == pytest.approx([*problem.parameters.nominal(), TRUTH[0]["v0"], TRUTH[1]["v0"]], rel=1e-5)
@@ -104,7 +104,7 @@ def test_intervals_cover_the_truth(problem: Problem, truth: np.ndarray, slopes: 
     scores = []
     for seed in range(60):
         model = model_with(problem, coloured(np.random.default_rng(seed), problem.measured.shape, rho, SIGMA))
-        fit = minimise(model.with_values(truth), noise, jacobian=slopes, renew=0)
+        fit = minimise(model.with_values(truth), noise, jacobian=slopes, jacobian_updates=0)
         scores.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance(noise))))
     table = np.array(scores)
     assert 0.88 <= np.mean(np.abs(table) < 1.96) <= 0.99
@@ -116,8 +116,8 @@ def test_intervals_cover_the_truth(problem: Problem, truth: np.ndarray, slopes: 
 
 
 def limited(model: LoopModel, name: str, low: float, high: float) -> LoopModel:
-    knobs = [replace(k, lowest=low, highest=high) if k.name == name else k for k in model.knobs]
-    return replace(model, knobs=tuple(knobs))
+    free_parameters = [replace(k, lowest=low, highest=high) if k.name == name else k for k in model.free_parameters]
+    return replace(model, free_parameters=tuple(free_parameters))
 
 
 @pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.8), (2.3, np.inf)])
@@ -204,12 +204,14 @@ def test_hopeless_fit_ends_early(problem: Problem, truth: np.ndarray, slopes: np
     torque = model.torque(truth)
     best = minimise(model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque)
     given_up = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, hopeless=0.5 * best.chi_square
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, give_up_above=0.5 *
+        best.chi_square
     )  # fmt: skip
     assert given_up.simulations == 0
     assert given_up.values == pytest.approx(truth)
     kept = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, hopeless=1.01 * best.chi_square
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, give_up_above=1.01 *
+        best.chi_square
     )  # fmt: skip
     assert kept.chi_square == pytest.approx(best.chi_square)
 
@@ -222,10 +224,10 @@ def test_start_that_cannot_be_simulated_is_an_error(problem: Problem, truth: np.
 
 
 def test_knob_without_effect_stays(problem: Problem, truth: np.ndarray) -> None:
-    """A knob that nothing depends on keeps its value and has no finite interval of its own making."""
+    """A free parameter that nothing depends on keeps its value and has no finite interval of its own making."""
     model = model_with(problem, coloured(np.random.default_rng(5), problem.measured.shape, 0.0, SIGMA))
-    idle = replace(model.knobs[-1], name="idle", owner="plant", key="no_such_parameter", value=3.0)
-    fit = minimise(replace(model, knobs=(*model.knobs, idle)), known_noise(SIGMA))
+    idle = replace(model.free_parameters[-1], name="idle", owner="plant", key="no_such_parameter", value=3.0)
+    fit = minimise(replace(model, free_parameters=(*model.free_parameters, idle)), known_noise(SIGMA))
     plain = minimise(model, known_noise(SIGMA))
     assert fit.values[-1] == 3.0
     assert fit.values[:-1] == pytest.approx(plain.values)
@@ -247,11 +249,11 @@ def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path:
     assert found.period == 400
     assert found.operator.ticks[-1] < 0.5 * problem.experiment.reference.time.size
     columns = sensitivity(model, model.start, torque)
-    for i, knob in enumerate(model.knobs):
+    for i, parameter in enumerate(model.free_parameters):
         moved = model.start
-        moved[i] += STEP * knob.scale
+        moved[i] += STEP * parameter.scale
         whole = (model.torque(moved) - torque) / (moved[i] - model.start[i])
-        assert np.abs(columns[:, :, i] - whole).max() <= 1e-3 * np.abs(whole).max(), knob.name
+        assert np.abs(columns[:, :, i] - whole).max() <= 1e-3 * np.abs(whole).max(), parameter.name
 
 
 def test_torque_that_drifts_does_not_repeat(tmp_path: Path) -> None:
@@ -298,7 +300,7 @@ def test_coarse_integration_leaves_a_number_that_was_stated(problem: Problem, tr
 
 
 def test_sensitivities_do_not_change_the_steps(problem: Problem, truth: np.ndarray) -> None:
-    """A step of a knob that asks for more substeps would show as a change of the torque."""
+    """A step of a free parameter that asks for more substeps would show as a change of the torque."""
     model = replace(model_with(problem), coarse=True)
     pinned = model.integrated_as(truth)
     steeper = truth * [1, 1, 1, 1, 50]

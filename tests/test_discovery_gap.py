@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps, rms_ratio, total_gap
-from fmu_didim.prediction.noise import colour
+from fmu_didim.prediction.noise import effective_fraction
 from tests.discovery_helpers import coloured, known_noise
 
 SIGMA = np.array([0.3, 0.02])
@@ -53,7 +53,7 @@ def test_noise_alone_has_no_gap() -> None:
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.7, 0.9])
 def test_effective_part_of_coloured_samples(rho: float) -> None:
-    found = [colour(coloured(np.random.default_rng(seed), (COUNT, 2), rho, SIGMA)) for seed in range(20)]
+    found = [effective_fraction(coloured(np.random.default_rng(seed), (COUNT, 2), rho, SIGMA)) for seed in range(20)]
     assert np.mean(found, axis=0) == pytest.approx((1 - rho) / (1 + rho), rel=0.06)
 
 
@@ -67,9 +67,9 @@ def test_effective_samples_give_the_variance_of_a_mean() -> None:
 def test_colour_stays_between_its_limits() -> None:
     alternating = (-1.0) ** np.arange(100)[:, None]
     ramp = np.arange(5000.0)[:, None]
-    assert colour(alternating) == pytest.approx(1)
-    assert 0.01 <= colour(ramp)[0] < 0.02
-    assert np.isfinite(colour(np.zeros((100, 1)))).all()
+    assert effective_fraction(alternating) == pytest.approx(1)
+    assert 0.01 <= effective_fraction(ramp)[0] < 0.02
+    assert np.isfinite(effective_fraction(np.zeros((100, 1)))).all()
 
 
 # ---- information criterion -------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_true_column_is_preferred(rho: float) -> None:
 
 def test_every_parameter_costs() -> None:
     noise = coloured(np.random.default_rng(0), (COUNT, 2), 0.0, SIGMA)
-    count = float((COUNT * colour(noise)).sum())
+    count = float((COUNT * effective_fraction(noise)).sum())
     for cost in (1.0, 4.0):
         assert delta_bic(noise, noise, cost, known_noise(SIGMA)) == pytest.approx(-cost * np.log(count))
 

@@ -10,15 +10,15 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.prediction.loop_model import LOG, Addition, LoopModel, loop_model
+from fmu_didim.prediction.loop_model import LOG, EffectAtJoint, LoopModel, loop_model
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate_case
 from tests.discovery_helpers import RATE, arm_case
 
-SHIFT = Addition("log_time_shift", 1)
+SHIFT = EffectAtJoint("log_time_shift", 1)
 
 
 @pytest.fixture(scope="module")
@@ -94,21 +94,21 @@ def test_lag_of_a_drive_keeps_its_name(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def shifted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel]:
-    """The arm's case, and its loop with the shift as a knob."""
+    """The arm's case, and its loop with the shift as a free parameter."""
     folder = tmp_path_factory.mktemp("model")
     case = arm_case(folder, joints=2)
     loaded = load_case(case)
     assert loaded.problem is not None and loaded.validation is not None
     base = loop_model(loaded.problem, {"test": loaded.problem.on(loaded.validation)}, workers=1)
-    workshop = Workshop(base, loaded.parameters.model.description)  # type: ignore[attr-defined]
-    assert workshop.joints("log_time_shift") == (1,)
-    assert workshop.joints("actuator_lag") == (1, 2)
-    return case, workshop.build(base, [Proposal(SHIFT, {"log_shift": 0.0072})])
+    builder = LoopModelBuilder(base, loaded.parameters.model.description)  # type: ignore[attr-defined]
+    assert builder.joints("log_time_shift") == (1,)
+    assert builder.joints("actuator_lag") == (1, 2)
+    return case, builder.build(base, [Proposal(SHIFT, {"log_shift": 0.0072})])
 
 
 def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, LoopModel]) -> None:
     case, model = shifted
-    assert [(k.name, k.owner, k.value) for k in model.knobs if k.effect == 0] == [("log_shift", LOG, 0.0072)]
+    assert [(k.name, k.owner, k.value) for k in model.free_parameters if k.effect == 0] == [("log_shift", LOG, 0.0072)]
     for label, which in (("train", "train"), ("test", "validation")):
         run = model.runs[label]
         assert run.system is run.problem.system

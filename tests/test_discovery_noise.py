@@ -49,10 +49,10 @@ def test_size_and_colour_from_periods(rho: float) -> None:
         assert estimate.source == "periods"
         assert estimate.periods == 4
         found.append([estimate.deviation / SIGMA, estimate.correlation])
-    size, colour = np.mean(found, axis=0)
+    size, effective_fraction = np.mean(found, axis=0)
     assert size == pytest.approx(1, abs=0.015)
     # A negative correlation is cut off at zero, which leaves white noise with a mean of 0.4 of its spread.
-    assert colour == pytest.approx(rho, abs=0.02)
+    assert effective_fraction == pytest.approx(rho, abs=0.02)
     factor = (1 + rho**2) / (1 - rho**2)
     assert np.abs(np.array(found)[:, 0] - 1).max() < 4 * np.sqrt(factor / (2 * 3 * SAMPLES))
 
@@ -112,7 +112,7 @@ def test_friction_that_changes_between_periods_is_not_noise(change: float) -> No
 def test_push_in_one_period_is_not_noise(size: float) -> None:
     """A tenth of one of two periods pushed by ``size`` deviations: noise within 20 %, four of its deviations.
 
-    Otherwise the push would hide in what is taken for noise.
+    Otherwise the external torque would hide in what is taken for noise.
     """
     for seed in range(10):
         noise = coloured(np.random.default_rng(seed), (2 * SAMPLES, 2), 0.4, SIGMA)

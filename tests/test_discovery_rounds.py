@@ -64,7 +64,7 @@ def test_nothing_is_named_on_a_clean_plant(run: Run) -> None:
     [
         ("stribeck", 13),
         ("joint_elasticity", 6),
-        ("payload_change", 1),  # 9 s of another load, much like a push
+        ("payload_change", 1),  # 9 s of another load, much like an external torque
         pytest.param("base_tilt", 101, marks=pytest.mark.slow),
         pytest.param("asymmetric_coulomb", 101, marks=pytest.mark.slow),
         pytest.param("torque_offset", 5, marks=pytest.mark.slow),
@@ -147,7 +147,7 @@ def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) ->
 
 
 def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
-    """Its breakaways, one after each reversal, look like seven pushes of one size."""
+    """Its breakaways, one after each reversal, look like seven external torques of one size."""
     document, truth = cluttered("lugre", 3)
     assert len(document.findings) == 1
     assert first_is_right(document, truth)
@@ -193,7 +193,8 @@ def test_coupling_outside_the_catalogue_is_refused(run: Run) -> None:
 
 @pytest.mark.slow
 def test_push_in_one_period_is_no_noise(run: Run) -> None:
-    """A gap of 2.5 sigma by one push in two periods: localised in time or an external force, never *nothing*."""
+    """A gap of 2.5 sigma by one external torque in two periods: localised in time or an external force, never
+    *nothing*."""
     document, truth = run(("unknown_push",), 17)
     joint = truth[0][1]
     assert document.verdict != "nothing"

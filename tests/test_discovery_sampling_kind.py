@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from fmu_didim.diagnosis.sampling_kind import Way, other_sampling
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
 from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.robot import read_robot
 from tests.discovery_helpers import arm_problem, known_noise, with_torque
@@ -47,12 +47,12 @@ def asked(folder: Path, problem: Problem, *, shifted: bool = False) -> Way | Non
     """What is told after a fit of the base, or of a shift of the log beside it."""
     noise = known_noise(SIGMA)
     base = loop_model(problem, {})
-    workshop = Workshop(base, read_robot(folder / "robot.yaml"), EFFECTS)
+    builder = LoopModelBuilder(base, read_robot(folder / "robot.yaml"), EFFECTS)
     fit: Fit = minimise(base, noise)
     if shifted:
-        shift = Proposal(Addition("log_time_shift", 1), {"log_shift": 0.005})
-        fit = minimise(workshop.build(fit.model, [shift]), noise)
-    return other_sampling(fit, workshop, noise, threshold=10.0)
+        shift = Proposal(EffectAtJoint("log_time_shift", 1), {"log_shift": 0.005})
+        fit = minimise(builder.build(fit.model, [shift]), noise)
+    return other_sampling(fit, builder, noise, threshold=10.0)
 
 
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
-from fmu_didim.discovery.screening.catalogue import Library, Signature, simulated_motion
+from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue, simulated_motion
 from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
 from fmu_didim.prediction.motion import Motion
 from tests.discovery_helpers import arm_problem, known_noise
 
@@ -31,7 +31,7 @@ UNMOVED = {("payload_change", 1): {"dM", "dMZ"}, ("payload_change", 2): {"dMZ"}}
 
 @dataclass(frozen=True)
 class Bench:
-    workshop: Workshop
+    builder: LoopModelBuilder
     fit: Fit
     size: np.ndarray
 
@@ -42,12 +42,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     folder = tmp_path_factory.mktemp("two")
     problem = arm_problem(folder, joints=2, rate_hz=200.0, seconds=4.0)
     fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise([0.1, 0.05]))
-    workshop = Workshop(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
-    return Bench(workshop, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+    builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+    return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
 
 
 def signatures(bench: Bench, name: str, joint: int) -> list[Signature]:
-    return list(Library(bench.workshop, bench.fit, candidates=[Addition(name, joint)]))
+    return list(SignatureCatalogue(bench.builder, bench.fit, candidates=[EffectAtJoint(name, joint)]))
 
 
 def compared(bench: Bench, signature: Signature, amplitude: str) -> tuple[float, float]:
@@ -56,7 +56,7 @@ def compared(bench: Bench, signature: Signature, amplitude: str) -> tuple[float,
     column = signature.columns[:, :, signature.amplitudes.index(amplitude)] / bench.size
     value = 0.02 / np.sqrt(np.mean(column**2, axis=0)).max()
     values = {**signature.shapes, **dict.fromkeys(signature.amplitudes, 0.0), amplitude: float(value)}
-    model = bench.workshop.build(bench.fit.model, [Proposal(signature.addition, values)])
+    model = bench.builder.build(bench.fit.model, [Proposal(signature.effect_at, values)])
     change = ((model.torque(model.start) - bench.fit.torque) / bench.size / value).ravel()
     flat = column.ravel()
     return float(flat @ change / np.linalg.norm(flat) / np.linalg.norm(change)), float(flat @ change / (flat @ flat))
@@ -105,8 +105,8 @@ def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) ->
         folder = tmp_path / f"{factor}"
         problem = arm_problem(folder, rate_hz=200.0, seconds=4.0, gain_factor=factor)
         fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise(0.1))
-        workshop = Workshop(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
-        bench = Bench(workshop, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+        builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+        bench = Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
         ripple = min(signatures(bench, "torque_ripple", 1), key=lambda s: abs(s.shapes["nr"] - 10))
         correlation, slope = compared(bench, ripple, "Rsin")
         assert correlation > 0.99
@@ -193,7 +193,7 @@ def test_states_do_not_look_ahead() -> None:
 
 def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
     """Torque minus load is the friction of the joint."""
-    motion = simulated_motion(bench.workshop, bench.fit)
+    motion = simulated_motion(bench.builder, bench.fit)
     assert motion is not None
     friction = motion.torque - motion.load
     for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
@@ -212,7 +212,7 @@ def test_grid_of_the_shapes() -> None:
 
 def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     """Columns at some ticks are those of all ticks, there."""
-    motion = simulated_motion(bench.workshop, bench.fit)
+    motion = simulated_motion(bench.builder, bench.fit)
     assert motion is not None
     effect = EFFECTS["load_dependent_friction"]
     assert isinstance(effect, TorqueEffect)

@@ -38,7 +38,7 @@ KINDS = ("revolute", "prismatic")
 
 
 @dataclass
-class Scene:
+class ProjectedMotion:
     """What the equations below see: (n,) motion and loads, j the effect's joint, p its parameters and shapes."""
 
     q: np.ndarray
@@ -66,7 +66,7 @@ def step_at(t: float, at: float, width: float) -> float:
     return 1 / (1 + np.exp(-2 * (t - at) / width))
 
 
-def lugre(x: Scene) -> float:
+def lugre(x: ProjectedMotion) -> float:
     v = 5.0 if x.kind == "revolute" else 0.5
     w = v * np.tanh(x.dq[x.j] / v)
     zdot = w - abs(w) * x.z / x.p["zs"]
@@ -74,14 +74,14 @@ def lugre(x: Scene) -> float:
     return float(force * (x.z / x.p["zs"] + x.p["Tz"] * zdot / x.p["zs"]))
 
 
-def efficiency(x: Scene) -> float:
+def efficiency(x: ProjectedMotion) -> float:
     """Away from the smoothed step: one factor while driving, another while driven."""
     load, s = x.load[x.j], x.s()
     driving, driven = 0.5 * (1 + s * np.sign(load)), 0.5 * (1 - s * np.sign(load))
     return float(abs(load) * s * (x.p["Fldrive"] * driving + x.p["Flback"] * driven))
 
 
-def compensator(x: Scene) -> float:
+def compensator(x: ProjectedMotion) -> float:
     """Force of the spring times d(length)/dq by differences."""
     foot, turn = x.p["Lc"], x.p["qc"]
 
@@ -100,7 +100,7 @@ def both(value: float) -> np.ndarray:
     return np.array([value, value])
 
 
-EQUATIONS: Mapping[str, Callable[[Scene], float | np.ndarray]] = {
+EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "motor_inertia": lambda x: x.p["Ia"] * x.ddq[x.j],
     "viscous": lambda x: x.p["Fv"] * x.dq[x.j],
     "coulomb": lambda x: x.p["Fc"] * x.s(),
@@ -222,8 +222,8 @@ def test_acceleration_changes_as_the_equation_says(name: str, kind: str) -> None
                 heavier[plain.parameter_index(f"{key}2")] += p[f"d{key}"]
             return plain.inverse(q, dq, ddq, heavier, plain.shape_values).full().ravel() - load
 
-        scene = Scene(q, dq, ddq, j, load, float(t), float(z), kind, p, moved_mass)
-        value = EQUATIONS[name](scene)
+        motion_projection = ProjectedMotion(q, dq, ddq, j, load, float(t), float(z), kind, p, moved_mass)
+        value = EQUATIONS[name](motion_projection)
         expected = np.asarray(value, dtype=float) if np.ndim(value) else np.eye(2)[j] * value
         got = mass @ (plain.direct(q, dq, tau, chi, s).full().ravel() - ddq)
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-7 * (1 + np.abs(expected).max()))

@@ -214,7 +214,7 @@ class Arm:
         return np.concatenate([v, np.linalg.solve(mass, right - h), w, motor])
 
     def run(self, tau: np.ndarray) -> np.ndarray:
-        """(K, 8) states at the begin of each period of a held torque (K, 2), from rest."""
+        """(K, 8) states at the beginning of each period of a held torque (K, 2), from rest."""
         y, table = np.zeros(8), []
         for row in tau:
             table.append(y)

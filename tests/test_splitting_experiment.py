@@ -17,10 +17,10 @@ from fmu_didim.case.document import ExperimentSource
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import Limits, Search, SplittingExperiment, design_experiment, limits_of
-from fmu_didim.discovery.next_experiment.members import Member, Scene, Setting, affine_states
+from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion, affine_states
 from fmu_didim.discovery.next_experiment.motions import Space, motion_table
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
@@ -32,7 +32,7 @@ from fmu_didim.excitation import Fourier, FourierJoint
 from fmu_didim.master import System, closed_loop, simulate
 from fmu_didim.master.sampling import sample_operator
 from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_model import Addition, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.problem import Experiment, Problem
@@ -111,15 +111,17 @@ def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) ->
 def fitted(problem: Problem, names: Sequence[str]) -> dict[str, Contender]:
     """Each effect at joint 1, fitted in the closed loop."""
     base = minimise(with_nuisances(loop_model(problem, {})), NOISE)
-    workshop = Workshop(base.model, arm())
-    library = Library(workshop, base, candidates=[Addition(name, 1) for name in names])
-    found = contend(screen(library, workshop, base, NOISE), workshop, base, NOISE, progress=lambda text: None)
-    return {c.addition.effect: c for c in found}
+    builder = LoopModelBuilder(base.model, arm())
+    library = Library(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
+    found = contend(screen(library, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
+    return {c.effect_at.effect: c for c in found}
 
 
 def proposal(found: Contender) -> Proposal:
-    values = {k.key.removesuffix("1").removesuffix("_"): k.value for k in found.fit.model.knobs if k.effect == 0}
-    return Proposal(found.addition, values)
+    values = {
+        k.key.removesuffix("1").removesuffix("_"): k.value for k in found.fit.model.free_parameters if k.effect == 0
+    }
+    return Proposal(found.effect_at, values)
 
 
 def design(members: Sequence[Proposal], reference: Trajectory, **options: object) -> SplittingExperiment:
@@ -129,7 +131,7 @@ def design(members: Sequence[Proposal], reference: Trajectory, **options: object
 
 
 def member(effect: str, **values: float) -> Proposal:
-    return Proposal(Addition(effect, 1), values)
+    return Proposal(EffectAtJoint(effect, 1), values)
 
 
 QUICK = {"fundamental_hz": 0.5, "size": 0.5}
@@ -196,18 +198,20 @@ PENDULUM = RobotDescription.model_validate(
 PENDULUM_NOISE = Noise(np.array([0.2]), np.array([0.5]), "periods")
 
 
-def on_pendulum(*proposals: Proposal) -> tuple[Scene, list[Member], Array, Array]:
+def on_pendulum(*proposals: Proposal) -> tuple[ProjectedMotion, list[AmbiguousEffect], Array, Array]:
     """Scene at 50 Hz and members, and by hand: base columns (N, 4) and velocity (N,)."""
     reference, model = motion(**SLOWER), RobotModel(PENDULUM)
-    setting = Setting(PENDULUM, model.parameter_values, PENDULUM_NOISE, 50.0, EFFECTS)
-    members = [Member(p, setting, model) for p in proposals]
+    context = DesignContext(PENDULUM, model.parameter_values, PENDULUM_NOISE, 50.0, EFFECTS)
+    members = [AmbiguousEffect(p, context, model) for p in proposals]
     q, dq, ddq = (v[: reference.time.size - 1 : 4, 0] for v in motion_table(reference, 1))
-    return Scene(setting, model, reference), members, np.column_stack([ddq, np.cos(q), np.sin(q), dq]), dq
+    return ProjectedMotion(context, model, reference), members, np.column_stack([ddq, np.cos(q), np.sin(q), dq]), dq
 
 
 def test_separation_is_what_least_squares_leaves() -> None:
-    scene, members, base, dq = on_pendulum(member("quadratic_viscous", Fq=0.7), member("cubic_viscous", Fcube=0.4))
-    table = separations(scene, members, amplitudes(scene, members))
+    motion_projection, members, base, dq = on_pendulum(
+        member("quadratic_viscous", Fq=0.7), member("cubic_viscous", Fcube=0.4)
+    )
+    table = separations(motion_projection, members, amplitudes(motion_projection, members))
     quadratic, cubic = 0.7 * dq * np.abs(dq), 0.4 * dq**3
     for pair, own, other in (((0, 1), quadratic, cubic), ((1, 0), cubic, quadratic)):
         every = np.column_stack([base, other])
@@ -218,8 +222,8 @@ def test_separation_is_what_least_squares_leaves() -> None:
 
 
 def test_a_member_without_amplitudes_gets_those_of_its_likeness() -> None:
-    scene, members, base, dq = on_pendulum(member("quadratic_viscous", Fq=0.7), member("cubic_viscous"))
-    found = amplitudes(scene, members)
+    motion_projection, members, base, dq = on_pendulum(member("quadratic_viscous", Fq=0.7), member("cubic_viscous"))
+    found = amplitudes(motion_projection, members)
     both = np.column_stack([base, dq**3])
     expected = np.linalg.lstsq(both, 0.7 * dq * np.abs(dq), rcond=None)[0][-1]
     np.testing.assert_allclose([*found[0], *found[1]], [0.7, expected], rtol=1e-6)
@@ -233,8 +237,10 @@ def test_presliding_states_follow_dahls_equation() -> None:
     time = np.arange(200) * PERIOD
     q, dq = speed * time[:, None], np.full((200, 1), speed)
     model = RobotModel(arm())
-    scene = Scene(Setting(arm(), model.parameter_values, NOISE, 100.0, EFFECTS), model, motion(**QUICK))
-    path = replace(scene.path, time=time, q=q, dq=dq, ddq=np.zeros_like(q))
+    motion_projection = ProjectedMotion(
+        DesignContext(arm(), model.parameter_values, NOISE, 100.0, EFFECTS), model, motion(**QUICK)
+    )
+    path = replace(motion_projection.path, time=time, q=q, dq=dq, ddq=np.zeros_like(q))
     for zs in (distance, 0.1):
         held = 5.0 * np.tanh(speed / 5.0)  # the speed that the effect itself limits
         expected = zs * -np.expm1(-held * time / zs)

@@ -192,7 +192,7 @@ def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> No
     elif problem.parameters.is_probed:
         _check_motion(plant, n, ("ddq",))
     offered = {v.name for v in plant.parameters}
-    absent = [name for name in problem.parameters.carriers if name not in offered]
+    absent = [name for name in problem.parameters.plant_names if name not in offered]
     if absent:
         raise InputError(
             "The plant lacks parameters that are to be identified.", where="plant",
@@ -223,19 +223,19 @@ def _parameters(document: CaseDocument, model: RobotModel | None, plant: Compone
             "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
             next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
         )  # fmt: skip
-    chosen, carriers = document.identify, []
+    chosen, plant_names = document.identify, []
     for name, entry in chosen.items():
-        carriers.append(entry.parameter or name)
-        if carriers[-1] not in offered:
-            raise UnknownNameError("parameter of the plant", carriers[-1], offered, where=f"identify.{name}")
+        plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered:
+            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
     return NamedParameters(
         names=tuple(chosen),
-        units=tuple(offered[name].unit for name in carriers),
-        carriers=tuple(carriers),
+        units=tuple(offered[name].unit for name in plant_names),
+        plant_names=tuple(plant_names),
         torque_units=tuple(v.unit or "N.m" for v in joints),
         start=tuple(
             entry.start if entry.start is not None else offered[name].start
-            for name, entry in zip(carriers, chosen.values(), strict=True)
+            for name, entry in zip(plant_names, chosen.values(), strict=True)
         ),
         lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
         highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),

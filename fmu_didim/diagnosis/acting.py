@@ -55,7 +55,7 @@ def check_acting(problem: Problem) -> None:
 
 
 def _listed(problem: Problem, places: list[int]) -> str:
-    pairs = [(problem.parameters.names[i], problem.parameters.carriers[i]) for i in places]
+    pairs = [(problem.parameters.names[i], problem.parameters.plant_names[i]) for i in places]
     return ", ".join(name if name == own else f"{name} ({own} in the plant)" for name, own in pairs)
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fmu_didim.prediction.noise import Noise, colour
+from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
 
 BOOTSTRAP = 2000
@@ -43,7 +43,7 @@ def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
 
     Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
     """
-    factor = colour(after)
+    factor = effective_fraction(after)
     floor = 0.25 * noise.deviation**2
     first = np.maximum(np.mean(before**2, axis=0), floor)
     second = np.maximum(np.mean(after**2, axis=0), floor)

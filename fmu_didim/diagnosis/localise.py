@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from fmu_didim.prediction.motion import Motion
-from fmu_didim.prediction.noise import Noise, colour
+from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
 
 BINS = 12
@@ -63,7 +63,7 @@ def regions(residual: Array, motion: Motion, ticks: Array, noise: Noise, units: 
         units: (n,) ``N.m`` or ``N`` of each joint.
     """
     found: list[Region] = []
-    factor = colour(residual)
+    factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j]
         error = max(float(np.mean(r**2)) - float(noise.deviation[j]) ** 2, 1e-300)
@@ -127,7 +127,7 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
     measured in the spread of the residual outside, so that model error everywhere is not taken for events.
     """
     found: list[Window] = []
-    factor = colour(residual)
+    factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j] - np.median(residual[:, j])
         spread = max(1.4826 * float(np.median(np.abs(r))), float(noise.deviation[j]))

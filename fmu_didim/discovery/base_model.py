@@ -11,7 +11,7 @@ from fmu_didim.errors import InputError
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.least_squares import Fit, integrated, minimise
-from fmu_didim.prediction.loop_model import PLANT, Knob, LoopModel, loop_model
+from fmu_didim.prediction.loop_model import PLANT, FreeParameter, LoopModel, loop_model
 from fmu_didim.prediction.noise import (
     Noise,
     motion_frequency,
@@ -153,7 +153,7 @@ def with_nuisances(model: LoopModel) -> LoopModel:
     for friction at low speed."""
     offered = {v.name: v for v in model.plant.parameters}
     reference = model.runs["train"].problem.experiment.reference
-    knobs = []
+    free_parameters = []
     step = float(reference.time[1] - reference.time[0])
     for j in range(1, model.joint_count + 1):
         name = f"v0_{j}"
@@ -164,5 +164,7 @@ def with_nuisances(model: LoopModel) -> LoopModel:
             continue
         value = offered[name].start  # what is known of the robot lies within the limits
         low, high = min(SMOOTHING[0] * speed, value), max(SMOOTHING[1] * speed, value)
-        knobs.append(Knob(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True))
-    return replace(model, knobs=(*model.knobs, *knobs))
+        free_parameters.append(
+            FreeParameter(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True)
+        )
+    return replace(model, free_parameters=(*model.free_parameters, *free_parameters))

@@ -9,7 +9,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.diagnosis.localise import Region, force_windows
-from fmu_didim.discovery.augmentation.builder import Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
     FindingResult,
@@ -26,7 +26,7 @@ from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import Addition, Knob
+from fmu_didim.prediction.loop_model import EffectAtJoint, FreeParameter
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
@@ -42,7 +42,7 @@ Residuals = dict[str, tuple[Array, Array]]
 def findings_document(
     name: str,
     discovery: Discovery,
-    workshop: Workshop,
+    builder: LoopModelBuilder,
     noise: Noise,
     *,
     ratio: Ratio | None,
@@ -67,7 +67,7 @@ def findings_document(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
-        findings=[*outside, *(_finding(step, discovery, workshop, noise) for step in discovery.steps)],
+        findings=[*outside, *(_finding(step, discovery, builder, noise) for step in discovery.steps)],
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
@@ -81,36 +81,36 @@ def findings_document(
         ],
         windows=[*windows, *_windows(discovery, residuals, noise)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
-        base_parameters=values_found(discovery.final, noise, lambda knob: knob.effect is None),
+        base_parameters=values_found(discovery.final, noise, lambda parameter: parameter.effect is None),
         torque_unit=list(units),
         seconds=0.0,
         notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
-        provenance={**(provenance or {}), "catalogue": sorted(workshop.effects)},
+        provenance={**(provenance or {}), "catalogue": sorted(builder.effects)},
     )  # fmt: skip
 
 
 def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
     remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
-    if discovery.steps or discovery.final.model.runs["train"].pushes:
+    if discovery.steps or discovery.final.model.runs["train"].external_torques:
         return "named_with_remainder" if remains else "named"
     return "unknown" if remains else "nothing"
 
 
-def _finding(step: Step, discovery: Discovery, workshop: Workshop, noise: Noise) -> FindingResult:
-    effect = workshop.effect(step.addition)
-    index = discovery.final.model.additions.index(step.addition)
+def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder, noise: Noise) -> FindingResult:
+    effect = builder.effect(step.effect_at)
+    index = discovery.final.model.added_effects.index(step.effect_at)
     return FindingResult(
-        effect=step.addition.effect,
+        effect=step.effect_at.effect,
         title=effect.title,
         class_=effect.class_name,
-        joint=step.addition.joint,
+        joint=step.effect_at.joint,
         place=effect.place,
         equation=effect.equation,
-        parameters=values_found(discovery.final, noise, lambda knob: knob.effect == index),
+        parameters=values_found(discovery.final, noise, lambda parameter: parameter.effect == index),
         share_of_gap=step.share,
         delta_bic=step.delta_bic,
-        ambiguous=[_rival(a, behind, workshop) for a, behind in step.ambiguous],
+        ambiguous=[_rival(a, behind, builder) for a, behind in step.ambiguous],
         experiment=effect.experiment,
         gap={
             label: GapPair(
@@ -125,9 +125,9 @@ def _finding(step: Step, discovery: Discovery, workshop: Workshop, noise: Noise)
     )
 
 
-def _rival(addition: Addition, behind: float, workshop: Workshop) -> Rival:
-    title = workshop.effect(addition).title
-    return Rival(effect=addition.effect, title=title, joint=addition.joint, bic_behind=behind)
+def _rival(effect_at: EffectAtJoint, behind: float, builder: LoopModelBuilder) -> Rival:
+    title = builder.effect(effect_at).title
+    return Rival(effect=effect_at.effect, title=title, joint=effect_at.joint, bic_behind=behind)
 
 
 def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
@@ -140,16 +140,16 @@ def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
     )
 
 
-def values_found(fit: Fit, noise: Noise, wanted: Callable[[Knob], bool]) -> list[ValueFound]:
-    """The wanted knobs of a fit with their standard deviations and 95 % intervals."""
+def values_found(fit: Fit, noise: Noise, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
+    """The wanted free parameters of a fit with their standard deviations and 95 % intervals."""
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
     return [
         ValueFound(
-            name=knob.name, unit=knob.unit, value=float(v), std=float(s),
+            name=parameter.name, unit=parameter.unit, value=float(v), std=float(s),
             interval=(float(v - 1.96 * s), float(v + 1.96 * s)),
         )
-        for knob, v, s in zip(fit.model.knobs, fit.values, deviation, strict=True)
-        if wanted(knob)
+        for parameter, v, s in zip(fit.model.free_parameters, fit.values, deviation, strict=True)
+        if wanted(parameter)
     ]  # fmt: skip
 
 

@@ -12,11 +12,11 @@ import numpy as np
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
-from fmu_didim.discovery.augmentation.builder import Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import findings_document
-from fmu_didim.discovery.external_torques.findings import push_finding, push_windows, refitted
-from fmu_didim.discovery.external_torques.fit import find_pushes
+from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
+from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.findings import (
     FindingResult,
@@ -40,8 +40,8 @@ NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
 )
 BEGIN_S = 0.25
-"""Left out at the begin of each experiment: the state in which the machine starts is not known (gears in their play,
-friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for with it."""
+"""Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in their
+play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for with it."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class Found:
 
     Attributes:
         document: the content of ``findings.json``.
-        discovery: base and final fit with the steps between; workshop: builds what was found; noise: of the data.
+        discovery: base and final fit with the steps between; builder: builds what was found; noise: of the data.
     """
 
     document: FindingsDocument
     discovery: Discovery
-    workshop: Workshop
+    builder: LoopModelBuilder
     noise: Noise
 
 
@@ -115,30 +115,34 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
     start = integrated(base, noise, coarse=True)  # for the search, with its hundreds of simulations
-    workshop = Workshop(start.model, ask.description, effects)
-    pushed = None if "external_force" in options.forbid else find_pushes(start, noise, say=say)
-    if pushed is not None and rivalled(pushed, start, noise, workshop, forbid=options.forbid, say=say):
-        pushed = None
-    if pushed is not None:
-        start, noise, workshop = pushed.fit, pushed.noise, Workshop(pushed.fit.model, ask.description, effects)
-    disagreement = _regions(workshop, base, noise)
-    discovery = run_rounds(workshop, start, noise, options, say)
+    builder = LoopModelBuilder(start.model, ask.description, effects)
+    fitted_torques = None if "external_force" in options.forbid else find_external_torques(start, noise, say=say)
+    if fitted_torques is not None and rivalled(fitted_torques, start, noise, builder, forbid=options.forbid, say=say):
+        fitted_torques = None
+    if fitted_torques is not None:
+        start, noise, builder = (
+            fitted_torques.fit,
+            fitted_torques.noise,
+            LoopModelBuilder(fitted_torques.fit.model, ask.description, effects),
+        )
+    disagreement = _regions(builder, base, noise)
+    discovery = run_rounds(builder, start, noise, options, say)
     outside: list[FindingResult] = []
     windows: list[WindowResult] = []
-    if pushed is not None:
-        final, free = refitted(pushed, discovery.final, noise)
+    if fitted_torques is not None:
+        final, free = refitted(fitted_torques, discovery.final, noise)
         discovery = replace(discovery, final=final)
-        outside = [push_finding(pushed, base, free, noise)]
-        windows = push_windows(free, noise)
+        outside = [external_torque_finding(fitted_torques, base, free, noise)]
+        windows = external_torque_windows(free, noise)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
-    if ratio is not None and ratio.high >= 1.0 and pushed is None and not remarked:
+    if ratio is not None and ratio.high >= 1.0 and fitted_torques is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
-    unshifted, saved = _without_shift(discovery.final.model, workshop)
+    unshifted, saved = _without_shift(discovery.final.model, builder)
     way = other_sampling(discovery.final, unshifted, noise, saved=saved, threshold=options.threshold)
     document = findings_document(
-        ask.name, discovery, workshop, noise,
+        ask.name, discovery, builder, noise,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
         notes=[
             *ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]),
@@ -146,23 +150,23 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         ],
         provenance={**(ask.provenance or {}), "options": options.record()},
     )  # fmt: skip
-    return Found(document, discovery, workshop, noise)
+    return Found(document, discovery, builder, noise)
 
 
-def _without_shift(model: LoopModel, workshop: Workshop) -> tuple[LoopModel, float]:
+def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopModel, float]:
     """A model without the effects that change the log as a whole, and the parameters that they count as."""
     saved = 0.0
-    for index in reversed(range(len(model.additions))):
-        if workshop.is_of_log(model.additions[index].effect):
-            saved += workshop.cost(model.additions[index])
-            model = workshop.without(model, index)
+    for index in reversed(range(len(model.added_effects))):
+        if builder.is_of_log(model.added_effects[index].effect):
+            saved += builder.cost(model.added_effects[index])
+            model = builder.without(model, index)
     return model, saved
 
 
 def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
     """The base model alone, and what was found as refused: together it is no better on the held-out data."""
     why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
-    refused = (*((step.addition, why) for step in discovery.steps), *discovery.refused)
+    refused = (*((step.effect_at, why) for step in discovery.steps), *discovery.refused)
     return Discovery(discovery.base, discovery.base, (), refused)
 
 
@@ -170,7 +174,7 @@ def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, fo
     """A second look at data in which nothing was found, with their begin.
 
     Only gears can be told there: they start in the middle of their play and without load, while anything else that
-    differs at the begin may as well be the state in which the machine started.
+    differs at the beginning may as well be the state in which the machine started.
     """
     prepared = _prepared(problem, held_out, ask.say)
     without, whole = found.discovery.base, prepared.fit
@@ -194,7 +198,7 @@ def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, fo
 def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
     """The final model as it will be run by others; the base where nothing was added."""
     final = discovery.final
-    if not discovery.steps and not final.model.runs["train"].pushes:
+    if not discovery.steps and not final.model.runs["train"].external_torques:
         return base
     try:
         return integrated(final, noise, coarse=False)
@@ -202,9 +206,9 @@ def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
         return final
 
 
-def _regions(workshop: Workshop, base: Fit, noise: Noise) -> list[Region]:
+def _regions(builder: LoopModelBuilder, base: Fit, noise: Noise) -> list[Region]:
     """Where the base model disagrees; nothing if the plant does not tell its motion."""
-    motion = simulated_motion(workshop, base)
+    motion = simulated_motion(builder, base)
     if motion is None:
         return []
     problem = base.model.runs["train"].problem

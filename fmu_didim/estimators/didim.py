@@ -144,10 +144,10 @@ class Didim(Estimator):
                 error = relative_error_percent(problem.measured, prediction.torque)[0]
                 if good is not None and error > GROWTH * good[1]:
                     failure = f"the error grew to {error:.3g} %"
-            hopeless = good is not None and good[1] > USELESS_ERROR and not restarted
-            if hopeless and not failure and error > USELESS_ERROR:
+            give_up_above = good is not None and good[1] > USELESS_ERROR and not restarted
+            if give_up_above and not failure and error > USELESS_ERROR:
                 failure = f"the torque error is still {error:.0f} % after a step"
-            if failure and good is not None and not hopeless and halvings < MAXIMUM_HALVINGS:
+            if failure and good is not None and not give_up_above and halvings < MAXIMUM_HALVINGS:
                 halvings += 1
                 self._record(
                     history, progress, Iteration("didim", number, theta, error, note=f"{failure}; step halved")

@@ -168,7 +168,7 @@ def result_document(
 ) -> ResultDocument:
     """The document of an estimate and its validations."""
     intervals = estimate.interval()
-    standard = (*problem.parameters.carriers, *("" for _ in estimate.names[problem.parameters.count :]))
+    standard = (*problem.parameters.plant_names, *("" for _ in estimate.names[problem.parameters.count :]))
     parameters = {
         parameter: ParameterResult(
             value=float(estimate.value[i]),

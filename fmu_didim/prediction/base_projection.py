@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise, colour
+from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
 
 
@@ -14,7 +14,7 @@ class Basis:
 
     def __init__(self, fit: Fit, noise: Noise) -> None:
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        self.weight = np.sqrt(colour(fit.residual)) / np.maximum(
+        self.weight = np.sqrt(effective_fraction(fit.residual)) / np.maximum(
             noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * 0.5
         )
         table = (fit.jacobian * self.weight[:, None]).reshape(-1, fit.jacobian.shape[2])
@@ -22,7 +22,7 @@ class Basis:
         q, r = np.linalg.qr(table[:, scale > 0] / scale[scale > 0])
         self.q = q[:, np.abs(np.diag(r)) > 1e-10]
         self.residual = self.project((fit.residual * self.weight).ravel())
-        self.count = float(np.sum(colour(fit.residual)) * fit.residual.shape[0])
+        self.count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
 
     def project(self, table: Array) -> Array:
         """The part of the columns that the model cannot absorb."""

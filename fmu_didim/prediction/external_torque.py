@@ -9,11 +9,11 @@ import numpy as np
 
 from fmu_didim.signals import Array, Trajectory, trajectory
 
-PUSH = "push"
+EXTERNAL_TORQUE = "external_torque"
 
 
 @dataclass(frozen=True)
-class Push:
+class ExternalTorque:
     """A torque that acts on a joint from outside the model for a while.
 
     Attributes:
@@ -27,10 +27,10 @@ class Push:
     torque: float
     is_logged: bool = False
 
-    def moved(self, name: str, value: float) -> Push:
+    def moved(self, name: str, value: float) -> ExternalTorque:
         """The same with another ``begin_s``, ``end_s`` or ``torque``."""
         values = {"begin_s": self.begin_s, "end_s": self.end_s, "torque": self.torque, name: value}
-        return Push(self.joint, is_logged=self.is_logged, **values)
+        return ExternalTorque(self.joint, is_logged=self.is_logged, **values)
 
     def along(self, time: Array) -> Array:
         """(K,) its mean over each control period that begins at ``time``, equally spaced."""
@@ -39,14 +39,14 @@ class Push:
         return np.asarray(self.torque * np.clip(held / step, 0.0, 1.0))
 
 
-def with_pushes(reference: Trajectory, pushes: Sequence[Push]) -> Trajectory:
-    """The reference with a column ``push<j>`` for each joint that something pushes."""
-    if not pushes:
+def with_external_torques(reference: Trajectory, external_torques: Sequence[ExternalTorque]) -> Trajectory:
+    """The reference with a column ``external_torque<j>`` for each joint on which one acts."""
+    if not external_torques:
         return reference
     columns = {name: reference.select([name])[:, 0] for name in reference.names}
-    for push in pushes:
-        name = f"{PUSH}{push.joint}"
-        columns[name] = columns.get(name, np.zeros(reference.time.size)) + push.along(reference.time)
+    for external in external_torques:
+        name = f"{EXTERNAL_TORQUE}{external.joint}"
+        columns[name] = columns.get(name, np.zeros(reference.time.size)) + external.along(reference.time)
     return trajectory(reference.time, columns)
 
 

@@ -100,9 +100,9 @@ def efficient_finish(
     """
     point, differentiated = start, start.theta
     history: list[Iteration] = []
-    renew, last = False, 0.0
+    jacobian_updates, last = False, 0.0
     for number in range(1, maximum_iterations + 1):
-        if renew:
+        if jacobian_updates:
             point, differentiated = evaluate(problem, point.theta, point.prediction), point.theta
         fresh = point.theta is differentiated
         step = _propose(problem, point)
@@ -130,7 +130,7 @@ def efficient_finish(
             return Finished(point, True, tuple(history))
         here = float(np.max(np.abs(moved) / step.scale))
         # Far from where it was taken a sensitivity serves as long as each step is a small part of the one before.
-        renew = stuck or (stale and not RENEW_STEP < here <= CONTRACTION * last)
+        jacobian_updates = stuck or (stale and not RENEW_STEP < here <= CONTRACTION * last)
         last = here
     return Finished(point, False, tuple(history))
 

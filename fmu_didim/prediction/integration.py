@@ -33,10 +33,10 @@ def coarsely(plant: Component, step: float, joints: int) -> Component:
     return plant.with_substeps(count) or plant if np.isfinite(rate) else plant
 
 
-def divided(system: System, problem: Problem, finer: int) -> System:
+def divided(system: System, problem: Problem, subdivision: int) -> System:
     """The system with shorter ticks: the plant and what belongs to it step with them, all else as before."""
     added = set(system.components) - set(problem.system.components)
     close = {problem.plant, *(n for n in added if len(system.components[n].inputs) > 1)}
-    every = {n: system.every.get(n, 1) * (1 if n in close else finer) for n in system.components}
-    delays = {name: samples * finer for name, samples in system.delays.items()}
-    return replace(system, step_size=system.step_size / finer, every=every, delays=delays)
+    every = {n: system.every.get(n, 1) * (1 if n in close else subdivision) for n in system.components}
+    delays = {name: samples * subdivision for name, samples in system.delays.items()}
+    return replace(system, step_size=system.step_size / subdivision, every=every, delays=delays)

@@ -66,20 +66,20 @@ def minimise(
     *,
     jacobian: Array | None = None,
     torque: Array | None = None,
-    renew: int = 3,
+    jacobian_updates: int = 3,
     iterations: int = 8,
-    hopeless: float = np.inf,
+    give_up_above: float = np.inf,
     everywhere: bool = True,
     exact: bool = False,
 ) -> Fit:
-    """Fit all knobs of a model, from their values.
+    """Fit all free parameters of a model, from their values.
 
     Args:
         jacobian: (N, n, p) at the start, if known; stale columns only slow the steps down.
         torque: (N, n) at the start, if known.
-        renew: how often the Jacobian may be computed anew after a large step.
+        jacobian_updates: how often the Jacobian may be computed anew after a large step.
         iterations: largest number of steps.
-        hopeless: the fit ends early where not even twice what a step promises brings the cost below this.
+        give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
         everywhere: whether each step must leave all experiments simulable, not only the fitted one.
         exact: whether the Jacobian is computed anew at the minimum; of gears that open it changes within a per cent.
 
@@ -99,14 +99,14 @@ def minimise(
     for _ in range(iterations):
         equations = _Equations.of(jacobian * weight[:, None], (measured - torque) * weight)
         _, promised = equations.step(values, low, high, 0.0)
-        if promised < SETTLED or cost - 2 * promised > hopeless:
+        if promised < SETTLED or cost - 2 * promised > give_up_above:
             break
         found = _search(model, equations, values, weight, cost, everywhere)
         count += found.tried
         if found.torque is None:
-            if fresh or renew <= 0:
+            if fresh or jacobian_updates <= 0:
                 break
-            jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
+            jacobian, fresh, jacobian_updates = sensitivity(model, values, torque), True, jacobian_updates - 1
             count += values.size
             continue
         gained = cost - found.cost
@@ -114,8 +114,8 @@ def minimise(
         if found.at_edge and gained < CREEPING * cost:
             break
         # Far from what the linear model promised: its slopes are stale.
-        if renew > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
-            jacobian, fresh, renew = sensitivity(model, values, torque), True, renew - 1
+        if jacobian_updates > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
+            jacobian, fresh, jacobian_updates = sensitivity(model, values, torque), True, jacobian_updates - 1
             count += values.size
     if exact and not fresh:
         jacobian, count = sensitivity(model, values, torque), count + values.size
@@ -126,7 +126,9 @@ def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
     """The same minimum with coarse or full integration; raises SimulationError where that cannot be simulated."""
     if fit.model.coarse == coarse:
         return fit
-    return minimise(replace(fit.model, coarse=coarse), noise, jacobian=fit.jacobian, renew=0, iterations=POLISHING)
+    return minimise(
+        replace(fit.model, coarse=coarse), noise, jacobian=fit.jacobian, jacobian_updates=0, iterations=POLISHING
+    )
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,8 @@ class _Equations:
     """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
 
     Attributes:
-        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle knobs.
+        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle free
+        parameters.
     """
 
     table: Array
@@ -192,7 +195,7 @@ class _Equations:
         return _Equations(r, q.T @ residual.ravel(), scale)
 
     def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
-        """The step with knobs at a limit held there, and how much it promises to lower the cost."""
+        """The step with free parameters at a limit held there, and how much it promises to lower the cost."""
         size = self.scale.size
         free = self.scale > 0
         step = np.zeros(size)

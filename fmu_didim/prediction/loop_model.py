@@ -2,7 +2,7 @@
 
     values (p,)  ->  system with these values  ->  closed-loop simulation  ->  torque at the samples (N, n)
 
-The free parameters ("knobs") are the base parameters, nuisances such as the smoothing of Coulomb friction,
+The free parameters ("free parameters") are the base parameters, nuisances such as the smoothing of Coulomb friction,
 and the amplitudes and shapes of the effects added so far.
 """
 
@@ -18,7 +18,7 @@ from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.master import Connection, Recording, SampleOperator, System, simulate
 from fmu_didim.master.system import REFERENCE
-from fmu_didim.prediction.external_torque import PUSH, Push, held, with_pushes
+from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.prediction.integration import coarsely, divided
 from fmu_didim.prediction.problem import Problem
 from fmu_didim.signals import Array
@@ -27,12 +27,13 @@ BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
 
 
 @dataclass(frozen=True)
-class Knob:
+class FreeParameter:
     """One free parameter.
 
     Attributes:
         name: unique, shown to the user; unit.
-        owner: ``base`` (a base parameter), ``plant``, ``push`` (a torque from outside), ``delay`` (of the command, in
+        owner: ``base`` (a base parameter), ``plant``, ``external torque`` (a torque from outside), ``delay`` (of the
+        command, in
             samples, beyond that of the problem), ``log`` (how late it is stamped, in s), or the name of a spliced
             component; key: its name there.
         value: where it starts; scale: size of a noticeable change.
@@ -54,7 +55,7 @@ class Knob:
 
 
 @dataclass(frozen=True)
-class Addition:
+class EffectAtJoint:
     """An effect added to the loop: its name in the catalogue and its joint, counted from 1."""
 
     effect: str
@@ -69,15 +70,15 @@ class Run:
         problem: base system, data and instances kept for re-runs.
         system: with all splices.
         operator: how the log follows from the command, by the stamps that it has.
-        pushes: torques from outside that acted in this experiment.
+        external torques: torques from outside that acted in this experiment.
         finer: ticks in a control period, for components that need shorter steps; inputs are held as without.
     """
 
     problem: Problem
     system: System
     operator: SampleOperator
-    pushes: tuple[Push, ...] = ()
-    finer: int = 1
+    external_torques: tuple[ExternalTorque, ...] = ()
+    subdivision: int = 1
 
     @property
     def measured(self) -> Array:
@@ -92,7 +93,7 @@ class LoopModel:
     Attributes:
         runs: by label, ``train`` first; plant: the plant with the effects of its torque balance.
         logged: (n,) ``component.input`` whose recorded values are the logged torque.
-        knobs: free parameters, the base parameters first.
+        free parameters: free parameters, the base parameters first.
         additions: the effects, in the order in which they were added.
         workers: simulations side by side.
         coarse: whether the plant is integrated with as few steps as keep it stable.
@@ -101,38 +102,38 @@ class LoopModel:
     runs: Mapping[str, Run]
     plant: Component
     logged: tuple[str, ...]
-    knobs: tuple[Knob, ...]
-    additions: tuple[Addition, ...] = ()
+    free_parameters: tuple[FreeParameter, ...]
+    added_effects: tuple[EffectAtJoint, ...] = ()
     workers: int = 2
     joint_count: int = field(default=0)
     coarse: bool = False
 
     @property
     def start(self) -> Array:
-        """(p,) start values of the knobs."""
-        return np.array([knob.value for knob in self.knobs])
+        """(p,) start values of the free parameters."""
+        return np.array([parameter.value for parameter in self.free_parameters])
 
     @property
     def scales(self) -> Array:
-        """(p,) scales of the knobs."""
-        return np.array([knob.scale for knob in self.knobs])
+        """(p,) scales of the free parameters."""
+        return np.array([parameter.scale for parameter in self.free_parameters])
 
     @property
     def limits(self) -> tuple[Array, Array]:
         """(p,) lowest and (p,) highest values."""
-        return np.array([k.lowest for k in self.knobs]), np.array([k.highest for k in self.knobs])
+        return np.array([k.lowest for k in self.free_parameters]), np.array([k.highest for k in self.free_parameters])
 
     @property
     def base_count(self) -> int:
-        """Number of base parameters, which are the first knobs."""
-        return sum(knob.owner == BASE for knob in self.knobs)
+        """Number of base parameters, which are the first free parameters."""
+        return sum(parameter.owner == BASE for parameter in self.free_parameters)
 
     def index(self, name: str) -> int:
-        """Position of a knob."""
-        return [knob.name for knob in self.knobs].index(name)
+        """Position of a free parameter."""
+        return [parameter.name for parameter in self.free_parameters].index(name)
 
     def integrated_as(self, values: Array, which: str = "train") -> LoopModel:
-        """The same model with the integration steps that it has at these values, wherever its knobs move."""
+        """The same model with the integration steps that it has at these values, wherever its free parameters move."""
         if not self.coarse:
             return self
         stated = self.system(values, which).components[self.runs[which].problem.plant].stated_substeps
@@ -141,17 +142,22 @@ class LoopModel:
 
     def with_values(self, values: Array) -> LoopModel:
         """The same model starting from other values."""
-        return replace(self, knobs=tuple(replace(k, value=float(v)) for k, v in zip(self.knobs, values, strict=True)))
+        return replace(
+            self,
+            free_parameters=tuple(
+                replace(k, value=float(v)) for k, v in zip(self.free_parameters, values, strict=True)
+            ),
+        )
 
     def system(self, values: Array, which: str = "train") -> System:
-        """The loop with these values of the knobs."""
+        """The loop with these values of the free parameters."""
         run = self.runs[which]
         problem, system = run.problem, run.system
         count = self.base_count
         by_owner: dict[str, dict[str, float]] = {}
-        for knob, value in zip(self.knobs[count:], values[count:], strict=True):
-            by_owner.setdefault(knob.owner, {})[knob.key] = float(value)
-        for outside in (PUSH, LOG):
+        for parameter, value in zip(self.free_parameters[count:], values[count:], strict=True):
+            by_owner.setdefault(parameter.owner, {})[parameter.key] = float(value)
+        for outside in (EXTERNAL_TORQUE, LOG):
             by_owner.pop(outside, None)
         for samples in by_owner.pop(DELAY, {}).values():
             system = system.with_delay(problem.plant, max(problem.delay + samples, 0.0))
@@ -159,34 +165,38 @@ class LoopModel:
         offered = {v.name for v in self.plant.parameters}
         plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
         if self.coarse:
-            plant = coarsely(plant, system.step_size / run.finer, self.joint_count)
+            plant = coarsely(plant, system.step_size / run.subdivision, self.joint_count)
         system = system.replace(problem.plant, plant)
         present = {v.name: v.start for v in plant.parameters}
-        for addition in self.additions:
+        for effect_at in self.added_effects:
             # Effects of a joint share shapes, such as the smoothing of friction, wherever they stand.
-            owner, names = f"{addition.effect}{addition.joint}", run.system.components
+            owner, names = f"{effect_at.effect}{effect_at.joint}", run.system.components
             for v in names[owner].parameters if owner in names else ():
-                if f"{v.name}_{addition.joint}" in present:
-                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{addition.joint}"])
+                if f"{v.name}_{effect_at.joint}" in present:
+                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{effect_at.joint}"])
         for owner, own in by_owner.items():
             system = system.replace(owner, system.components[owner].with_parameters(own))
-        joints = sorted({push.joint for push in run.pushes})
-        pushing = tuple(Connection(f"{REFERENCE}.{PUSH}{j}", f"{problem.plant}.tau{j}") for j in joints)
-        return replace(system, connections=(*system.connections, *pushing)) if pushing else system
+        joints = sorted({external.joint for external in run.external_torques})
+        from_outside = tuple(Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{problem.plant}.tau{j}") for j in joints)
+        return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
 
-    def pushes(self, values: Array, which: str = "train") -> tuple[Push, ...]:
-        """The torques from outside in an experiment; those of the training data may be knobs."""
-        found = list(self.runs[which].pushes)
+    def external_torques(self, values: Array, which: str = "train") -> tuple[ExternalTorque, ...]:
+        """The torques from outside in an experiment; those of the training data may be free parameters."""
+        found = list(self.runs[which].external_torques)
         if which == "train":
-            for knob, value in zip(self.knobs, values, strict=True):
-                if knob.owner == PUSH:
-                    index, _, name = knob.key.partition(".")
+            for parameter, value in zip(self.free_parameters, values, strict=True):
+                if parameter.owner == EXTERNAL_TORQUE:
+                    index, _, name = parameter.key.partition(".")
                     found[int(index)] = found[int(index)].moved(name, float(value))
         return tuple(found)
 
     def log_shift_s(self, values: Array) -> float:
         """How late the log is stamped, in s, beyond what its operator knows."""
-        return sum(float(value) for knob, value in zip(self.knobs, values, strict=True) if knob.owner == LOG)
+        return sum(
+            float(value)
+            for parameter, value in zip(self.free_parameters, values, strict=True)
+            if parameter.owner == LOG
+        )
 
     def operator(self, values: Array, which: str = "train") -> SampleOperator:
         """How the log of an experiment follows from the command."""
@@ -199,11 +209,11 @@ class LoopModel:
     ) -> Recording:
         """Simulate, another system like the own one if given; raises DivergedError, SimulationError."""
         run = self.runs[which]
-        reference = with_pushes(run.problem.experiment.reference, self.pushes(values, which))
+        reference = with_external_torques(run.problem.experiment.reference, self.external_torques(values, which))
         ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, which).ticks
         system = system or self.simulated(values, which)
-        if run.finer > 1:
-            reference, ticks = held(reference, run.finer), ticks * run.finer
+        if run.subdivision > 1:
+            reference, ticks = held(reference, run.subdivision), ticks * run.subdivision
         return simulate(
             system, reference, ticks=ticks, bounds=run.problem.position_bounds(), pool=run.problem.pool
         )  # fmt: skip
@@ -211,11 +221,11 @@ class LoopModel:
     def simulated(self, values: Array, which: str = "train") -> System:
         """The system as it is run, with the ticks that its components need."""
         run, system = self.runs[which], self.system(values, which)
-        return divided(system, run.problem, run.finer) if run.finer > 1 else system
+        return divided(system, run.problem, run.subdivision) if run.subdivision > 1 else system
 
     def refined(self, count: int) -> LoopModel:
         """The same loop with other ticks in a control period."""
-        return replace(self, runs={label: replace(run, finer=count) for label, run in self.runs.items()})
+        return replace(self, runs={label: replace(run, subdivision=count) for label, run in self.runs.items()})
 
     def torque(self, values: Array, which: str = "train") -> Array:
         """(N, n) simulated torque at the samples."""
@@ -230,12 +240,12 @@ class LoopModel:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
         run = self.runs[which]
         torque = np.column_stack([recording.inputs[name] for name in self.logged])
-        for push in self.pushes(values, which):
-            reaches_log = self.logged[push.joint - 1] == f"{run.problem.plant}.tau{push.joint}"
-            if reaches_log != push.is_logged:
+        for external in self.external_torques(values, which):
+            reaches_log = self.logged[external.joint - 1] == f"{run.problem.plant}.tau{external.joint}"
+            if reaches_log != external.is_logged:
                 sign = -1.0 if reaches_log else 1.0
                 reference = run.problem.experiment.reference.time
-                torque[:, push.joint - 1] += sign * np.interp(recording.time, reference, push.along(reference))
+                torque[:, external.joint - 1] += sign * np.interp(recording.time, reference, external.along(reference))
         return torque
 
     def residual(self, values: Array, which: str = "train") -> Array:
@@ -260,8 +270,10 @@ def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int 
         raise InputError("There is no joint to look at.", where="discover")
     parameters = problem.parameters
     nominal = parameters.nominal()
-    knobs = tuple(
-        Knob(name, unit, BASE, name, float(value), float(abs(value)) or 1.0, lowest=float(low), highest=float(high))
+    free_parameters = tuple(
+        FreeParameter(
+            name, unit, BASE, name, float(value), float(abs(value)) or 1.0, lowest=float(low), highest=float(high)
+        )
         for name, unit, value, low, high in zip(
             parameters.names,
             parameters.units,
@@ -278,7 +290,7 @@ def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int 
         runs=runs,
         plant=problem.system.components[problem.plant],
         logged=tuple(f"{problem.plant}.tau{j}" for j in range(1, problem.joint_count + 1)),
-        knobs=knobs,
+        free_parameters=free_parameters,
         workers=workers,
         joint_count=problem.joint_count,
     )

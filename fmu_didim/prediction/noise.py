@@ -89,9 +89,10 @@ def noise_from_periods(
 
     Args:
         torque: (N, n) log, NaN where a sample is missing; samples: number of samples in a period.
-        skip: samples at the begin that the transient spoils.
+        skip: samples at the beginning that the transient spoils.
         regressors: (N, n, m) columns whose slow change is taken out of the differences first, such as friction:
-            else thermal drift would count as noise. What happened in one period only, such as a push, is left out too.
+            else thermal drift would count as noise. What happened in one period only, such as an external torque, is
+            left out too.
 
     Returns:
         None if less than one and a half periods are left.
@@ -187,7 +188,7 @@ def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
     return float(np.var(logs)), float(np.exp(np.mean(logs)))
 
 
-def colour(residual: Array) -> Array:
+def effective_fraction(residual: Array) -> Array:
     """(n,) effective part f = (1 - rho)/(1 + rho) of the samples of a residual (N, n), rho its lag-one correlation."""
     centred = residual - residual.mean(axis=0)
     power = np.maximum(np.sum(centred**2, axis=0), 1e-300)

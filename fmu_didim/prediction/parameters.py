@@ -28,13 +28,13 @@ class Parameters(ABC):
     """The p identified parameters theta and how they enter the plant.
 
     Attributes:
-        names, units: (p,) shown to the user; carriers: (p,) names in the plant.
+        names, units: (p,) shown to the user; plant_names: (p,) names in the plant.
         torque_units: (n,) unit of the torque of each joint.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    carriers: tuple[str, ...]
+    plant_names: tuple[str, ...]
     torque_units: tuple[str, ...]
 
     @property
@@ -153,7 +153,7 @@ class RobotParameters(Parameters):
         return self.base.units
 
     @property
-    def carriers(self) -> tuple[str, ...]:  # type: ignore[override]
+    def plant_names(self) -> tuple[str, ...]:  # type: ignore[override]
         return self.base.standard
 
     @property
@@ -235,10 +235,10 @@ class RobotParameters(Parameters):
 
 @dataclass(frozen=True)
 class NamedParameters(Parameters):
-    """Parameters of a plant, by name, that enter it anyhow.
+    """Parameters of a plant, by name, that enter it in any way.
 
     Attributes:
-        names, units, carriers: (p,); torque_units: (n,).
+        names, units, plant_names: (p,); torque_units: (n,).
         start: (p,) values of the plant's description.
         lowest, highest: (p,) limits; minus and plus infinity where there are none.
         probed: whether a regressor is measured on the running plant, for parameters linear in its torque.
@@ -246,7 +246,7 @@ class NamedParameters(Parameters):
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    carriers: tuple[str, ...]
+    plant_names: tuple[str, ...]
     torque_units: tuple[str, ...]
     start: tuple[float, ...]
     lowest: tuple[float, ...]
@@ -258,7 +258,7 @@ class NamedParameters(Parameters):
         return self.probed
 
     def values(self, theta: Array) -> dict[str, float]:
-        return {name: float(value) for name, value in zip(self.carriers, theta, strict=True)}
+        return {name: float(value) for name, value in zip(self.plant_names, theta, strict=True)}
 
     def nominal(self) -> Array:
         return np.array(self.start)

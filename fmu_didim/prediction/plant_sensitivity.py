@@ -31,8 +31,8 @@ def sensitivity(problem: Problem, theta: Array, prediction: Prediction, *, with_
 
     Where the equations of all components are known, one run of the loop with its derivatives gives all columns (see
     :func:`fmu_didim.master.variation.with_derivatives`). Otherwise one further simulation a column for a robot; central
-    differences with a step found by trial for parameters that enter a plant anyhow. Where compiled code runs the loop,
-    ``problem.workers`` of them run side by side.
+    differences with a step found by trial for parameters that enter a plant in any way. Where compiled code runs the
+    loop, ``problem.workers`` of them run side by side.
 
     Args:
         theta: (p,) parameters; prediction: of the simulation there.
@@ -55,7 +55,7 @@ def _by_variation(problem: Problem, theta: Array, prediction: Prediction) -> Arr
     if not prediction.recording.compiled:
         return None
     system = problem.system_with(theta)
-    varied = with_derivatives(system, problem.plant, problem.parameters.carriers)
+    varied = with_derivatives(system, problem.plant, problem.parameters.plant_names)
     if varied is None:
         return None
     operator, count = problem.experiment.operator, theta.size

@@ -54,7 +54,7 @@ class RegressorProbe:
             self._compare(instance, here)
 
     def _regressor(self, instance: Instance, theta: Array) -> Array:
-        names = self._parameters.carriers
+        names = self._parameters.plant_names
         values = dict(zip(names, (float(v) for v in theta), strict=True))
         accelerations, torques = self._places(instance)
         by_torque, by_parameter = instance.derivatives(accelerations, torques, values)
@@ -74,7 +74,7 @@ class RegressorProbe:
     def _compare(self, instance: Instance, here: Array) -> None:
         """The regressor for theta changed by CHANGE, the torque adjusted so that the acceleration stays."""
         accelerations, torques = self._places(instance)
-        names = self._parameters.carriers
+        names = self._parameters.plant_names
         before, wanted = instance.inputs.copy(), instance.outputs[accelerations].copy()
         other = self._theta * (1 + CHANGE)
         instance.set_parameters(dict(zip(names, (float(v) for v in other), strict=True)))

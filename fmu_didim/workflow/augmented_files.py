@@ -13,7 +13,7 @@ import yaml
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.components import load_fmu
-from fmu_didim.discovery.augmentation.builder import Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.selection.decide import HELD_OUT
 from fmu_didim.documents import load_yaml
@@ -41,9 +41,9 @@ def write_augmented(
         description: the robot, None for a plant that is a black box: it is left as it is, the parts stand in the loop.
     """
     final = found.discovery.final
-    files = _write_parts(found.workshop, final, out)
+    files = _write_parts(found.builder, final, out)
     if description is not None:
-        files |= _write_robot(found.workshop, final, case, out)
+        files |= _write_robot(found.builder, final, case, out)
         return files, _rerun(out / CASE_FILE, final, found)
     system, note = _write_system(case.name, final, files, out)
     return files | system, note
@@ -81,17 +81,17 @@ def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.nd
     return result
 
 
-def augmented_robot(workshop: Workshop, fit: Fit) -> RobotDescription:
+def augmented_robot(builder: LoopModelBuilder, fit: Fit) -> RobotDescription:
     """The robot description with all effects found and the fitted values, wherever they act."""
-    described = workshop.described(fit.model.additions)
+    described = builder.described(fit.model.added_effects)
     parameters = fit.model.runs["train"].problem.parameters
     assert described is not None
     values = _described_values(parameters.described(fit.values[: parameters.count]))
-    for knob, value in zip(fit.model.knobs, fit.values, strict=True):
-        if knob.owner == PLANT:
-            values[knob.key] = float(value)
-        elif knob.owner not in (BASE, LOG) and knob.effect is not None:
-            values[f"{knob.key}_{fit.model.additions[knob.effect].joint}"] = float(value)
+    for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True):
+        if parameter.owner == PLANT:
+            values[parameter.key] = float(value)
+        elif parameter.owner not in (BASE, LOG) and parameter.effect is not None:
+            values[f"{parameter.key}_{fit.model.added_effects[parameter.effect].joint}"] = float(value)
     return described.with_values(values)
 
 
@@ -100,8 +100,8 @@ def _described_values(robot: RobotDescription | None) -> dict[str, float]:
     return {v.name: v.start for v in (*robot.standard_parameters(), *robot.shape_parameters())}
 
 
-def _write_robot(workshop: Workshop, fit: Fit, case: Case, out: Path) -> dict[str, str]:
-    robot = augmented_robot(workshop, fit)
+def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> dict[str, str]:
+    robot = augmented_robot(builder, fit)
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
     document = _relocated(load_yaml(case.path), case.folder, out)
@@ -129,17 +129,19 @@ def _relocated(content: Any, old: Path, new: Path) -> Any:
     return result
 
 
-def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
+def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:
     """The FMUs of the effects that stand in the wiring, with their values."""
     files = {}
     step = fit.model.runs["train"].system.step_size
-    for index, addition in enumerate(fit.model.additions):
-        effect = workshop.part(addition)
+    for index, effect_at in enumerate(fit.model.added_effects):
+        effect = builder.part(effect_at)
         if effect is None:
             continue
-        block = effect.block(workshop.joint_type(addition.joint), step)  # type: ignore[arg-type]
-        values = {k.key: float(v) for k, v in zip(fit.model.knobs, fit.values, strict=True) if k.effect == index}
-        name = f"{addition.effect}{addition.joint}"
+        block = effect.block(builder.joint_type(effect_at.joint), step)  # type: ignore[arg-type]
+        values = {
+            k.key: float(v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True) if k.effect == index
+        }
+        name = f"{effect_at.effect}{effect_at.joint}"
         path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
         files[f"part_{name}"] = path.name
     return files
@@ -147,7 +149,7 @@ def _write_parts(workshop: Workshop, fit: Fit, out: Path) -> dict[str, str]:
 
 def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> tuple[dict[str, str], str]:
     """The loop with the parts in its wiring as an SSP archive, and how well it gives the fitted torque."""
-    bare = replace(fit.model, runs={label: replace(run, pushes=()) for label, run in fit.model.runs.items()})
+    bare = replace(fit.model, runs={label: replace(run, external_torques=()) for label, run in fit.model.runs.items()})
     system = bare.simulated(fit.values)
     try:
         for component in system.components:
@@ -178,7 +180,7 @@ def _rerun(path: Path, final: Fit, found: Found) -> str:
         runs[HELD_OUT] = replace(case.problem.on(case.validation), system=case.system(case.validation.reference))
     worst = 0.0
     # Torques from outside belong to the experiment, not to the augmented model.
-    bare = {label: replace(run, pushes=()) for label, run in final.model.runs.items()}
+    bare = {label: replace(run, external_torques=()) for label, run in final.model.runs.items()}
     alone = replace(final.model, runs=bare)
     for label, problem in runs.items():
         try:
@@ -186,7 +188,7 @@ def _rerun(path: Path, final: Fit, found: Found) -> str:
         except SimulationError as error:
             return f"The augmented FMU could not be run on {label}: {error}"
         wanted = alone.torque(final.values, label)
-        compared = torque[-wanted.shape[0] :]  # discovery leaves out the begin
+        compared = torque[-wanted.shape[0] :]  # discovery leaves out the beginning
         worst = max(worst, float(np.abs(compared - wanted).max() / np.abs(wanted).max()))
     return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
 

@@ -103,7 +103,7 @@ def _saved(
     out.mkdir(parents=True, exist_ok=True)
     files = write_signals(found, out)
     notes = list(found.document.notes)
-    if found.discovery.final.model.additions:
+    if found.discovery.final.model.added_effects:
         say("writing the augmented model")
         augmented, note = write_augmented(case, found, description, out)
         files |= augmented
@@ -128,8 +128,8 @@ def _with_experiment(
         if len(step.members) < 2:
             continue
         say("designing the experiment that splits the ambiguous effects")
-        without = found.workshop.without(final.model, final.model.additions.index(step.addition))
-        robot = augmented_robot(found.workshop, replace(final, model=without, values=without.start))
+        without = found.builder.without(final.model, final.model.added_effects.index(step.effect_at))
+        robot = augmented_robot(found.builder, replace(final, model=without, values=without.start))
         model = RobotModel(robot)
         run = final.model.runs["train"]
         try:
@@ -140,7 +140,7 @@ def _with_experiment(
                 reference=run.problem.experiment.reference,
                 rate_hz=run.problem.experiment.rate_hz,
                 noise=found.noise,
-                effects=found.workshop.effects,
+                effects=found.builder.effects,
             )
         except InputError:
             continue  # two structures, say, have no columns to be compared by: the general advice stays

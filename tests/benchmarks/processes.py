@@ -8,14 +8,14 @@ import time
 from multiprocessing.pool import Pool
 
 from tests.benchmarks.figure import Figure, Settings
-from tests.monte_carlo import one_seed, setting
+from tests.monte_carlo import context, one_seed
 
 RATE_HZ = 10
 
 
 def _ready(_: int) -> int:
     """The process that did this, its imports and FMUs loaded."""
-    setting(RATE_HZ)
+    context(RATE_HZ)
     one_seed(RATE_HZ, 0)
     time.sleep(0.05)
     return os.getpid()
@@ -36,7 +36,7 @@ def _spin(_: int) -> int:
 def run(settings: Settings) -> list[Figure]:
     """Processes are started and warm before the clock runs; each identification has its own noise."""
     count = settings.size(60, 4, 1000)
-    setting(RATE_HZ)  # what is built is in the cache before two processes ask for it
+    context(RATE_HZ)  # what is built is in the cache before two processes ask for it
     seconds, bare = {}, {}
     for processes in (1, 2):
         begin = time.perf_counter()

@@ -28,7 +28,7 @@ from fmu_didim.master import Connection, System
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array, Variable
 
-FINER = (4, 16)
+SUBDIVISIONS = (4, 16)
 """Ticks in a control period that are tried: with one, the torque would come half a period late."""
 SETTLED = 1e-3
 """RMS change of the torque of a joint, as a part of its RMS, by four times shorter steps, below which the longer ones
@@ -171,10 +171,10 @@ def splice_part(
     )
 
 
-def finer(model: LoopModel) -> int:
+def subdivision(model: LoopModel) -> int:
     """Ticks in a control period that a loop with such components needs: shorter ones change the torque no more."""
-    chosen, before = FINER[-1], None
-    for count in FINER:
+    chosen, before = SUBDIVISIONS[-1], None
+    for count in SUBDIVISIONS:
         try:
             torque = model.refined(count).torque(model.start)
         except SimulationError:
@@ -194,7 +194,7 @@ __all__ = [
     "TorquePart",
     "acts_on_own_joint",
     "can_be_added",
-    "finer",
     "splice_part",
+    "subdivision",
     "torque_part",
 ]

@@ -14,7 +14,7 @@ import numpy as np
 
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, finer, splice_part, torque_part
+from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
 from fmu_didim.effects import EFFECTS, Effect, MeasurementEffect, Search, TorqueEffect
 from fmu_didim.effects.coulomb import Coulomb
@@ -22,7 +22,7 @@ from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import logged_torque, splice_effect
-from fmu_didim.prediction.loop_model import LOG, PLANT, Addition, Knob, LoopModel, Run
+from fmu_didim.prediction.loop_model import LOG, PLANT, EffectAtJoint, FreeParameter, LoopModel, Run
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
 
@@ -37,12 +37,12 @@ class Proposal:
         scales: size of a noticeable change of them; the value itself where absent.
     """
 
-    addition: Addition
+    effect_at: EffectAtJoint
     values: Mapping[str, float]
     scales: Mapping[str, float] = field(default_factory=dict)
 
 
-class Workshop:
+class LoopModelBuilder:
     """Builds loop models with effects; keeps the plants it has compiled.
 
     Args:
@@ -59,16 +59,16 @@ class Workshop:
     ) -> None:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)
-        self._plants: dict[tuple[Addition, ...], Component] = {}
-        self._searches: dict[Addition, dict[str, Search]] = {}
+        self._plants: dict[tuple[EffectAtJoint, ...], Component] = {}
+        self._searches: dict[EffectAtJoint, dict[str, Search]] = {}
         self._ticks: int | None = None
         # CasADi's expressions are not made to be built by several threads at once.
         self._lock = threading.RLock()
         self._ranges = [travelled(base, j) for j in range(1, base.joint_count + 1)]
 
-    def effect(self, addition: Addition) -> Effect:
+    def effect(self, effect_at: EffectAtJoint) -> Effect:
         """The effect of an addition."""
-        return self.effects[addition.effect]
+        return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:
         """The joints, from 1, on which an effect may be; of one of the whole log the first stands for all."""
@@ -85,32 +85,32 @@ class Workshop:
         unit = self.base.runs["train"].problem.parameters.torque_units[joint - 1]
         return "prismatic" if unit == "N" else "revolute"
 
-    def search(self, addition: Addition) -> dict[str, Search]:
+    def search(self, effect_at: EffectAtJoint) -> dict[str, Search]:
         """The searched parameters of an effect, their grids moved to where the reference goes and the data can tell."""
-        if addition not in self._searches:
-            effect, kind = self.effect(addition), self.joint_type(addition.joint)
+        if effect_at not in self._searches:
+            effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
             units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}  # type: ignore[arg-type]
-            within = self._ranges[addition.joint - 1]
-            self._searches[addition] = {
+            within = self._ranges[effect_at.joint - 1]
+            self._searches[effect_at] = {
                 name: within.adapted(s, units[name])
                 for name, s in effect.search(kind).items()  # type: ignore[arg-type]
             }
-        return self._searches[addition]
+        return self._searches[effect_at]
 
-    def free_parameters(self, addition: Addition) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+    def parameters_of(self, effect_at: EffectAtJoint) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
         """Amplitudes and searched shapes of an effect, by their plain names."""
-        effect, kind = self.effect(addition), self.joint_type(addition.joint)
-        searched = self.search(addition)
+        effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
+        searched = self.search(effect_at)
         shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)  # type: ignore[arg-type]
         amplitudes = effect.parameters(kind)  # type: ignore[arg-type]
         if isinstance(effect, NonlinearEffect):
             amplitudes = tuple(v for v in amplitudes if v.name in searched)
         return amplitudes, shapes
 
-    def cost(self, addition: Addition) -> float:
+    def cost(self, effect_at: EffectAtJoint) -> float:
         """Parameters that an effect counts as when models are compared."""
-        amplitudes, _ = self.free_parameters(addition)
-        search = self.search(addition)
+        amplitudes, _ = self.parameters_of(effect_at)
+        search = self.search(effect_at)
         return sum(1.0 for v in amplitudes if v.name not in search) + sum(s.cost for s in search.values())
 
     def build(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
@@ -123,36 +123,43 @@ class Workshop:
             return self._built(model, proposals)
 
     def _built(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
-        additions = (*model.additions, *(p.addition for p in proposals))
-        knobs = list(model.knobs)
-        for index, proposal in enumerate(proposals, start=len(model.additions)):
-            known = {knob.name for knob in knobs}
-            knobs += [k for k in self._knobs(proposal, index) if k.name not in known]
-        plant = self._plant(additions)
+        added_effects = (*model.added_effects, *(p.effect_at for p in proposals))
+        free_parameters = list(model.free_parameters)
+        for index, proposal in enumerate(proposals, start=len(model.added_effects)):
+            known = {parameter.name for parameter in free_parameters}
+            free_parameters += [k for k in self._free_parameters_of(proposal, index) if k.name not in known]
+        plant = self._plant(added_effects)
         offered = {v.name for v in plant.parameters}
-        knobs = [k for k in knobs if k.owner != PLANT or k.key in offered]
-        runs, logged = self._wired(additions)
-        built = replace(model, plant=plant, runs=runs, logged=logged, knobs=tuple(knobs), additions=additions)
-        return built.refined(self._finer(additions))
+        free_parameters = [k for k in free_parameters if k.owner != PLANT or k.key in offered]
+        runs, logged = self._wired(added_effects)
+        built = replace(
+            model,
+            plant=plant,
+            runs=runs,
+            logged=logged,
+            free_parameters=tuple(free_parameters),
+            added_effects=added_effects,
+        )
+        return built.refined(self._subdivision(added_effects))
 
-    def _finer(self, additions: Sequence[Addition]) -> int:
+    def _subdivision(self, added_effects: Sequence[EffectAtJoint]) -> int:
         """Ticks in a control period: more than one where a torque of the plant stands in the wiring."""
-        if not any(isinstance(self.part(a), TorquePart) for a in additions):
+        if not any(isinstance(self.part(a), TorquePart) for a in added_effects):
             return 1
         if self._ticks is None:
-            self._ticks = finer(self._with_friction())  # one number for all models, which are compared
+            self._ticks = subdivision(self._with_friction())  # one number for all models, which are compared
         return self._ticks
 
     def _with_friction(self) -> LoopModel:
         """The base with further Coulomb friction in the wiring, the steepest effect that is likely."""
         sizes = 0.1 * np.sqrt(np.mean(self.base.runs["train"].measured ** 2, axis=0))
-        wanted = [(Addition("coulomb", j), size) for j, size in enumerate(sizes, start=1)]
+        wanted = [(EffectAtJoint("coulomb", j), size) for j, size in enumerate(sizes, start=1)]
         runs = dict(self.base.runs)
-        for addition, size in wanted:
-            if self.part(addition) is None:
+        for effect_at, size in wanted:
+            if self.part(effect_at) is None:
                 continue
-            run = self._with_part(runs["train"], Coulomb(), addition.joint)
-            name = splice_name(addition)
+            run = self._with_part(runs["train"], Coulomb(), effect_at.joint)
+            name = splice_name(effect_at)
             part = run.system.components[name].with_parameters({"Fc": float(size)})
             runs["train"] = replace(run, system=run.system.replace(name, part))
         joints = range(1, self.base.joint_count + 1)
@@ -165,36 +172,43 @@ class Workshop:
         return replace(run, system=system)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
-        """A model without one of its effects; its other knobs keep their values."""
-        additions = tuple(a for i, a in enumerate(model.additions) if i != index)
-        knobs = tuple(
+        """A model without one of its effects; its other free parameters keep their values."""
+        added_effects = tuple(a for i, a in enumerate(model.added_effects) if i != index)
+        free_parameters = tuple(
             replace(k, effect=k.effect - 1 if k.effect is not None and k.effect > index else k.effect)
-            for k in model.knobs
+            for k in model.free_parameters
             if k.effect != index
         )
         with self._lock:
-            runs, logged = self._wired(additions)
-            plant = self._plant(additions)
-            built = replace(model, plant=plant, runs=runs, logged=logged, knobs=knobs, additions=additions)
-            return built.refined(self._finer(additions))
+            runs, logged = self._wired(added_effects)
+            plant = self._plant(added_effects)
+            built = replace(
+                model,
+                plant=plant,
+                runs=runs,
+                logged=logged,
+                free_parameters=free_parameters,
+                added_effects=added_effects,
+            )
+            return built.refined(self._subdivision(added_effects))
 
-    def described(self, additions: Sequence[Addition]) -> RobotDescription | None:
+    def described(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription | None:
         """The robot description with all effects, wherever they act."""
         if self.description is None:
             return None
-        return self._description([a for a in additions if not self.is_of_log(a.effect)])
+        return self._description([a for a in added_effects if not self.is_of_log(a.effect)])
 
-    def _knobs(self, proposal: Proposal, index: int) -> list[Knob]:
-        addition = proposal.addition
-        effect = self.effect(addition)
-        amplitudes, shapes = self.free_parameters(addition)
-        search = self.search(addition)
-        spliced, nonlinear = self.is_spliced(addition), isinstance(effect, NonlinearEffect)
+    def _free_parameters_of(self, proposal: Proposal, index: int) -> list[FreeParameter]:
+        effect_at = proposal.effect_at
+        effect = self.effect(effect_at)
+        amplitudes, shapes = self.parameters_of(effect_at)
+        search = self.search(effect_at)
+        spliced, nonlinear = self.is_spliced(effect_at), isinstance(effect, NonlinearEffect)
         of_log = isinstance(effect, MeasurementEffect)
-        owner = splice_name(addition) if spliced else LOG if of_log else PLANT
-        knobs = []
+        owner = splice_name(effect_at) if spliced else LOG if of_log else PLANT
+        free_parameters = []
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
-            number = f"_{addition.joint}" if is_shape or nonlinear else f"{addition.joint}"
+            number = f"_{effect_at.joint}" if is_shape or nonlinear else f"{effect_at.joint}"
             name = variable.name if of_log else f"{variable.name}{number}"
             if nonlinear and not is_shape and variable.name not in proposal.values:
                 continue  # nothing to be seen of it: it stays as it is without the effect
@@ -204,8 +218,8 @@ class Workshop:
                 low, high = effect.limits.get(variable.name, (low, high))
             elif is_shape:
                 low, high = shape_limits(search[variable.name], variable.name in effect.signed)
-            knobs.append(
-                Knob(
+            free_parameters.append(
+                FreeParameter(
                     name=name,
                     unit=variable.unit,
                     owner=owner,
@@ -218,28 +232,28 @@ class Workshop:
                     is_shape=is_shape,
                 )
             )
-        return knobs
+        return free_parameters
 
-    def can_add(self, addition: Addition) -> bool:
+    def can_add(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect can be added to this plant: to a black box only what its wiring can take."""
-        anywhere = self.description is not None or self.is_of_log(addition.effect)
-        return anywhere or self.part(addition) is not None
+        anywhere = self.description is not None or self.is_of_log(effect_at.effect)
+        return anywhere or self.part(effect_at) is not None
 
-    def is_spliced(self, addition: Addition) -> bool:
+    def is_spliced(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect is a component of its own in the wiring."""
-        return self.part(addition) is not None
+        return self.part(effect_at) is not None
 
-    def part(self, addition: Addition) -> SplicedEffect | None:
+    def part(self, effect_at: EffectAtJoint) -> SplicedEffect | None:
         """The component that an effect is in the wiring, None if it belongs into the equations of the plant."""
-        effect = self.effect(addition)
+        effect = self.effect(effect_at)
         if isinstance(effect, TorqueEffect) and self.description is None:
-            kind = self.joint_type(addition.joint)
-            if can_be_added(self.base, effect, addition.joint, kind):  # type: ignore[arg-type]
+            kind = self.joint_type(effect_at.joint)
+            if can_be_added(self.base, effect, effect_at.joint, kind):  # type: ignore[arg-type]
                 return torque_part(effect)
         return effect if isinstance(effect, SplicedEffect) else None
 
-    def _plant(self, additions: Sequence[Addition]) -> Component:
-        inner = tuple(a for a in additions if not self.is_spliced(a) and not self.is_of_log(a.effect))
+    def _plant(self, added_effects: Sequence[EffectAtJoint]) -> Component:
+        inner = tuple(a for a in added_effects if not self.is_spliced(a) and not self.is_of_log(a.effect))
         if not inner:
             return self.base.plant
         if self.description is None:
@@ -253,28 +267,28 @@ class Workshop:
             self._plants[inner] = known
         return known
 
-    def _description(self, additions: Sequence[Addition]) -> RobotDescription:
+    def _description(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription:
         assert self.description is not None
         joints = list(self.description.joints)
-        for addition in additions:
-            joint = joints[addition.joint - 1]
-            if addition.effect not in joint.effects:
-                joints[addition.joint - 1] = joint.model_copy(update={"effects": (*joint.effects, addition.effect)})
+        for effect_at in added_effects:
+            joint = joints[effect_at.joint - 1]
+            if effect_at.effect not in joint.effects:
+                joints[effect_at.joint - 1] = joint.model_copy(update={"effects": (*joint.effects, effect_at.effect)})
         return self.description.model_copy(update={"joints": tuple(joints)})
 
-    def _wired(self, additions: Sequence[Addition]) -> tuple[dict[str, Run], tuple[str, ...]]:
+    def _wired(self, added_effects: Sequence[EffectAtJoint]) -> tuple[dict[str, Run], tuple[str, ...]]:
         """The experiments with all splices in their wiring, and the signals that are logged."""
         runs, joints = dict(self.base.runs), range(1, self.base.joint_count + 1)
         plant = runs["train"].problem.plant
-        for addition in additions:
-            effect, kind = self.effect(addition), self.joint_type(addition.joint)
+        for effect_at in added_effects:
+            effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
             if isinstance(effect, SplicedEffect):
                 runs = {
-                    label: replace(run, system=splice_effect(run.system, effect, addition.joint, kind, plant=plant))  # type: ignore[arg-type]
+                    label: replace(run, system=splice_effect(run.system, effect, effect_at.joint, kind, plant=plant))  # type: ignore[arg-type]
                     for label, run in runs.items()
                 }
-            elif isinstance(effect, TorqueEffect) and self.is_spliced(addition):
-                runs = {label: self._with_part(run, effect, addition.joint) for label, run in runs.items()}
+            elif isinstance(effect, TorqueEffect) and self.is_spliced(effect_at):
+                runs = {label: self._with_part(run, effect, effect_at.joint) for label, run in runs.items()}
         return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
 
 
@@ -292,6 +306,6 @@ def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
     return (search.lowest - room if signed else 0.8 * search.lowest), search.highest + room
 
 
-def splice_name(addition: Addition) -> str:
+def splice_name(effect_at: EffectAtJoint) -> str:
     """Name of the component of an effect in the wiring."""
-    return f"{addition.effect}{addition.joint}"
+    return f"{effect_at.effect}{effect_at.joint}"

@@ -8,41 +8,41 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.discovery.document import gap_pair, values_found
-from fmu_didim.discovery.external_torques.fit import Pushed, push_knobs
+from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, external_torque_parameters
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.discovery.selection.decide import HELD_OUT
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import PUSH
+from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import Knob
+from fmu_didim.prediction.loop_model import FreeParameter
 from fmu_didim.prediction.noise import Noise
 
 NAME = "external_force"
 LISTED = 3
-"""Number of pushes up to which all are listed as parameters; the windows list them in any case."""
+"""Number of external torques up to which all are listed as parameters; the windows list them in any case."""
 
 
-def refitted(pushed: Pushed, final: Fit, noise: Noise) -> tuple[Fit, Fit]:
-    """The final model with the pushes fitted once more, and the same with them as its last knobs."""
+def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) -> tuple[Fit, Fit]:
+    """The final model with the external torques fitted once more, and the same with them as its last parameters."""
     model, run = final.model, final.model.runs["train"]
-    count = len(model.knobs)
+    count = len(model.free_parameters)
     try:
-        knobs = (*model.knobs, *push_knobs(final, run.pushes))
-        free = minimise(replace(model, knobs=knobs), noise, iterations=6, renew=1)
+        free_parameters = (*model.free_parameters, *external_torque_parameters(final, run.external_torques))
+        free = minimise(replace(model, free_parameters=free_parameters), noise, iterations=6, jacobian_updates=1)
     except SimulationError:
-        return final, pushed.free
-    held = replace(run, pushes=free.model.pushes(free.values))
+        return final, fitted_torques.free
+    held = replace(run, external_torques=free.model.external_torques(free.values))
     model = replace(model, runs={**model.runs, "train": held}).with_values(free.values[:count])
     fixed = Fit(model, free.values[:count], free.torque, free.jacobian[:, :, :count], free.chi_square)
     return fixed, free
 
 
-def push_finding(pushed: Pushed, base: Fit, free: Fit, noise: Noise) -> FindingResult:
-    """The finding: times and torques of the pushes with their intervals."""
+def external_torque_finding(fitted_torques: FittedExternalTorques, base: Fit, free: Fit, noise: Noise) -> FindingResult:
+    """The finding: times and torques of the external torques with their intervals."""
     effect = EFFECTS[NAME]
-    pushes = free.model.runs["train"].pushes
-    first = pushes[0]
+    external_torques = free.model.runs["train"].external_torques
+    first, count = external_torques[0], len(external_torques)
     where = "It was added to the command, so that the torque log shows it." if first.is_logged else ""
     return FindingResult(
         effect=NAME,
@@ -50,23 +50,23 @@ def push_finding(pushed: Pushed, base: Fit, free: Fit, noise: Noise) -> FindingR
         class_=effect.class_name,
         joint=first.joint,
         place="command" if first.is_logged else effect.place,
-        equation=f"F[i] from t_on[i] to t_off[i], i = 1 to {len(pushes)}, positive along the joint. {where}".strip(),
+        equation=f"F[i] from t_on[i] to t_off[i], i = 1 to {count}, positive along the joint. {where}".strip(),
         parameters=_summary(free, noise),
-        share_of_gap=pushed.share,
-        delta_bic=pushed.delta_bic,
+        share_of_gap=fitted_torques.share,
+        delta_bic=fitted_torques.delta_bic,
         ambiguous=[
             Rival(effect=name, title=EFFECTS[name].title, joint=first.joint, bic_behind=None)
             for name in effect.confounded_with
         ],
         experiment=effect.experiment,
-        gap=_gaps(base, pushed.fit, noise),
+        gap=_gaps(base, fitted_torques.fit, noise),
         ratio_interval=None,
     )
 
 
-def push_windows(free: Fit, noise: Noise) -> list[WindowResult]:
-    """One window for each push; its score is its torque in standard deviations."""
-    deviation = {v.name: v.std for v in values_found(free, noise, _is_push)}
+def external_torque_windows(free: Fit, noise: Noise) -> list[WindowResult]:
+    """One window for each external torque; its score is its torque in standard deviations."""
+    deviation = {v.name: v.std for v in values_found(free, noise, _is_external_torque)}
     return [
         WindowResult(
             joint=p.joint,
@@ -76,17 +76,17 @@ def push_windows(free: Fit, noise: Noise) -> list[WindowResult]:
             score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, 1e-12),
             experiment="train",
         )
-        for i, p in enumerate(free.model.pushes(free.values), start=1)
+        for i, p in enumerate(free.model.external_torques(free.values), start=1)
     ]
 
 
-def _is_push(knob: Knob) -> bool:
-    return knob.owner == PUSH
+def _is_external_torque(parameter: FreeParameter) -> bool:
+    return parameter.owner == EXTERNAL_TORQUE
 
 
 def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
-    """Everything about a few pushes; of many their mean torque, with its spread, and the first one's times."""
-    values = values_found(free, noise, _is_push)
+    """All of a few external torques; of many their mean, with its spread, and the times of the first."""
+    values = values_found(free, noise, _is_external_torque)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
     if torques.size <= LISTED:
         return values
@@ -110,4 +110,4 @@ def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:
     return result
 
 
-__all__ = ["push_finding", "push_windows", "refitted"]
+__all__ = ["external_torque_finding", "external_torque_windows", "refitted"]

@@ -1,7 +1,8 @@
 """Torques from outside during some time: when they begin and end, and how large they are.
 
-The loop reacts to a push within milliseconds, so that the log does not simply show the push. Steps of the torque are
-first found to first order, then their times and sizes are fitted in the closed loop, together with the model.
+The loop reacts to an external torque within milliseconds, so that the log does not simply show the external torque.
+Steps of the torque are first found to first order, then their times and sizes are fitted in the closed loop, together
+with the model.
 
 The search for steps is that of :mod:`fmu_didim.discovery.external_torques.search`.
 """
@@ -15,33 +16,36 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.external_torques.search import linear_pushes, step_response, what_is_left
+from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response, what_is_left
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import PUSH, Push
+from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import DELAY, Knob, LoopModel
+from fmu_didim.prediction.loop_model import DELAY, FreeParameter, LoopModel
 from fmu_didim.prediction.noise import Noise, motion_frequency, noise_from_periods, noise_from_residual
 from fmu_didim.prediction.sensitivity import STEP
 from fmu_didim.signals import Array
 
 SHARE = 0.6
-"""Part of the gap that pushes must explain before they are taken for what is missing."""
+"""Part of the gap that external torques must explain before they are taken for what is missing."""
 LINEAR_SHARE = 0.5
 """The same of the linear search, whose times are only those of control periods."""
 LONGEST = 0.5
-"""Part of the data that pushes may last: what lasts longer, or does not end, may as well be an offset or a load."""
+"""Part of the data that external torques may last: what lasts longer, or does not end, may as well be an offset or a
+load."""
 STAIRCASE = 0.25
-"""Part of the pushes that may follow each other without a pause: more of them only copy what else is missing."""
+"""Part of the external torques that may follow each other without a pause: more of them only copy what else is
+missing."""
 
 
 @dataclass(frozen=True)
-class Pushed:
+class FittedExternalTorques:
     """Pushes that were found, fitted with the parameters of the model.
 
     Attributes:
-        fit: of the model with the pushes, which are held there for all that follows; free: with a delay of the loop
-            and the times and torques of the pushes as its last knobs.
-        noise: of the data, without the pushes.
+        fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
+        the loop
+            and the times and torques of the external torques as its last free parameters.
+        noise: of the data, without the external torques.
         delta_bic: over the model without; share: of the gap.
     """
 
@@ -52,26 +56,29 @@ class Pushed:
     share: float
 
     @property
-    def pushes(self) -> tuple[Push, ...]:
+    def external_torques(self) -> tuple[ExternalTorque, ...]:
         """In the order of time."""
-        return self.fit.model.runs["train"].pushes
+        return self.fit.model.runs["train"].external_torques
 
 
-def find_pushes(fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda text: None) -> Pushed | None:
-    """The pushes that explain most of what a model leaves, or None if none do.
+def find_external_torques(
+    fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda text: None
+) -> FittedExternalTorques | None:
+    """The external torques that explain most of what a model leaves, or None if none do.
 
-    A torque that comes back with each period of the motion belongs to the machine and is not taken for a push.
+    A torque that comes back with each period of the motion belongs to the machine and is not taken for an external
+    torque.
 
     Args:
         fit: of the model; noise: of the data.
     """
-    best: tuple[float, list[Push]] | None = None
+    best: tuple[float, list[ExternalTorque]] | None = None
     for joint in range(1, fit.model.joint_count + 1):
         response = step_response(fit, joint)
         if response is None:
             continue
         for is_logged in (False, True):
-            found = linear_pushes(fit, noise, joint, response + 1.0 if is_logged else response, is_logged)
+            found = linear_external_torques(fit, noise, joint, response + 1.0 if is_logged else response, is_logged)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found
     if best is None or best[0] < LINEAR_SHARE:
@@ -83,55 +90,59 @@ def find_pushes(fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda t
     return _fitted(fit, noise, best[1])
 
 
-def _is_staircase(pushes: list[Push]) -> bool:
-    following = sum(a.end_s == b.begin_s for a, b in pairwise(pushes))
-    return following > STAIRCASE * len(pushes)
+def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
+    following = sum(a.end_s == b.begin_s for a, b in pairwise(external_torques))
+    return following > STAIRCASE * len(external_torques)
 
 
-def _is_lasting(pushes: list[Push], time: Array) -> bool:
-    """Whether most of the time is pushed, or most of that in pushes of which no end or no begin is seen."""
-    lengths = np.array([p.end_s - p.begin_s for p in pushes])
-    bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in pushes])
+def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
+    """Whether most of the time is pushed, or most of that in external torques of which no end or no begin is seen."""
+    lengths = np.array([p.end_s - p.begin_s for p in external_torques])
+    bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
     return bool(lengths.sum() > LONGEST * (time[-1] - time[0]) or lengths[~bounded].sum() > 0.5 * lengths.sum())
 
 
-def _comes_back(pushes: list[Push], noise: Noise) -> bool:
+def _comes_back(external_torques: list[ExternalTorque], noise: Noise) -> bool:
     """Whether most of the impulse is there again one period of the motion later, or was one before."""
-    if noise.period_s is None or not pushes:
+    if noise.period_s is None or not external_torques:
         return False
-    begins = np.array([p.begin_s for p in pushes])
+    begins = np.array([p.begin_s for p in external_torques])
     near = min(0.05 * noise.period_s, 0.1)
     alike = [any(np.abs(begins - (b + k * noise.period_s)).min() < near for k in (-1, 1)) for b in begins]
-    impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in pushes]
+    impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in external_torques]
     return bool(np.average(alike, weights=impulses) >= 0.5)
 
 
-def _fitted(fit: Fit, noise: Noise, pushes: list[Push]) -> Pushed | None:
-    """Times and torques fitted in the closed loop, with all knobs of the model."""
+def _fitted(fit: Fit, noise: Noise, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
+    """Times and torques fitted in the closed loop, with all free parameters of the model."""
     model = fit.model
     run = model.runs["train"]
-    count = len(model.knobs)
-    runs = {**model.runs, "train": replace(run, pushes=tuple(pushes))}
+    count = len(model.free_parameters)
+    runs = {**model.runs, "train": replace(run, external_torques=tuple(external_torques))}
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
-    delay = Knob("loop_delay", "", DELAY, "samples", 0.1, 0.1, 0.0, 3.0, None, True)
-    knobs = (*model.knobs, delay, *push_knobs(fit, pushes))
+    delay = FreeParameter("loop_delay", "", DELAY, "samples", 0.1, 0.1, 0.0, 3.0, None, True)
+    free_parameters = (*model.free_parameters, delay, *external_torque_parameters(fit, external_torques))
     try:
-        free = minimise(replace(model, runs=runs, knobs=knobs), noise, iterations=12, renew=2)
-        noise = renewed_noise(noise, free)  # until now pushes that do not repeat counted as noise
-        free = minimise(free.model, noise, torque=free.torque, iterations=8, renew=2)
+        free = minimise(
+            replace(model, runs=runs, free_parameters=free_parameters), noise, iterations=12, jacobian_updates=2
+        )
+        noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
+        free = minimise(free.model, noise, torque=free.torque, iterations=8, jacobian_updates=2)
         moved = _edges_moved(free, noise)
         if moved is not None:
-            better = minimise(moved, noise, iterations=12, renew=3)
+            better = minimise(moved, noise, iterations=12, jacobian_updates=3)
             free = better if better.chi_square < free.chi_square else free
-        held = replace(model, runs={**runs, "train": replace(run, pushes=free.model.pushes(free.values))})
-        fixed = minimise(held.with_values(free.values[:count]), noise, renew=1)
+        held = replace(
+            model, runs={**runs, "train": replace(run, external_torques=free.model.external_torques(free.values))}
+        )
+        fixed = minimise(held.with_values(free.values[:count]), noise, jacobian_updates=1)
     except SimulationError:
         return None
-    if _comes_back(list(held.runs["train"].pushes), noise):
+    if _comes_back(list(held.runs["train"].external_torques), noise):
         return None
-    worth = delta_bic(fit.residual, fixed.residual, float(len(knobs) - count), noise)
+    worth = delta_bic(fit.residual, fixed.residual, float(len(free_parameters) - count), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    return Pushed(fixed, free, noise, worth, share) if worth > 0 and share >= SHARE else None
+    return FittedExternalTorques(fixed, free, noise, worth, share) if worth > 0 and share >= SHARE else None
 
 
 def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
@@ -142,7 +153,7 @@ def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
     model, weight = free.model, noise.weight
     time = model.runs["train"].problem.experiment.reference.time
     step = float(time[1] - time[0])
-    edges = [i for i, k in enumerate(model.knobs) if k.owner == PUSH and k.is_shape]
+    edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
     table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
     measured = model.runs["train"].measured
 
@@ -162,27 +173,33 @@ def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
     return None if np.array_equal(values, free.values) else model.with_values(values)
 
 
-def push_knobs(fit: Fit, pushes: Sequence[Push]) -> list[Knob]:
-    """Times and torques of pushes as knobs of the training data."""
+def external_torque_parameters(fit: Fit, external_torques: Sequence[ExternalTorque]) -> list[FreeParameter]:
+    """Times and torques of external torques as free parameters of the training data."""
     run = fit.model.runs["train"]
     time, rate = run.problem.experiment.reference.time, run.problem.experiment.rate_hz
-    step, size = float(time[1] - time[0]), max(abs(p.torque) for p in pushes)
-    unit = run.problem.parameters.torque_units[pushes[0].joint - 1]
+    step, size = float(time[1] - time[0]), max(abs(p.torque) for p in external_torques)
+    unit = run.problem.parameters.torque_units[external_torques[0].joint - 1]
     room = max(4 / rate, 4 * step)
-    knobs: list[Knob] = []
-    for i, push in enumerate(pushes):
-        knobs.append(Knob(f"F[{i + 1}]", unit, PUSH, f"{i}.torque", push.torque, size))
+    free_parameters: list[FreeParameter] = []
+    for i, external in enumerate(external_torques):
+        free_parameters.append(
+            FreeParameter(f"F[{i + 1}]", unit, EXTERNAL_TORQUE, f"{i}.torque", external.torque, size)
+        )
         for label, name in (("t_on", "begin_s"), ("t_off", "end_s")):
-            at = float(getattr(push, name))
+            at = float(getattr(external, name))
             if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
                 # Slopes over half a period: those at an instant change from one period to the next.
                 half = 0.5 * step / STEP
                 name = f"{i}.{name}"
-                knobs.append(Knob(f"{label}[{i + 1}]", "s", PUSH, name, at, half, at - room, at + room, None, True))
-    return knobs
+                free_parameters.append(
+                    FreeParameter(
+                        f"{label}[{i + 1}]", "s", EXTERNAL_TORQUE, name, at, half, at - room, at + room, None, True
+                    )
+                )
+    return free_parameters
 
 
-def renewed_noise(noise: Noise, fit: Fit) -> Noise:
+def updated_noise(noise: Noise, fit: Fit) -> Noise:
     """Noise from the differences of periods, of what a fit leaves instead of the log itself."""
     run = fit.model.runs["train"]
     experiment, rate = run.problem.experiment, run.problem.experiment.rate_hz
@@ -194,4 +211,4 @@ def renewed_noise(noise: Noise, fit: Fit) -> Noise:
     return noise if renewed is None else replace(renewed, period_s=noise.period_s)
 
 
-__all__ = ["Pushed", "find_pushes", "push_knobs", "renewed_noise"]
+__all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]

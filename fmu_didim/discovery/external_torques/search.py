@@ -1,11 +1,13 @@
-"""The search for pushes to first order: steps of a torque, found in what they leave in the log.
+"""The search for external torques to first order: steps of a torque, found in what they leave in the log.
 
 With s(t) the change of the log by a lasting unit torque that begins at t = 0, which one more simulation gives, a
-residual made of pushes is
+residual made of external torques is
 
-    r(t) = sum_k F_k s(t - t_k),    s: response of the command,  or of the command plus the push where the log shows it
+    r(t) = sum_k F_k s(t - t_k),    s: response of the command,  or of the command plus the external torque where the
+    log shows it
 
-The instants t_k are picked greedily, together with the parameters of the model; steps up and down are joined to pushes.
+The instants t_k are picked greedily, together with the parameters of the model; steps up and down are joined to
+external torques.
 
 Source: orthogonal matching pursuit, Pati, Rezaiifar, Krishnaprasad, Asilomar 1993.
 """
@@ -18,16 +20,16 @@ import numpy as np
 
 from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise, colour
+from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
 
-MAXIMUM_PUSHES = 2 * MAXIMUM_WINDOWS
+MAXIMUM_EXTERNAL_TORQUES = 2 * MAXIMUM_WINDOWS
 STEP_COST = 2.0
 """Parameters that one step counts as: instant and size."""
 UNPAIRED = 0.35
-"""Part of a step up by which the step down may differ, so that both bound one push."""
+"""Part of a step up by which the step down may differ, so that both bound one external torque."""
 NEAR = 5.0
 """Samples of the log, beyond the time in which the loop settles, within which steps are taken for one."""
 LEAST = 0.05
@@ -44,8 +46,10 @@ def step_response(fit: Fit, joint: int) -> Array | None:
     begin = time.size // 2
     try:
         still = model.logged_torque(model.record(fit.values, all_ticks=True), fit.values)
-        push = Push(joint, float(time[begin]), float(time[-1] + 1.0), size)
-        moved = replace(model, runs={**model.runs, "train": replace(run, pushes=(*run.pushes, push))})
+        external = ExternalTorque(joint, float(time[begin]), float(time[-1] + 1.0), size)
+        moved = replace(
+            model, runs={**model.runs, "train": replace(run, external_torques=(*run.external_torques, external))}
+        )
         after = moved.logged_torque(moved.record(fit.values, all_ticks=True), fit.values)
     except SimulationError:
         return None
@@ -82,10 +86,10 @@ def _shifted(fit: Fit, response: Array, ticks: int) -> _Shifted:
     return _Shifted(np.asarray(places), taken, ahead)
 
 
-def linear_pushes(
+def linear_external_torques(
     fit: Fit, noise: Noise, joint: int, response: Array, is_logged: bool
-) -> tuple[float, list[Push]] | None:
-    """Share of the gap of the joint that pushes explain to first order, and the pushes."""
+) -> tuple[float, list[ExternalTorque]] | None:
+    """Share of the gap of the joint that external torques explain to first order, and the external torques."""
     run = fit.model.runs["train"]
     time = run.problem.experiment.reference.time
     weight = 1 / noise.deviation[joint - 1]
@@ -95,8 +99,8 @@ def linear_pushes(
     rest = what_is_left(base, target)
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
-    floor = STEP_COST * np.log(rest.size) / max(float(colour(rest[:, None])[0]), 0.05)
-    while len(chosen) < 2 * MAXIMUM_PUSHES:
+    floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), 0.05)
+    while len(chosen) < 2 * MAXIMUM_EXTERNAL_TORQUES:
         gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
         columns = np.column_stack([base, *(shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain))))])
         left = what_is_left(columns, target)
@@ -115,17 +119,17 @@ def linear_pushes(
         sizes = _solved(columns, target)[base.shape[1] :]
         if again:
             chosen = _merged(chosen, sizes, near)
-    pushes = _joined(time, chosen, sizes, joint, is_logged)
-    if not pushes or len(pushes) > MAXIMUM_PUSHES:
+    external_torques = _joined(time, chosen, sizes, joint, is_logged)
+    if not external_torques or len(external_torques) > MAXIMUM_EXTERNAL_TORQUES:
         return None
     edges = [
         (shifted.column(round((p.begin_s - time[0]) / step)) - shifted.column(round((p.end_s - time[0]) / step)))
         * weight
-        for p in pushes
+        for p in external_torques
     ]
     left = what_is_left(np.column_stack([base, *edges]), target)
     share = 1 - (float(left @ left) - rest.size) / max(first - rest.size, 1e-300)
-    return share, pushes
+    return share, external_torques
 
 
 def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
@@ -166,9 +170,10 @@ def what_is_left(table: Array, target: Array) -> Array:
     return np.asarray(target - table @ _solved(table, target))
 
 
-def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[Push]:
-    """Steps joined to pushes: neighbours that cancel belong together; of others the torque between them counts."""
-    pushes: list[Push] = []
+def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[ExternalTorque]:
+    """Steps joined to external torques: neighbours that cancel belong together; of others the torque between them
+    counts."""
+    external_torques: list[ExternalTorque] = []
     end = float(time[-1] + (time[1] - time[0]))
     level, i = 0.0, 0
     while i < len(ticks):
@@ -176,14 +181,14 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
         after = float(time[ticks[i + 1]]) if i + 1 < len(ticks) else end
         pair = sizes[i : i + 2]
         if level == 0 and pair.size == 2 and abs(pair.sum()) < UNPAIRED * np.abs(pair).max():
-            pushes.append(Push(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
+            external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
-        # A staircase, or a push that outlasts the data: what little is left at its end is none.
+        # A staircase, or an external torque that outlasts the data: what little is left at its end is none.
         level += float(sizes[i])
         if abs(level) < UNPAIRED * np.abs(sizes).max():
             level = 0.0
         else:
-            pushes.append(Push(joint, begin, after, level, is_logged))
+            external_torques.append(ExternalTorque(joint, begin, after, level, is_logged))
         i += 1
-    return pushes
+    return external_torques

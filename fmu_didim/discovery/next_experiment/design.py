@@ -15,15 +15,15 @@ from pathlib import Path
 import yaml
 
 from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.next_experiment.members import Member, Setting
+from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
 from fmu_didim.discovery.next_experiment.motions import Limits, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate
-from fmu_didim.discovery.next_experiment.search import Search, Studio, improved, same_pairs
+from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
 from fmu_didim.discovery.next_experiment.separation import Table
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier
-from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Array, Trajectory, write_csv
@@ -43,8 +43,8 @@ class PairSeparation:
         same: whether they have the same first-order signature on every motion: torque alone cannot split them.
     """
 
-    truth: Addition
-    rival: Addition
+    truth: EffectAtJoint
+    rival: EffectAtJoint
     now: float
     then: float
     bic_now: float
@@ -122,49 +122,51 @@ def design_experiment(
     Raises:
         InputError: fewer than two members, or the limits leave no room.
     """
-    if len({m.addition for m in members}) < 2:
+    if len({m.effect_at for m in members}) < 2:
         raise InputError("There is nothing to split.", where="splitting experiment", valid="at least two members")
     search, model = search or Search(), RobotModel(description)
-    setting = Setting(description, chi, noise, rate_hz, effects, search.follow)
-    shown, hidden = _sorted_out(members, setting, model)
+    context = DesignContext(description, chi, noise, rate_hz, effects, search.follow)
+    shown, hidden = _sorted_out(members, context, model)
     if len(shown) < 2:
         return _textual(members, effects, (), hidden)
-    studio = Studio(setting, model, shown, reference, search)
+    evaluator = MotionEvaluator(context, model, shown, reference, search)
     tried = []
-    for candidate in studio.candidates:
-        tried.append((candidate, studio.table(candidate.build(candidate.design))))
-    same = same_pairs([studio.now, *(table for _, table in tried)])
-    studio.open = {pair for pair in studio.now if pair not in same}
-    if not studio.open:
-        return _textual(members, effects, _pairs(shown, studio.now, studio.now, same), hidden)
-    tried.sort(key=lambda item: -studio.score(item[1]))
-    progress(f"best of {len(tried)} motions: {tried[0][0].description}, score {studio.score(tried[0][1]):.3g}")
-    candidate, design = improved(studio, tried[:2], search.evaluations, progress)
+    for candidate in evaluator.candidates:
+        tried.append((candidate, evaluator.table(candidate.build(candidate.design))))
+    same = same_pairs([evaluator.now, *(table for _, table in tried)])
+    evaluator.open = {pair for pair in evaluator.now if pair not in same}
+    if not evaluator.open:
+        return _textual(members, effects, _pairs(shown, evaluator.now, evaluator.now, same), hidden)
+    tried.sort(key=lambda item: -evaluator.score(item[1]))
+    progress(f"best of {len(tried)} motions: {tried[0][0].description}, score {evaluator.score(tried[0][1]):.3g}")
+    candidate, design = improved(evaluator, tried[:2], search.evaluations, progress)
     motion = candidate.build(design)
-    table = studio.table(motion, quickly=False)
-    if studio.smallest(table) <= studio.smallest(studio.now):
-        return _textual(members, effects, _pairs(shown, studio.now, studio.now, same), hidden, NO_BETTER)
-    return _proposal(studio, candidate, motion, table, same, hidden)
+    table = evaluator.table(motion, quickly=False)
+    if evaluator.smallest(table) <= evaluator.smallest(evaluator.now):
+        return _textual(members, effects, _pairs(shown, evaluator.now, evaluator.now, same), hidden, NO_BETTER)
+    return _proposal(evaluator, candidate, motion, table, same, hidden)
 
 
-def _sorted_out(members: Sequence[Proposal], setting: Setting, model: RobotModel) -> tuple[list[Member], list[Effect]]:
+def _sorted_out(
+    members: Sequence[Proposal], context: DesignContext, model: RobotModel
+) -> tuple[list[AmbiguousEffect], list[Effect]]:
     """Members with a signature on a motion, and the effects of the others."""
     shown, hidden = [], []
     for proposal in members:
         try:
-            shown.append(Member(proposal, setting, model))
+            shown.append(AmbiguousEffect(proposal, context, model))
         except InputError:
-            hidden.append(setting.effects[proposal.addition.effect])
+            hidden.append(context.effects[proposal.effect_at.effect])
     return shown, hidden
 
 
 def _pairs(
-    members: Sequence[Member], now: Table, then: Table, same: set[tuple[int, int]]
+    members: Sequence[AmbiguousEffect], now: Table, then: Table, same: set[tuple[int, int]]
 ) -> tuple[PairSeparation, ...]:
     return tuple(
         PairSeparation(
-            members[a].addition,
-            members[b].addition,
+            members[a].effect_at,
+            members[b].effect_at,
             now[a, b].distance,
             then[a, b].distance,
             float(now[a, b].margin),
@@ -176,14 +178,15 @@ def _pairs(
 
 
 def _proposal(
-    studio: Studio, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[tuple[int, int]],
+    evaluator: MotionEvaluator, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[tuple[int,
+    int]],
     hidden: Sequence[Effect],
 ) -> SplittingExperiment:  # fmt: skip
-    pairs = _pairs(studio.members, studio.now, table, same)
+    pairs = _pairs(evaluator.members, evaluator.now, table, same)
     split = [p for p in pairs if not p.same]
     weak = [p for p in pairs if p.same or p.bic_then < THRESHOLD]
-    advice = _advice([studio.setting.effects[a.effect] for p in weak for a in (p.truth, p.rival)] + list(hidden))
-    lines = [f"Run {candidate.description} for {studio.space.duration_s:g} s, from rest to rest."]
+    advice = _advice([evaluator.context.effects[a.effect] for p in weak for a in (p.truth, p.rival)] + list(hidden))
+    lines = [f"Run {candidate.description} for {evaluator.space.duration_s:g} s, from rest to rest."]
     lines += [
         f"If {_named(p.truth)} is the truth and not {_named(p.rival)}: separation from {p.now:.2g} to {p.then:.2g} "
         f"times the noise, BIC difference to expect from {p.bic_now:.0f} to {p.bic_then:.0f}."
@@ -194,12 +197,12 @@ def _proposal(
         lines.append("That is too little to be sure: move for longer, faster or further, if the robot can.")
     lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
     lines.append(
-        "It is assumed that the robot follows the reference." if studio.setting.follow is None
+        "It is assumed that the robot follows the reference." if evaluator.context.follow is None
         else "The figures hold for the simulated motion of the base model."
     )  # fmt: skip
     return SplittingExperiment(
         description=" ".join([*lines, *advice]),
-        reference=studio.reference(motion),
+        reference=evaluator.reference(motion),
         excitation=motion if isinstance(motion, Fourier) else None,
         separation_now=min(p.now for p in split),
         separation_then=min(p.then for p in split),
@@ -223,8 +226,8 @@ def _same_lines(pairs: Sequence[PairSeparation]) -> list[str]:
     return [f"{first} and {second}: {SAME_TEXT}" for first, second in both]
 
 
-def _named(addition: Addition) -> str:
-    return f"{addition.effect} on joint {addition.joint}"
+def _named(effect_at: EffectAtJoint) -> str:
+    return f"{effect_at.effect} on joint {effect_at.joint}"
 
 
 def _advice(effects: Sequence[Effect]) -> tuple[str, ...]:
@@ -239,7 +242,7 @@ def _textual(
     why: str = "",
 ) -> SplittingExperiment:
     """No motion is proposed, only what the catalogue advises."""
-    advice = _advice([effects[m.addition.effect] for m in members])
+    advice = _advice([effects[m.effect_at.effect] for m in members])
     lines = [*([why] if why else []), *_same_lines(pairs)]
     lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
     nothing = float("nan")

@@ -75,7 +75,7 @@ def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displa
 
 
 @dataclass(frozen=True)
-class Setting:
+class DesignContext:
     """What is known before the experiment.
 
     Attributes:
@@ -93,7 +93,7 @@ class Setting:
     follow: Follow | None = None
 
 
-class Scene:
+class ProjectedMotion:
     """The base model on one motion: projects what it can absorb out of weighted columns.
 
     Args:
@@ -101,22 +101,24 @@ class Scene:
             for on a coarser grid.
     """
 
-    def __init__(self, setting: Setting, model: RobotModel, reference: Trajectory, *, most: int | None = None) -> None:
-        self._setting, self._model, self.joints = setting, model, model.joint_count
+    def __init__(
+        self, context: DesignContext, model: RobotModel, reference: Trajectory, *, most: int | None = None
+    ) -> None:
+        self._setting, self._model, self.joints = context, model, model.joint_count
         self.is_quick = most is not None
-        moved = motion_table(reference, self.joints) if setting.follow is None else setting.follow(reference)
+        moved = motion_table(reference, self.joints) if context.follow is None else context.follow(reference)
         time = reference.time
         step, none = float(time[1] - time[0]), np.zeros_like(moved[0])
         # Only what states need; torque and load are computed where something asks for them.
         self.path = Motion(time, *moved, none, none, step, {})
-        ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / setting.rate_hz) / step).astype(int))
-        self.samples = ticks.size * setting.noise.factor
+        ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / context.rate_hz) / step).astype(int))
+        self.samples = ticks.size * context.noise.factor
         self.ticks = ticks if most is None or ticks.size <= most else _spread(ticks, most)
-        self.weight = setting.noise.weight * np.sqrt(ticks.size / self.ticks.size)
-        every = observed_along(model, time, *moved, setting.chi) if model.observed else np.zeros((time.size, 0))
+        self.weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
+        every = observed_along(model, time, *moved, context.chi) if model.observed else np.zeros((time.size, 0))
         q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
         rows = model.regressor_rows(q, dq, ddq, observed=self._observed)
-        self.sampled = motion_of(model, setting.chi, time[self.ticks], q, dq, ddq, rows @ setting.chi)
+        self.sampled = motion_of(model, context.chi, time[self.ticks], q, dq, ddq, rows @ context.chi)
         self.q = self._basis(np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2))
 
     @cached_property
@@ -168,21 +170,21 @@ def _spread(ticks: Array, most: int) -> Array:
     return np.asarray(ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)])
 
 
-class Member:
+class AmbiguousEffect:
     """One effect of an ambiguous set: its columns on any motion.
 
     Raises:
         InputError: the effect has no signature on a motion, so that only closed-loop simulations show it.
     """
 
-    def __init__(self, proposal: Proposal, setting: Setting, model: RobotModel) -> None:
-        self.addition, self._setting, self._model = proposal.addition, setting, model
-        self.effect, self.joint = setting.effects[proposal.addition.effect], proposal.addition.joint - 1
-        joints = setting.description.joints
+    def __init__(self, proposal: Proposal, context: DesignContext, model: RobotModel) -> None:
+        self.effect_at, self._setting, self._model = proposal.effect_at, context, model
+        self.effect, self.joint = context.effects[proposal.effect_at.effect], proposal.effect_at.joint - 1
+        joints = context.description.joints
         self._kind, types = joints[self.joint].type, tuple(j.type for j in joints)
         known = dict(zip((v.name for v in model.shapes), model.shape_values, strict=True))
         shapes = {
-            v.name: known.get(f"{v.name}_{proposal.addition.joint}", v.start) for v in self.effect.shapes(self._kind)
+            v.name: known.get(f"{v.name}_{proposal.effect_at.joint}", v.start) for v in self.effect.shapes(self._kind)
         }
         self.shapes = {n: float(proposal.values.get(n, v)) for n, v in shapes.items()}
         self.amplitudes = tuple(v.name for v in self.effect.parameters(self._kind))
@@ -204,25 +206,27 @@ class Member:
                 where="splitting experiment", next_step=self.effect.experiment,
             )  # fmt: skip
 
-    def columns(self, scene: Scene, shapes: Mapping[str, float]) -> Array | None:
+    def columns(self, motion_projection: ProjectedMotion, shapes: Mapping[str, float]) -> Array | None:
         """(N n, m) weighted columns, None where the offline integration of states fails."""
         if self._made is not None:
             states = None
             if self._made.has_states:
                 walk = self._walk or self._made.states
-                states = np.ascontiguousarray(walk(scene.path, shapes)[scene.ticks])
-            table = self._made.columns(scene.sampled, shapes, states)
+                states = np.ascontiguousarray(walk(motion_projection.path, shapes)[motion_projection.ticks])
+            table = self._made.columns(motion_projection.sampled, shapes, states)
         elif self.effect.name in WIRING:
-            table = np.zeros((*scene.sampled.q.shape, 1))
+            table = np.zeros((*motion_projection.sampled.q.shape, 1))
             whole = isinstance(self.effect, MeasurementEffect)
-            for joint in range(scene.joints) if whole else (self.joint,):
-                table[:, joint, 0] = WIRING[self.effect.name](scene.motion, joint)[scene.ticks]
+            for joint in range(motion_projection.joints) if whole else (self.joint,):
+                table[:, joint, 0] = WIRING[self.effect.name](motion_projection.motion, joint)[motion_projection.ticks]
         else:
-            shift = STRUCTURES[self.effect.name](scene.motion, self.joint)
-            table = _displaced(self._model, self._setting.chi, scene.motion, self.joint, shift)[scene.ticks]
+            shift = STRUCTURES[self.effect.name](motion_projection.motion, self.joint)
+            table = _displaced(self._model, self._setting.chi, motion_projection.motion, self.joint, shift)[
+                motion_projection.ticks
+            ]
         if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
             return None
-        return scene.weighted(table)
+        return motion_projection.weighted(table)
 
     def grid(self, motion: Motion, *, coarse: bool) -> list[dict[str, float]]:
         """Shapes to try, the fitted ones first; those that are positions lie where the motion is.

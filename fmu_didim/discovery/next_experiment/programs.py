@@ -58,7 +58,7 @@ def _fourier(space: Space, rng: np.random.Generator, *, pace: float) -> Candidat
         weight = 10 ** (2 * (u[:HARMONICS] - 0.5)) / np.arange(1, HARMONICS + 1)
         k = np.arange(1, HARMONICS + 1)
         a, b = cosine * weight, sine * weight
-        # At rest and without acceleration at the begin: sum k b_k = 0 and sum k^2 a_k = 0.
+        # At rest and without acceleration at the beginning: sum k b_k = 0 and sum k^2 a_k = 0.
         a, b = a - (a @ k**2)[:, None] * k**2 / (k**2 @ k**2), b - (b @ k)[:, None] * k / (k @ k)
         periods = max(round(space.duration_s * (0.05 + 0.45 * u[HARMONICS])), 1)
         base = periods / space.duration_s
@@ -179,7 +179,7 @@ RECIPES: tuple[tuple[str, ...], ...] = (
 
 
 def _program(space: Space, names: tuple[str, ...], seed: tuple[int, ...]) -> Build:
-    """Blocks in turn until the duration is used, then back to the begin and rest."""
+    """Blocks in turn until the duration is used, then back to the beginning and rest."""
 
     def build(u: Design) -> Trajectory:
         rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.next_experiment.members import Follow, Member, Scene, Setting
+from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate, candidates
 from fmu_didim.discovery.next_experiment.separation import Table, amplitudes, separations
@@ -43,21 +43,26 @@ class Search:
     evaluations: int = 30
 
 
-class Studio:
+class MotionEvaluator:
     """Tries motions."""
 
     def __init__(
-        self, setting: Setting, model: RobotModel, members: list[Member], reference: Trajectory, search: Search
+        self,
+        context: DesignContext,
+        model: RobotModel,
+        members: list[AmbiguousEffect],
+        reference: Trajectory,
+        search: Search,
     ) -> None:
         n = model.joint_count
-        self.setting, self.model, self.members = setting, model, members
+        self.context, self.model, self.members = context, model, members
         step = float((reference.time[-1] - reference.time[0]) / (reference.time.size - 1))
         duration = search.duration_s or float(reference.time[-1] - reference.time[0])
         self.space = Space(search.limits or limits_of(reference, n), duration, step, _lengths(members, n))
         self.candidates = candidates(self.space, seed=search.seed, draws=search.draws)
-        scene = Scene(setting, model, reference)
-        self.theta = amplitudes(scene, members)
-        self.now = separations(scene, members, self.theta)
+        motion_projection = ProjectedMotion(context, model, reference)
+        self.theta = amplitudes(motion_projection, members)
+        self.now = separations(motion_projection, members, self.theta)
         self.open = set(self.now)
 
     def reference(self, motion: Fourier | Trajectory) -> Trajectory:
@@ -69,8 +74,8 @@ class Studio:
         reference = self.reference(motion)
         if not self.space.limits.keeps(reference):
             return {}
-        scene = Scene(self.setting, self.model, reference, most=MOST_SAMPLES if quickly else None)
-        return separations(scene, self.members, self.theta)
+        motion_projection = ProjectedMotion(self.context, self.model, reference, most=MOST_SAMPLES if quickly else None)
+        return separations(motion_projection, self.members, self.theta)
 
     def smallest(self, table: Table) -> float:
         """Smallest separation of the pairs that can be split."""
@@ -85,7 +90,7 @@ class Studio:
         return float(min(found) + MEAN_PART * np.mean(found)) if found else 0.0
 
 
-def _lengths(members: Sequence[Member], joints: int) -> Array:
+def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
     """(n,) the smallest distance over which an effect of the joint changes."""
     result = np.full(joints, np.nan)
     for member in members:
@@ -103,7 +108,10 @@ def same_pairs(tables: Sequence[Table]) -> set[tuple[int, int]]:
 
 
 def improved(
-    studio: Studio, best: Sequence[tuple[Candidate, Table]], evaluations: int, progress: Callable[[str], None]
+    evaluator: MotionEvaluator,
+    best: Sequence[tuple[Candidate, Table]],
+    evaluations: int,
+    progress: Callable[[str], None],
 ) -> tuple[Candidate, Array]:
     """The best candidates, their design variables moved within [0, 1] by the simplex search of Nelder and Mead."""
     from scipy.optimize import minimize
@@ -113,10 +121,10 @@ def improved(
         kept = [(candidate.design, first)]
 
         def cost(u: Array, candidate: Candidate = candidate, kept: list[tuple[Array, Table]] = kept) -> float:
-            table = studio.table(candidate.build(u))
-            if studio.score(table) > studio.score(kept[0][1]):
+            table = evaluator.table(candidate.build(u))
+            if evaluator.score(table) > evaluator.score(kept[0][1]):
                 kept[0] = (u.copy(), table)
-            return -float(np.log(max(studio.score(table), 1e-12)))
+            return -float(np.log(max(evaluator.score(table), 1e-12)))
 
         start, size = candidate.design, candidate.design.size
         simplex = np.vstack(
@@ -124,7 +132,7 @@ def improved(
         )
         options = {"maxfev": evaluations // len(best), "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}
         minimize(cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * size, options=options)
-        if studio.score(kept[0][1]) > studio.score(winner[2]):
+        if evaluator.score(kept[0][1]) > evaluator.score(winner[2]):
             winner = (candidate, *kept[0])
-        progress(f"{candidate.description}: score {studio.score(kept[0][1]):.3g}")
+        progress(f"{candidate.description}: score {evaluator.score(kept[0][1]):.3g}")
     return winner[:2]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import shape_limits
-from fmu_didim.discovery.next_experiment.members import Member, Scene
+from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Array
 
@@ -48,9 +48,11 @@ class Separation:
 Table = dict[tuple[int, int], Separation]
 
 
-def separations(scene: Scene, members: Sequence[Member], theta: Sequence[Array]) -> Table:
+def separations(
+    motion_projection: ProjectedMotion, members: Sequence[AmbiguousEffect], theta: Sequence[Array]
+) -> Table:
     """All ordered pairs of members with amplitudes ``theta``; one is missing where its first has no columns."""
-    tables = [_Columns(scene, m) for m in members]
+    tables = [_Columns(motion_projection, m) for m in members]
     result: Table = {}
     for a, member in enumerate(members):
         own = tables[a].at(member.shapes)
@@ -61,25 +63,25 @@ def separations(scene: Scene, members: Sequence[Member], theta: Sequence[Array])
         for b, other in enumerate(members):
             if a == b:
                 continue
-            rest = scene.per_joint(tables[b].rest(target))
-            gain = float(np.sum(scene.samples * np.log1p(rest / scene.samples)))
-            cost = (other.cost - member.cost) * np.log(float(scene.samples.sum()))
+            rest = motion_projection.per_joint(tables[b].rest(target))
+            gain = float(np.sum(motion_projection.samples * np.log1p(rest / motion_projection.samples)))
+            cost = (other.cost - member.cost) * np.log(float(motion_projection.samples.sum()))
             result[a, b] = Separation(rest, alone, gain + cost)
     return result
 
 
-def amplitudes(scene: Scene, members: Sequence[Member]) -> list[Array]:
+def amplitudes(motion_projection: ProjectedMotion, members: Sequence[AmbiguousEffect]) -> list[Array]:
     """Fitted amplitudes; a member without any gets those with which it looks most like the first that has."""
     known = next((m for m in members if m.theta is not None), None)
     if known is None or known.theta is None:
         raise InputError("No member of the set has fitted amplitudes.", where="splitting experiment")
-    own = _Columns(scene, known).at(known.shapes)
+    own = _Columns(motion_projection, known).at(known.shapes)
     found = []
     for member in members:
         if member.theta is not None:
             found.append(member.theta)
             continue
-        columns = _Columns(scene, member)
+        columns = _Columns(motion_projection, member)
         if own is None:
             raise InputError("The states of a member cannot be integrated.", where="splitting experiment")
         member.shapes = columns.best(own @ known.theta)
@@ -90,8 +92,8 @@ def amplitudes(scene: Scene, members: Sequence[Member]) -> list[Array]:
 class _Columns:
     """Projected columns of one member on one motion, each made once."""
 
-    def __init__(self, scene: Scene, member: Member) -> None:
-        self._scene, self._member = scene, member
+    def __init__(self, motion_projection: ProjectedMotion, member: AmbiguousEffect) -> None:
+        self._scene, self._member = motion_projection, member
         self._made: dict[tuple[float, ...], Array | None] = {}
 
     def at(self, shapes: Mapping[str, float]) -> Array | None:

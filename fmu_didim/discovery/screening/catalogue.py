@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
@@ -44,7 +44,7 @@ class Signature:
         inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
     """
 
-    addition: Addition
+    effect_at: EffectAtJoint
     shapes: Mapping[str, float]
     amplitudes: tuple[str, ...]
     columns: Array
@@ -55,49 +55,49 @@ class Signature:
         """Start values of a fit, from the coefficients of the columns."""
         if self.inverse:
             stiffness = {n: 1 / max(abs(float(c)), 1e-12) for n, c in zip(self.amplitudes, coefficients, strict=True)}
-            return Proposal(self.addition, {**self.shapes, **stiffness})
+            return Proposal(self.effect_at, {**self.shapes, **stiffness})
         found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
         scales = {n: abs(float(c)) for n, c in zip(self.amplitudes, coefficients, strict=True)}
-        return Proposal(self.addition, {**self.shapes, **found}, scales)
+        return Proposal(self.effect_at, {**self.shapes, **found}, scales)
 
 
-class Library:
+class SignatureCatalogue:
     """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added.
 
     Attributes:
-        workshop: builds the loops; fit: the motion's.
+        builder: builds the loops; fit: the motion's.
     """
 
-    def __init__(self, workshop: Workshop, fit: Fit, *, candidates: Sequence[Addition]) -> None:
-        self.workshop, self.fit = workshop, fit
+    def __init__(self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint]) -> None:
+        self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._response = load_response(fit)
-        self.motion = simulated_motion(workshop, fit)
+        self.motion = simulated_motion(builder, fit)
         self._thinned = None if self.motion is None else _at(self.motion, self._response.ticks)
-        for addition in candidates:
-            self._signatures += list(self._make(addition))
+        for effect_at in candidates:
+            self._signatures += list(self._make(effect_at))
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
 
-    def _make(self, addition: Addition) -> Iterator[Signature]:
-        effect = self.workshop.effect(addition)
+    def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
+        effect = self.builder.effect(effect_at)
         if isinstance(effect, NonlinearEffect):
-            if self.workshop.can_add(addition):
-                yield from self._by_simulation(addition, effect)
-        elif isinstance(effect, TorqueEffect) and self.motion is not None and self.workshop.can_add(addition):
-            yield from self._by_regressor(addition, effect, self.motion)
+            if self.builder.can_add(effect_at):
+                yield from self._by_simulation(effect_at, effect)
+        elif isinstance(effect, TorqueEffect) and self.motion is not None and self.builder.can_add(effect_at):
+            yield from self._by_regressor(effect_at, effect, self.motion)
 
-    def _by_regressor(self, addition: Addition, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
-        joint = addition.joint - 1
-        kinds = [self.workshop.joint_type(j) for j in range(1, motion.joint_count + 1)]
+    def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
+        joint = effect_at.joint - 1
+        kinds = [self.builder.joint_type(j) for j in range(1, motion.joint_count + 1)]
         if joint + effect.reach >= len(kinds):
             return
         kind = kinds[joint]
-        defaults = self._defaults(addition, effect)
+        defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
-        search = self.workshop.search(addition)
+        search = self.builder.search(effect_at)
         assert self._thinned is not None
         tried = _thinned(search, defaults)
         for first in range(0, len(tried), TOGETHER):
@@ -111,24 +111,24 @@ class Library:
             if kept:
                 answers = np.split(self._response.at_samples(np.concatenate(loads, axis=2)), len(kept), axis=2)
                 for shapes, answer in zip(kept, answers, strict=True):
-                    yield Signature(addition, shapes, names, np.ascontiguousarray(answer), {})
+                    yield Signature(effect_at, shapes, names, np.ascontiguousarray(answer), {})
 
-    def _defaults(self, addition: Addition, effect: Effect) -> dict[str, float]:
+    def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
-        kind = self.workshop.joint_type(addition.joint)
-        present = {knob.name: knob.value for knob in self.fit.model.knobs}
-        robot = self.workshop.description
-        own = robot.joints[addition.joint - 1].parameters if robot is not None else {}
+        kind = self.builder.joint_type(effect_at.joint)
+        present = {parameter.name: parameter.value for parameter in self.fit.model.free_parameters}
+        robot = self.builder.description
+        own = robot.joints[effect_at.joint - 1].parameters if robot is not None else {}
         return {
-            v.name: present.get(f"{v.name}_{addition.joint}", own.get(v.name, v.start))
+            v.name: present.get(f"{v.name}_{effect_at.joint}", own.get(v.name, v.start))
             for v in effect.shapes(kind)  # type: ignore[arg-type]
         }
 
-    def _by_simulation(self, addition: Addition, effect: NonlinearEffect) -> Iterator[Signature]:
+    def _by_simulation(self, effect_at: EffectAtJoint, effect: NonlinearEffect) -> Iterator[Signature]:
         """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
-        amplitudes, shapes = self.workshop.free_parameters(addition)
-        searched = self.workshop.search(addition)
-        size = float(np.sqrt(np.mean(self.fit.torque[:, addition.joint - 1] ** 2)))
+        amplitudes, shapes = self.builder.parameters_of(effect_at)
+        searched = self.builder.search(effect_at)
+        size = float(np.sqrt(np.mean(self.fit.torque[:, effect_at.joint - 1] ** 2)))
         off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
         trials = {v.name: _trials(v, searched[v.name], size, off[v.name]) for v in amplitudes}
@@ -140,7 +140,7 @@ class Library:
             for name, values in trials.items()
             for value in values
         ]
-        tasks = [self._task(addition, {**neutral, **at, name: value}) for at, name, value in tried]
+        tasks = [self._task(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
         columns = [
             # A stiffness is nothing when it is infinite: its inverse is the amplitude.
             difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
@@ -150,7 +150,7 @@ class Library:
             inverse = not np.isfinite(off[amplitudes[0].name])
             for column, (at, name, _) in zip(columns, tried, strict=True):
                 if np.abs(column).max() > 0:
-                    yield Signature(addition, at, (name,), column[:, :, None], neutral, inverse)
+                    yield Signature(effect_at, at, (name,), column[:, :, None], neutral, inverse)
             return
         for first in range(0, len(columns), len(amplitudes)):
             together = columns[first : first + len(amplitudes)]
@@ -159,11 +159,11 @@ class Library:
             if seen.size:
                 names = tuple(amplitudes[i].name for i in seen)
                 table = np.stack([together[i] for i in seen], axis=2)
-                yield Signature(addition, tried[first][0], names, table, neutral)
+                yield Signature(effect_at, tried[first][0], names, table, neutral)
 
-    def _task(self, addition: Addition, values: Mapping[str, float]) -> Callable[[], Array]:
+    def _task(self, effect_at: EffectAtJoint, values: Mapping[str, float]) -> Callable[[], Array]:
         def difference() -> Array:
-            model = self.workshop.build(self.fit.model, [Proposal(addition, values)])
+            model = self.builder.build(self.fit.model, [Proposal(effect_at, values)])
             try:
                 return model.torque(model.start) - self.fit.torque
             except SimulationError:
@@ -230,25 +230,25 @@ def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
     )
 
 
-def _chi(workshop: Workshop, fit: Fit) -> Array:
+def _chi(builder: LoopModelBuilder, fit: Fit) -> Array:
     """Standard parameters of the base robot at the values of a fit."""
-    assert workshop.description is not None
-    model = RobotModel(workshop.description)
+    assert builder.description is not None
+    model = RobotModel(builder.description)
     parameters = fit.model.runs["train"].problem.parameters
     values = parameters.values(fit.values[: parameters.count])
     return np.array([values.get(v.name, v.start) for v in model.parameters])
 
 
-def simulated_motion(workshop: Workshop, fit: Fit) -> Motion | None:
+def simulated_motion(builder: LoopModelBuilder, fit: Fit) -> Motion | None:
     """The simulated motion at all ticks; None if the plant does not tell it."""
-    if workshop.description is None:
+    if builder.description is None:
         return motion_from_outputs(fit.model, fit.values)
     run = fit.model.runs["train"]
     recording = fit.model.record(fit.values, all_ticks=True)
     joints = range(1, fit.model.joint_count + 1)
     q, dq, ddq = (recording.table([f"{run.problem.plant}.{name}{j}" for j in joints]) for name in ("q", "dq", "ddq"))
     torque = np.column_stack([recording.inputs[name] for name in fit.model.logged])
-    return motion_of(RobotModel(workshop.description), _chi(workshop, fit), recording.time, q, dq, ddq, torque)
+    return motion_of(RobotModel(builder.description), _chi(builder, fit), recording.time, q, dq, ddq, torque)
 
 
-__all__ = ["Library", "Signature"]
+__all__ = ["Signature", "SignatureCatalogue"]

@@ -20,7 +20,7 @@ from scipy import fft, sparse
 from scipy.linalg import toeplitz
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import Push
+from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
@@ -116,18 +116,21 @@ def _answer(
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]
-        pushes = [
-            Push(joint, float(a), float(b), float(level)) for a, b, level in zip(time[edges], ends, levels, strict=True)
+        external_torques = [
+            ExternalTorque(joint, float(a), float(b), float(level))
+            for a, b, level in zip(time[edges], ends, levels, strict=True)
         ]
-        return (_command(model, values, pushes) - still) / size
+        return (_command(model, values, external_torques) - still) / size
 
     return simulated
 
 
-def _command(model: LoopModel, values: Array, pushes: Sequence[Push]) -> Array:
-    """(ticks, n) command at all ticks, the pushes left out of it."""
+def _command(model: LoopModel, values: Array, external_torques: Sequence[ExternalTorque]) -> Array:
+    """(ticks, n) command at all ticks, the external torques left out of it."""
     run = model.runs["train"]
-    model = replace(model, runs={**model.runs, "train": replace(run, pushes=(*run.pushes, *pushes))})
+    model = replace(
+        model, runs={**model.runs, "train": replace(run, external_torques=(*run.external_torques, *external_torques))}
+    )
     return model.logged_torque(model.record(values, all_ticks=True), values)
 
 

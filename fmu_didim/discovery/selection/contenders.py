@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
-from fmu_didim.discovery.screening.catalogue import Library, Signature
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import Basis
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import PLANT, Addition, Knob, LoopModel
+from fmu_didim.prediction.loop_model import PLANT, EffectAtJoint, FreeParameter, LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.signals import Array
@@ -65,8 +65,8 @@ class Screened:
     others: tuple[Screened, ...] | None = None
 
     @property
-    def addition(self) -> Addition:
-        return self.signature.addition
+    def effect_at(self) -> EffectAtJoint:
+        return self.signature.effect_at
 
 
 @dataclass(frozen=True)
@@ -76,27 +76,28 @@ class Contender:
     Attributes:
         addition: effect and joint; fit: of the model with it; delta_bic: over the model without.
         size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
-        raw_size: how much it changes the torque when it is switched off and nothing else changes, in the same units.
+        torque_change: how much it changes the torque when it is switched off and nothing else changes, in the same
+        units.
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
     """
 
-    addition: Addition
+    effect_at: EffectAtJoint
     fit: Fit
     delta_bic: float
     size: float
     share: float
-    raw_size: float
+    torque_change: float
     cost: float
 
 
-def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list[Screened]:
+def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> list[Screened]:
     """All candidates that are not in the model yet, each at its best shapes, the best first."""
     basis = Basis(fit, noise)
-    found: dict[Addition, list[Screened]] = {}
+    found: dict[EffectAtJoint, list[Screened]] = {}
     # A class is named once on a joint: a second member of it would only mend the form of the first.
-    named = {(workshop.effect(a).class_name, a.joint) for a in fit.model.additions}
-    for signature in library:
-        if (workshop.effect(signature.addition).class_name, signature.addition.joint) in named:
+    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+    for signature in catalogue:
+        if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
             continue
         table = basis.weighted(signature.columns)
         rest = basis.project(table)
@@ -105,17 +106,17 @@ def screen(library: Library, workshop: Workshop, fit: Fit, noise: Noise) -> list
         if surviving < SURVIVING:
             continue
         coefficients = _coefficients(rest, basis.residual)
-        cost = workshop.cost(signature.addition) - _idle(table)
+        cost = builder.cost(signature.effect_at) - _idle(table)
         gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(basis.count)
-        found.setdefault(signature.addition, []).append(Screened(signature, coefficients, gain, surviving))
-    return sorted((_best(shapes, workshop) for shapes in found.values()), key=lambda s: -s.gain)
+        found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+    return sorted((_best(shapes, builder) for shapes in found.values()), key=lambda s: -s.gain)
 
 
-def _best(shapes: Sequence[Screened], workshop: Workshop) -> Screened:
+def _best(shapes: Sequence[Screened], builder: LoopModelBuilder) -> Screened:
     """A candidate at its best shapes; one outside the torque balance with others."""
     ordered = sorted(shapes, key=lambda s: -s.gain)
     best = ordered[0]
-    if not isinstance(workshop.effect(best.addition), NonlinearEffect):
+    if not isinstance(builder.effect(best.effect_at), NonlinearEffect):
         return best
     near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
     return replace(best, others=tuple(near))
@@ -136,25 +137,25 @@ def _idle(columns: Array) -> int:
     return int(np.sum(sizes <= ROUNDING * sizes.max(initial=0.0)))
 
 
-def shortlist(screened: Sequence[Screened], workshop: Workshop, *, size: int = SHORTLIST) -> list[Screened]:
+def shortlist(screened: Sequence[Screened], builder: LoopModelBuilder, *, size: int = SHORTLIST) -> list[Screened]:
     """The candidates worth a closed-loop fit: the best ones, the best of each class near them, a gear on all joints."""
     worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
     if not worth:
         return []
     chosen = worth[:size]
-    classes = {(workshop.effect(s.addition).class_name, s.addition.joint) for s in chosen}
+    classes = {(builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
     for s in worth[size:]:
-        key = (workshop.effect(s.addition).class_name, s.addition.joint)
+        key = (builder.effect(s.effect_at).class_name, s.effect_at.joint)
         if key not in classes:
             chosen.append(s)
             classes.add(key)
     # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
-    gears = {s.addition.effect for s in chosen if isinstance(workshop.effect(s.addition), StructureEffect)}
-    return [*chosen, *(s for s in screened if s.addition.effect in gears and s.gain > 0 and s not in chosen)]
+    gears = {s.effect_at.effect for s in chosen if isinstance(builder.effect(s.effect_at), StructureEffect)}
+    return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
 
 def contend(
-    chosen: Sequence[Screened], workshop: Workshop, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
+    chosen: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
 ) -> list[Contender]:
     """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
 
@@ -166,17 +167,17 @@ def contend(
         found = None
         starts = [candidate.signature.proposal(candidate.coefficients)]
         if candidate.others is not None and candidate.gain >= leading:
-            starts = _scanned(candidate, workshop, fit, basis)
+            starts = _scanned(candidate, builder, fit, basis)
         for start in starts:
-            fitted = refit(start, workshop, fit, noise, hopeless=best[0])
+            fitted = refit(start, builder, fit, noise, give_up_above=best[0])
             if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                 found = fitted
                 best[0] = min(best[0], found.chi_square)
         if found is None:
             return None
-        result = contender(candidate.addition, found, workshop, fit, noise)
+        result = contender(candidate.effect_at, found, builder, fit, noise)
         progress(
-            f"{candidate.addition.effect} on joint {candidate.addition.joint}: BIC difference {result.delta_bic:.0f}"
+            f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}: BIC difference {result.delta_bic:.0f}"
         )
         return result
 
@@ -185,34 +186,36 @@ def contend(
     return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
 
 
-def with_shapes_held(candidate: Screened, workshop: Workshop, fit: Fit, noise: Noise) -> Iterator[Contender]:
+def with_shapes_held(candidate: Screened, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Iterator[Contender]:
     """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
 
     Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
     """
     for screened in (candidate, *(candidate.others or ())):
         proposal = screened.signature.proposal(screened.coefficients)
-        fitted = refit(proposal, workshop, fit, noise, hold=True)
+        fitted = refit(proposal, builder, fit, noise, hold=True)
         if fitted is not None:
-            yield contender(candidate.addition, fitted, workshop, fit, noise)
+            yield contender(candidate.effect_at, fitted, builder, fit, noise)
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
-    knobs = tuple(
-        replace(knob, lowest=knob.value, highest=knob.value) if i >= first and knob.is_shape else knob
-        for i, knob in enumerate(model.knobs)
+    free_parameters = tuple(
+        replace(parameter, lowest=parameter.value, highest=parameter.value)
+        if i >= first and parameter.is_shape
+        else parameter
+        for i, parameter in enumerate(model.free_parameters)
     )
-    return replace(model, knobs=knobs)
+    return replace(model, free_parameters=free_parameters)
 
 
-def _scanned(candidate: Screened, workshop: Workshop, fit: Fit, basis: Basis) -> list[Proposal]:
+def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, basis: Basis) -> list[Proposal]:
     """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted to
     first order, the best ones first."""
     tried: list[tuple[float, int, Proposal]] = []
     for screened in (candidate, *(candidate.others or ())):
         for size in SIZES:
             proposal = screened.signature.proposal(size * screened.coefficients)
-            model = workshop.build(fit.model, [proposal])
+            model = builder.build(fit.model, [proposal])
             low, high = model.limits
             try:
                 residual = model.residual(np.clip(model.start, low, high))
@@ -224,24 +227,30 @@ def _scanned(candidate: Screened, workshop: Workshop, fit: Fit, basis: Basis) ->
     return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
 
-def contender(addition: Addition, found: Fit, workshop: Workshop, fit: Fit, noise: Noise) -> Contender:
+def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
     """What a fit with one more effect is worth."""
-    index = found.model.additions.index(addition)
-    own = [i for i, knob in enumerate(found.model.knobs) if knob.effect == index and not knob.is_shape]
-    absent = len(workshop.free_parameters(addition)[0]) - len(own)
-    cost = workshop.cost(addition) - absent - _idle(found.jacobian[:, :, own])
+    index = found.model.added_effects.index(effect_at)
+    own = [
+        i
+        for i, parameter in enumerate(found.model.free_parameters)
+        if parameter.effect == index and not parameter.is_shape
+    ]
+    absent = len(builder.parameters_of(effect_at)[0]) - len(own)
+    cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
     gain = delta_bic(fit.residual, found.residual, cost, noise)
     size, share = explained(fit.residual, found.residual, noise)
-    raw = switched_off(addition, found, workshop, noise)
+    raw = torque_change_without(effect_at, found, builder, noise)
     return Contender(
-        addition, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
+        effect_at, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
     )
 
 
-def switched_off(addition: Addition, found: Fit, workshop: Workshop, noise: Noise, which: str = "train") -> float:
+def torque_change_without(
+    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, noise: Noise, which: str = "train"
+) -> float:
     """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
     nothing else changes; infinite if the loop cannot be run."""
-    without = workshop.without(found.model, found.model.additions.index(addition))
+    without = builder.without(found.model, found.model.added_effects.index(effect_at))
     try:
         torque = found.torque if which == "train" else found.model.torque(found.values, which)
         change = torque - without.torque(without.start, which)
@@ -252,52 +261,66 @@ def switched_off(addition: Addition, found: Fit, workshop: Workshop, noise: Nois
 
 def proposal_of(found: Contender) -> Proposal:
     """The effect of a contender with its fitted values, by their plain names."""
-    model, joint = found.fit.model, found.addition.joint
-    index = model.additions.index(found.addition)
+    model, joint = found.fit.model, found.effect_at.joint
+    index = model.added_effects.index(found.effect_at)
     values = {
-        plain_name(knob, joint): float(value)
-        for knob, value in zip(model.knobs, found.fit.values, strict=True)
-        if knob.effect == index
+        plain_name(parameter, joint): float(value)
+        for parameter, value in zip(model.free_parameters, found.fit.values, strict=True)
+        if parameter.effect == index
     }
-    return Proposal(found.addition, values)
+    return Proposal(found.effect_at, values)
 
 
-def plain_name(knob: Knob, joint: int) -> str:
+def plain_name(parameter: FreeParameter, joint: int) -> str:
     """Name of a parameter of an effect without the number of its joint."""
-    return knob.key.removesuffix(str(joint)).removesuffix("_") if knob.owner == PLANT else knob.key
+    return parameter.key.removesuffix(str(joint)).removesuffix("_") if parameter.owner == PLANT else parameter.key
 
 
 def refit(
-    proposal: Proposal, workshop: Workshop, fit: Fit, noise: Noise, *, hopeless: float = np.inf, hold: bool = False
+    proposal: Proposal,
+    builder: LoopModelBuilder,
+    fit: Fit,
+    noise: Noise,
+    *,
+    give_up_above: float = np.inf,
+    hold: bool = False,
 ) -> Fit | None:
     """The model of a fit with one more effect, fitted; None if no start of it can be simulated.
 
     Args:
-        hopeless: see :func:`~fmu_didim.prediction.least_squares.minimise`.
+        give_up_above: see :func:`~fmu_didim.prediction.least_squares.minimise`.
         hold: whether its shapes stay as they are proposed.
     """
-    neutral = getattr(workshop.effect(proposal.addition), "neutral", {})
+    neutral = getattr(builder.effect(proposal.effect_at), "neutral", {})
     for part in (1.0, 0.3, 0.03):
         values = dict(proposal.values)
-        for name in (v.name for v in workshop.free_parameters(proposal.addition)[0] if v.name in values):
+        for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
             off = neutral.get(name, 0.0)
             if np.isfinite(off):
                 values[name] = off + part * (values[name] - off)
             else:  # a stiffness, with nothing there when it is infinite
                 values[name] = values[name] / part
-        model = workshop.build(fit.model, [Proposal(proposal.addition, values, proposal.scales)])
-        if len(model.knobs) == len(fit.model.knobs):
+        model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
+        if len(model.free_parameters) == len(fit.model.free_parameters):
             return None  # all its parameters belong to effects that are there already
         low, high = model.limits
         start = np.clip(model.start, low, high)
-        model = _shapes_held(model.with_values(start), len(fit.model.knobs)) if hold else model
+        model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
         model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
         try:
             torque = model.torque(start)
-            added = list(range(len(fit.model.knobs), len(model.knobs)))
+            added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
             slopes = sensitivity(model, start, torque, only=added)
         except SimulationError:
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
-        return minimise(model, noise, jacobian=jacobian, torque=torque, renew=1, hopeless=hopeless, everywhere=False)
+        return minimise(
+            model,
+            noise,
+            jacobian=jacobian,
+            torque=torque,
+            jacobian_updates=1,
+            give_up_above=give_up_above,
+            everywhere=False,
+        )
     return None

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.diagnosis.gap import BLOCK_S, Ratio, joint_gaps, part_of_first, rms_ratio
-from fmu_didim.discovery.augmentation.builder import Proposal, Workshop
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection.contenders import Contender, proposal_of
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import Addition
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 
@@ -67,11 +67,11 @@ class Step:
         remark: what the user should know of the decision.
     """
 
-    addition: Addition
+    effect_at: EffectAtJoint
     delta_bic: float
     size: float
     share: float
-    ambiguous: tuple[tuple[Addition, float], ...]
+    ambiguous: tuple[tuple[EffectAtJoint, float], ...]
     before: dict[str, Array]
     after: dict[str, Array]
     ratio: Ratio | None
@@ -81,21 +81,21 @@ class Step:
 
 def decide(
     contenders: Sequence[Contender],
-    workshop: Workshop,
+    builder: LoopModelBuilder,
     fit: Fit,
     noise: Noise,
     options: Options,
     *,
     base: Fit,
-    held: Callable[[Addition], Iterable[Contender]] = lambda addition: (),
-) -> Contender | tuple[tuple[Addition, str], ...]:
+    held: Callable[[EffectAtJoint], Iterable[Contender]] = lambda effect_at: (),
+) -> Contender | tuple[tuple[EffectAtJoint, str], ...]:
     """The contender to add, or why none is.
 
     Args:
         contenders: the best first; fit: of the model without them; base: of the model without any effect.
         held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
     """
-    reasons: list[tuple[Addition, str]] = []
+    reasons: list[tuple[EffectAtJoint, str]] = []
     for candidate in contenders:
         reason = objection(candidate, fit, noise, options, base=base)
         if not reason:
@@ -107,10 +107,10 @@ def decide(
             ]
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
-            for other in held(candidate.addition):
+            for other in held(candidate.effect_at):
                 if not objection(other, fit, noise, options, base=base):
                     return other
-        reasons.append((candidate.addition, reason))
+        reasons.append((candidate.effect_at, reason))
     return tuple(reasons)
 
 
@@ -118,8 +118,8 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *,
     """Why a contender is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
-    if candidate.raw_size < options.smallest_size:
-        return f"changes the torque by {candidate.raw_size:.2f} of the noise, less than {options.smallest_size:g}"
+    if candidate.torque_change < options.smallest_size:
+        return f"changes the torque by {candidate.torque_change:.2f} of the noise, less than {options.smallest_size:g}"
     if candidate.size < options.smallest_gain:
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
@@ -138,7 +138,7 @@ def _simplest(near: Sequence[Contender], options: Options) -> Contender:
     """Of an ambiguous set: what the user prefers, else the member with the fewest parameters."""
     for name in options.prefer:
         for c in near:
-            if c.addition.effect == name:
+            if c.effect_at.effect == name:
                 return c
     return min(near, key=lambda c: (c.cost, -c.delta_bic))
 
@@ -174,7 +174,12 @@ def gaps(fit: Fit, noise: Noise) -> dict[str, Array]:
 
 
 def step_of(
-    accepted: Contender, contenders: Sequence[Contender], workshop: Workshop, fit: Fit, noise: Noise, options: Options
+    accepted: Contender,
+    contenders: Sequence[Contender],
+    builder: LoopModelBuilder,
+    fit: Fit,
+    noise: Noise,
+    options: Options,
 ) -> Step:
     """A contender that is added, and which others are as good.
 
@@ -183,21 +188,21 @@ def step_of(
     """
     best = contenders[0].delta_bic
     near = [
-        (c.addition, best - c.delta_bic)
+        (c.effect_at, best - c.delta_bic)
         for c in contenders
-        if c.addition != accepted.addition and c.delta_bic > accepted.delta_bic - _nearness(contenders[0], options)
+        if c.effect_at != accepted.effect_at and c.delta_bic > accepted.delta_bic - _nearness(contenders[0], options)
     ]
-    named = {a for a, _ in near} | {accepted.addition}
-    fitted = [accepted, *(c for c in contenders if c.addition in named and c.addition != accepted.addition)]
-    effect = workshop.effect(accepted.addition)
-    for name, other in workshop.effects.items():
-        member = Addition(name, accepted.addition.joint)
+    named = {a for a, _ in near} | {accepted.effect_at}
+    fitted = [accepted, *(c for c in contenders if c.effect_at in named and c.effect_at != accepted.effect_at)]
+    effect = builder.effect(accepted.effect_at)
+    for name, other in builder.effects.items():
+        member = EffectAtJoint(name, accepted.effect_at.joint)
         # Whether a shift of the log may stand for a lag of the loop, or the other way round, only their fits tell.
         alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
         if alike and member not in named:
             near.append((member, float("nan")))
     return Step(
-        addition=accepted.addition,
+        effect_at=accepted.effect_at,
         delta_bic=accepted.delta_bic,
         size=accepted.size,
         share=accepted.share,

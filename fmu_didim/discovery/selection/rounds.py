@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.augmentation.builder import Workshop
-from fmu_didim.discovery.screening.catalogue import Library
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Contender, Screened, contend, screen, shortlist, with_shapes_held
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.saturation import NAME as SATURATION
 from fmu_didim.discovery.selection.saturation import saturation
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import LOG, Addition
+from fmu_didim.prediction.loop_model import LOG, EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 
 Say = Callable[[str], None]
@@ -37,35 +37,35 @@ class Discovery:
     base: Fit
     final: Fit
     steps: tuple[Step, ...]
-    refused: tuple[tuple[Addition, str], ...] = ()
+    refused: tuple[tuple[EffectAtJoint, str], ...] = ()
 
 
-def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, say: Say) -> Discovery:
+def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Options, say: Say) -> Discovery:
     """Add effects to the base model as long as the data ask for them."""
     fit, steps = base, []
-    saturated = saturation(workshop, base, noise, options, say)
+    saturated = saturation(builder, base, noise, options, say)
     if saturated is not None:
         step, fit = saturated
         steps.append(step)
-    candidates = _candidates(workshop, options)
+    candidates = _candidates(builder, options)
     say(f"signatures of {len(candidates)} candidates")
-    library = Library(workshop, fit, candidates=candidates)
-    refused: tuple[tuple[Addition, str], ...] = ()
+    catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
+    refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     while len(steps) < options.rounds:
-        screened = screen(library, workshop, fit, noise)
-        contenders = contend(shortlist(screened, workshop), workshop, fit, noise, progress=say)
-        held = partial(_with_shapes_held, screened, workshop, fit, noise)
-        accepted = decide(contenders, workshop, fit, noise, options, base=base, held=held)
+        screened = screen(catalogue, builder, fit, noise)
+        contenders = contend(shortlist(screened, builder), builder, fit, noise, progress=say)
+        held = partial(_with_shapes_held, screened, builder, fit, noise)
+        accepted = decide(contenders, builder, fit, noise, options, base=base, held=held)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
-            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, renew=1, exact=True))
-            step = step_of(accepted, contenders, workshop, fit, noise, options)
-            say(f"added: {accepted.addition.effect} on joint {accepted.addition.joint}")
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, jacobian_updates=1, exact=True))
+            step = step_of(accepted, contenders, builder, fit, noise, options)
+            say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
-            fit, steps = _backward(workshop, accepted.fit, noise, steps, options, say)
-            if _shifts_log(fit) != _shifts_log(library.fit):  # signatures at other samples
-                left = [c for c in candidates if c not in fit.model.additions]
-                library = Library(workshop, fit, candidates=left)
+            fit, steps = _backward(builder, accepted.fit, noise, steps, options, say)
+            if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
+                left = [c for c in candidates if c not in fit.model.added_effects]
+                catalogue = SignatureCatalogue(builder, fit, candidates=left)
         else:
             refused = accepted
             break
@@ -73,50 +73,50 @@ def run_rounds(workshop: Workshop, base: Fit, noise: Noise, options: Options, sa
 
 
 def _with_shapes_held(
-    screened: Sequence[Screened], workshop: Workshop, fit: Fit, noise: Noise, addition: Addition
+    screened: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, noise: Noise, effect_at: EffectAtJoint
 ) -> Iterator[Contender]:
-    candidate = next(s for s in screened if s.addition == addition)
-    if candidate.others is not None and workshop.free_parameters(addition)[1]:
-        yield from with_shapes_held(candidate, workshop, fit, noise)
+    candidate = next(s for s in screened if s.effect_at == effect_at)
+    if candidate.others is not None and builder.parameters_of(effect_at)[1]:
+        yield from with_shapes_held(candidate, builder, fit, noise)
 
 
 def _shifts_log(fit: Fit) -> bool:
-    return any(knob.owner == LOG for knob in fit.model.knobs)
+    return any(parameter.owner == LOG for parameter in fit.model.free_parameters)
 
 
-def _candidates(workshop: Workshop, options: Options) -> list[Addition]:
+def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
     names = [
         name
-        for name in workshop.effects
+        for name in builder.effects
         if name not in BASIC | COMPOSED and name not in options.forbid and name != SATURATION  # the pre-check's
     ]
-    present = _present(workshop)
-    return [Addition(name, j) for name in names for j in workshop.joints(name) if (name, j) not in present]
+    present = _present(builder)
+    return [EffectAtJoint(name, j) for name in names for j in builder.joints(name) if (name, j) not in present]
 
 
-def _present(workshop: Workshop) -> set[tuple[str, int]]:
+def _present(builder: LoopModelBuilder) -> set[tuple[str, int]]:
     """Effects that the base model has already."""
-    if workshop.description is None:
+    if builder.description is None:
         return set()
-    return {(e, j) for j, joint in enumerate(workshop.description.joints, start=1) for e in joint.effects}
+    return {(e, j) for j, joint in enumerate(builder.description.joints, start=1) for e in joint.effects}
 
 
 def _backward(
-    workshop: Workshop, fit: Fit, noise: Noise, steps: list[Step], options: Options, say: Say
+    builder: LoopModelBuilder, fit: Fit, noise: Noise, steps: list[Step], options: Options, say: Say
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
-        index = fit.model.additions.index(step.addition)
-        kept = [i for i, knob in enumerate(fit.model.knobs) if knob.effect != index]
-        smaller = workshop.without(fit.model, index)
+        index = fit.model.added_effects.index(step.effect_at)
+        kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
+        smaller = builder.without(fit.model, index)
         try:
-            without = minimise(smaller, noise, jacobian=fit.jacobian[:, :, kept], renew=1)
+            without = minimise(smaller, noise, jacobian=fit.jacobian[:, :, kept], jacobian_updates=1)
         except SimulationError:
             continue
-        worth = delta_bic(without.residual, fit.residual, workshop.cost(step.addition), noise)
+        worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), noise)
         size, _ = explained(without.residual, fit.residual, noise)
         if worth < options.threshold or size < 0.5 * options.smallest_gain:
-            say(f"taken out again: {step.addition.effect} on joint {step.addition.joint}")
+            say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, noise)
             steps = [s for s in steps if s is not step]
     return fit, steps
