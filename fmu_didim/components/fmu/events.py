@@ -10,18 +10,16 @@ Source: "Functional Mock-up Interface", version 3.0, sections 2.2.8 (clocks) and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fmu_didim.components.base import SampleClock
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS
 from fmu_didim.components.fmu.bindings import Binding3
 from fmu_didim.components.fmu.description import CO_SIMULATION, ClockVariable, FmuDescription, Interface
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, CoSimulationInstance, no_progress
+from fmu_didim.components.fmu.settings import FmuSettings
 from fmu_didim.components.native import Native
 from fmu_didim.errors import FmuError, SimulationError
-
-if TYPE_CHECKING:
-    from fmu_didim.components.fmu.component import FmuComponent
 
 
 def input_clocks(fmu: FmuDescription) -> tuple[ClockVariable, ...]:
@@ -93,7 +91,7 @@ class EventInstance(CoSimulationInstance):
 
     _binding: Binding3
 
-    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+    def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         self._ticking: dict[int, _Ticking] = {}
         self._next_event: float | None = None
         super().__init__(component, keep_new_state=keep_new_state)

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.base import Component, Instance, buffers
+from fmu_didim.components.base import Component, buffers
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Binding, Call, address, references
 from fmu_didim.components.fmu.binding1 import Binding1
 from fmu_didim.components.fmu.bindings import Binding2, Binding3
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
-from fmu_didim.components.fmu.rerun import RESET, STATE
+from fmu_didim.components.fmu.settings import FmuSettings, RestartableInstance
+from fmu_didim.components.fmu.strategies import RESET, STATE
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
-
-if TYPE_CHECKING:
-    from fmu_didim.components.fmu.component import FmuComponent
 
 
 class _Scaling:
@@ -55,21 +53,21 @@ TIME_TOLERANCE = 1e-9
 """Two instants closer than this part of a step are one."""
 
 
-class FmuInstance(Instance):
+class FmuInstance(RestartableInstance):
     """An FMU in the loop; values pass by C calls whose arguments are made once.
 
     ``get`` after ``set`` gives the outputs that the FMU computes without a step; whether they follow the inputs at
     once depends on the FMU, see :func:`fmu_didim.components.fmu.probe_fmu`.
     """
 
-    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+    def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         fmu, interface = component.fmu, component.interface
         library = load_library(fmu, interface)
         self._binding: Binding = _BINDINGS[fmu.major](fmu, interface, library, event_mode=component.event_mode)
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._take(component)
 
-    def _take(self, component: FmuComponent) -> None:
+    def _take(self, component: FmuSettings) -> None:
         """Work for this component from now on."""
         self._component = component
         self._input_scaling = _scaling(component.input_conversions)
@@ -100,11 +98,12 @@ class FmuInstance(Instance):
         return False
 
     def restart(self, component: Component) -> bool:
-        rerun = component.find_rerun()  # type: ignore[attr-defined]
-        return not rerun.isolated and self.restart_by(rerun.strategy, component)  # type: ignore[arg-type]
+        if not isinstance(component, FmuSettings):
+            return False
+        rerun = component.find_rerun()
+        return not rerun.isolated and self.restart_by(rerun.strategy, component)
 
-    def restart_by(self, strategy: str, component: FmuComponent) -> bool:
-        """Become a new instance by reset or by the state of a new instance, all parameters at their start values."""
+    def restart_by(self, strategy: str, component: FmuSettings) -> bool:
         if strategy == RESET:
             self._binding.forget_states(self._new_state)
             self._binding.reset()
@@ -226,7 +225,7 @@ class FmuInstance(Instance):
 class CoSimulationInstance(FmuInstance):
     """An FMU that integrates itself."""
 
-    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+    def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         super().__init__(component, keep_new_state=keep_new_state)
         self._do_step, self._tail = self._binding.step_call()
         self._c = self._binding.c
@@ -280,7 +279,7 @@ class CoSimulationInstance(FmuInstance):
         raise no_progress(self._component, now)
 
 
-def no_progress(component: FmuComponent, time: float) -> SimulationError:
+def no_progress(component: FmuSettings, time: float) -> SimulationError:
     """The error of an FMU whose steps lead nowhere."""
     return SimulationError(
         "The FMU comes back early from its steps again and again.", where=component.path.name, got=f"t = {time:.6g} s"

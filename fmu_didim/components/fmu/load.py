@@ -16,10 +16,10 @@ from fmu_didim.components.fmu.description import (
     Interface,
 )
 from fmu_didim.components.fmu.events import check_events, clock_period
-from fmu_didim.components.fmu.isolate import DEFAULT_TIME_LIMIT
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.rerun import AUTO, STATE, STRATEGIES
+from fmu_didim.components.fmu.settings import DEFAULT_TIME_LIMIT
+from fmu_didim.components.fmu.strategies import AUTO, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.errors import FmuError, InputError
 from fmu_didim.signals import Variable

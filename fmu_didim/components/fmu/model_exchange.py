@@ -13,17 +13,14 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance
+from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
 from fmu_didim.errors import SimulationError
 
-if TYPE_CHECKING:
-    from fmu_didim.components.fmu.component import FmuComponent
-
-DEFAULT_SUBSTEPS = 10
 CVODE_TOLERANCE = 1e-8
 """Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""
 
@@ -31,7 +28,7 @@ CVODE_TOLERANCE = 1e-8
 class ModelExchangeInstance(FmuInstance):
     """An FMU in model exchange; ``solver`` of the component chooses how it is integrated."""
 
-    def __init__(self, component: FmuComponent, *, keep_new_state: bool = False) -> None:
+    def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         super().__init__(component, keep_new_state=keep_new_state)
         fmu, binding = component.fmu, self._binding
         self._nx, self._nz = fmu.state_count, fmu.indicator_count

@@ -17,19 +17,10 @@ import numpy as np
 from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
-from fmu_didim.components.fmu.isolate import ProcessEndedError, run_in_fresh_process
+from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
-from fmu_didim.components.fmu.rerun import (
-    PROCESS,
-    RESET,
-    STATE,
-    ask_facts,
-    choose,
-    keep_rerun,
-    said,
-    step_of,
-    write_json,
-)
+from fmu_didim.components.fmu.rerun import ask_facts, choose, keep_rerun, said, step_of, write_json
+from fmu_didim.components.fmu.strategies import PROCESS, RESET, STATE
 
 _FORMAT = 2
 

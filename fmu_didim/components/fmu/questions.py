@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.description import FLOAT_TYPES
-from fmu_didim.components.fmu.rerun import DIFFERS, RESET, RESTORES, STATE
+from fmu_didim.components.fmu.settings import FmuSettings
+from fmu_didim.components.fmu.strategies import RESET, STATE
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
@@ -19,6 +19,7 @@ STEPS = 50
 SEED = 20240131
 SAME = 1e-9
 """Trajectories that differ by less than this part of their largest value are the same."""
+RESTORES, DIFFERS = "restores", "does not restore"
 AT_ONCE, AFTER_A_STEP, LATER, NEVER = "at once", "after a step", "later", "never"
 
 
@@ -30,7 +31,7 @@ def same(a: Array, b: Array) -> bool:
     return bool((np.abs(np.nan_to_num(a - b, posinf=0.0, neginf=0.0)) <= SAME * largest).all())
 
 
-def _inputs(component: FmuComponent) -> Array:
+def _inputs(component: FmuSettings) -> Array:
     """Held inputs (STEPS, nu), pseudo-random, growing from 1 % to all of their usual size: limits come late."""
     scale = np.array([max(abs(v.start), 1.0) for v in component.inputs])
     random = np.random.default_rng(SEED)
@@ -44,14 +45,14 @@ def _inputs(component: FmuComponent) -> Array:
     return rows
 
 
-def _opposite(component: FmuComponent, u: Array) -> Array:
+def _opposite(component: FmuSettings, u: Array) -> Array:
     """Other inputs: the real ones with the opposite sign."""
     signs = [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types]
     other: Array = u * np.array(signs)
     return other
 
 
-def _begin(instance: Any, component: FmuComponent) -> None:
+def _begin(instance: Any, component: FmuSettings) -> None:
     """Initialise with the inputs' start values: others may lead an initial state that the FMU cannot solve for."""
     instance.begin_initialisation(0.0)
     instance.inputs[:] = [v.start for v in component.inputs]
@@ -71,7 +72,7 @@ def _advance(instance: Any, rows: Array, h: float, start: int = 0) -> Array:
     return found
 
 
-def _run(component: FmuComponent, u: Array, h: float) -> Array:
+def _run(component: FmuSettings, u: Array, h: float) -> Array:
     instance = component.instantiate_here()
     try:
         _begin(instance, component)
@@ -80,17 +81,17 @@ def _run(component: FmuComponent, u: Array, h: float) -> Array:
         instance.close()
 
 
-def once(component: FmuComponent, h: float) -> Array:
+def once(component: FmuSettings, h: float) -> Array:
     """One trajectory."""
     return _run(component, _inputs(component), h)
 
 
-def two_in_turn(component: FmuComponent, h: float) -> tuple[Array, Array]:
+def two_in_turn(component: FmuSettings, h: float) -> tuple[Array, Array]:
     """Two new instances, one after the other."""
     return once(component, h), once(component, h)
 
 
-def side_by_side(component: FmuComponent, h: float) -> bool:
+def side_by_side(component: FmuSettings, h: float) -> bool:
     """Whether two instances at the same time, with opposite inputs, run as each alone."""
     u = _inputs(component)
     inputs = (u, _opposite(component, u))
@@ -109,7 +110,7 @@ def side_by_side(component: FmuComponent, h: float) -> bool:
     return all(same(np.array(a), b) for a, b in zip(found, alone, strict=True))
 
 
-def runs_again(component: FmuComponent, h: float) -> tuple[Array, Array, str, str]:
+def runs_again(component: FmuSettings, h: float) -> tuple[Array, Array, str, str]:
     """Two new instances in turn, and whether reset and the state of a new instance give a new instance."""
     found = []
     first, second = two_in_turn(component, h)
@@ -121,17 +122,17 @@ def runs_again(component: FmuComponent, h: float) -> tuple[Array, Array, str, st
     return first, second, found[0], found[1]
 
 
-def reset(component: FmuComponent, h: float) -> str:
+def reset(component: FmuSettings, h: float) -> str:
     """Whether a reset instance runs as a new one, although all parameters had other values before."""
     return _restarted(component, h, RESET)
 
 
-def new_state(component: FmuComponent, h: float) -> str:
+def new_state(component: FmuSettings, h: float) -> str:
     """The same for the state saved before anything was set."""
     return _restarted(component, h, STATE)
 
 
-def _restarted(component: FmuComponent, h: float, strategy: str) -> str:
+def _restarted(component: FmuSettings, h: float, strategy: str) -> str:
     u, wanted = _inputs(component), once(component, h)
     for before in (_all_changed(component), component):
         instance = before.instantiate_here(keep_new_state=strategy == STATE)
@@ -143,7 +144,7 @@ def _restarted(component: FmuComponent, h: float, strategy: str) -> str:
                 if before is component:
                     raise
                 continue  # it does not stand these values; so with its own ones
-            instance.restart_by(strategy, component)  # type: ignore[attr-defined]
+            instance.restart_by(strategy, component)
             _begin(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
         finally:
@@ -151,7 +152,7 @@ def _restarted(component: FmuComponent, h: float, strategy: str) -> str:
     return DIFFERS
 
 
-def _all_changed(component: FmuComponent) -> FmuComponent:
+def _all_changed(component: FmuSettings) -> FmuSettings:
     values = {**component.start_values, **component.parameter_values()}
     return component.with_parameters({name: _other(value) for name, value in values.items()})
 
@@ -160,7 +161,7 @@ def _other(value: float) -> float:
     return value * 1.01 if value else 1e-3
 
 
-def state(component: FmuComponent, h: float) -> str:
+def state(component: FmuSettings, h: float) -> str:
     """Whether a restored state goes on as after it was saved."""
     u, instance, half = _inputs(component), component.instantiate_here(), STEPS // 2
     try:
@@ -174,7 +175,7 @@ def state(component: FmuComponent, h: float) -> str:
         instance.close()
 
 
-def response(component: FmuComponent, h: float) -> tuple[tuple[str, str], ...]:
+def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
     """When each output first follows a change of all inputs after three steps."""
     u, lead = _inputs(component), 3
     other = u.copy()
@@ -208,7 +209,7 @@ def response(component: FmuComponent, h: float) -> tuple[tuple[str, str], ...]:
     return tuple((v.name, answer(i)) for i, v in enumerate(component.outputs))
 
 
-def parameters(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]:
+def parameters(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
     """Parameters that act, that do not, and that refuse another value."""
     base = once(component, h)
     acting: list[str] = []
@@ -225,7 +226,7 @@ def parameters(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]
     return tuple(acting), tuple(idle), tuple(refused)
 
 
-def tunable(component: FmuComponent, h: float) -> tuple[tuple[str, ...], ...]:
+def tunable(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
     """Tunable parameters that act when they are changed in a run, that do not, and whose change is refused then."""
     u, half = _inputs(component), STEPS // 2
     base = once(component, h)[half:]

@@ -16,18 +16,17 @@ import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fmu_didim.cache import cache_directory
+from fmu_didim.components.fmu import questions
+from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
+from fmu_didim.components.fmu.questions import RESTORES
+from fmu_didim.components.fmu.settings import FmuSettings
+from fmu_didim.components.fmu.strategies import AGAIN, AUTO, PROCESS, RESET, STATE, Rerun
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
-if TYPE_CHECKING:
-    from fmu_didim.components.fmu.component import FmuComponent
-
-AUTO, RESET, STATE, AGAIN, PROCESS = "auto", "reset", "state", "re-instantiate", "fresh process"
-STRATEGIES = (AUTO, RESET, STATE, AGAIN, PROCESS)
-RESTORES, DIFFERS = "restores", "does not restore"
 OWN_TOOL = "fmu_didim "
 """How ``generationTool`` of the FMUs exported by this package begins; the tests prove that their reset is exact."""
 TIME_LIMIT = 30.0
@@ -35,15 +34,6 @@ TIME_LIMIT = 30.0
 _FORMAT = 1
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
-
-
-@dataclass(frozen=True)
-class Rerun:
-    """How to run an FMU again, and why; isolated: only in a process of its own."""
-
-    strategy: str
-    reason: str
-    isolated: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,7 +57,7 @@ class Facts:
     new_state: str = ""
 
 
-def stated_rerun(component: FmuComponent) -> Rerun | None:
+def stated_rerun(component: FmuSettings) -> Rerun | None:
     """How to run it again where that needs no trial."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
@@ -76,7 +66,7 @@ def stated_rerun(component: FmuComponent) -> Rerun | None:
     return None
 
 
-def known_rerun(component: FmuComponent) -> Rerun | None:
+def known_rerun(component: FmuSettings) -> Rerun | None:
     """How to run it again, None if that has not been found out yet."""
     stated = stated_rerun(component)
     if stated is not None:
@@ -92,7 +82,7 @@ def known_rerun(component: FmuComponent) -> Rerun | None:
     return found
 
 
-def find_rerun(component: FmuComponent) -> Rerun:
+def find_rerun(component: FmuSettings) -> Rerun:
     """How to run it again; asks the FMU, in other processes, the first time."""
     with _lock:
         known = known_rerun(component)
@@ -101,7 +91,7 @@ def find_rerun(component: FmuComponent) -> Rerun:
         return keep_rerun(component, choose(ask_facts(component, step_of(component), TIME_LIMIT)))
 
 
-def keep_rerun(component: FmuComponent, found: Rerun) -> Rerun:
+def keep_rerun(component: FmuSettings, found: Rerun) -> Rerun:
     """Remember how to run it again."""
     path = _path(component)
     write_json(path, asdict(found))
@@ -109,7 +99,7 @@ def keep_rerun(component: FmuComponent, found: Rerun) -> Rerun:
     return found
 
 
-def _path(component: FmuComponent) -> Path:
+def _path(component: FmuSettings) -> Path:
     """Its place in the cache, by content and interface but not by values: an identification changes those."""
     what = [_FORMAT, component.digest, component.interface.kind, component.solver, component.event_mode]
     key = hashlib.sha256(json.dumps(what).encode()).hexdigest()
@@ -125,15 +115,13 @@ def write_json(path: Path, content: Any) -> None:
     Path(partial).replace(path)
 
 
-def step_of(component: FmuComponent) -> float:
+def step_of(component: FmuSettings) -> float:
     """Step in s to try an FMU with: its sample time, the one of its default experiment, or 1 ms."""
     return component.sample_time or component.fmu.experiment.step or 1e-3
 
 
-def ask_facts(component: FmuComponent, h: float, limit: float) -> Facts:
+def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
     """Try an FMU out: all in one process if it stands that, else one process for each question."""
-    from fmu_didim.components.fmu import questions
-    from fmu_didim.components.fmu.isolate import ProcessEndedError, run_in_fresh_process
 
     def ask(question: Callable[..., Any]) -> Any:
         return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)

@@ -1,4 +1,4 @@
-"""The process of an isolated FMU: ``python -m fmu_didim.components.fmu.worker``, started by ``isolate`` only."""
+"""The process of an isolated FMU: ``python -m fmu_didim.components.fmu.worker``, started by ``process`` only."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.isolate import receive, send, told
-from fmu_didim.components.fmu.rerun import STATE
+from fmu_didim.components.fmu.process import receive, send, told
+from fmu_didim.components.fmu.strategies import STATE
 
 
 class _Server:

@@ -1,0 +1,196 @@
+"""The other process for FMUs, seen from here: a crash, an exit or an endless loop there ends in an error here.
+
+The process is started fresh (it inherits no memory), talks over its standard input and output, and ends when it is
+told to, when its input closes, or when a call takes longer than the time limit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time as clock
+import weakref
+from collections.abc import Callable
+from typing import IO, Any
+
+from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
+
+START_LIMIT = 120.0
+"""Seconds until the process must have started: it imports this package first."""
+WORKER = "fmu_didim.components.fmu.worker"
+HEADER = struct.Struct("<Q")
+
+
+def send(stream: IO[bytes], message: Any) -> None:
+    """Write one message."""
+    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    stream.write(HEADER.pack(len(content)) + content)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Read one message; raises EOFError when the other end is gone."""
+    head = stream.read(HEADER.size)
+    if len(head) < HEADER.size:
+        raise EOFError
+    size = HEADER.unpack(head)[0]
+    content = stream.read(size)
+    if len(content) < size:
+        raise EOFError
+    return pickle.loads(content)  # from our own child
+
+
+class ProcessEndedError(SimulationError):
+    """The process of an FMU died or was stopped."""
+
+
+class Worker:
+    """A child process that runs what it is sent, one request after the other.
+
+    Args:
+        where: the FMU, for messages; time_limit: seconds for one request.
+    """
+
+    def __init__(self, where: str, time_limit: float) -> None:
+        self._where, self._limit = where, time_limit
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - without a name, gone with the handle
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", WORKER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=environment,
+        )
+        self._deadline: list[float] = [0.0]
+        self._expired, self._done = threading.Event(), threading.Event()
+        watch = (self._process, self._deadline, self._expired, self._done, min(0.2, time_limit / 5))
+        threading.Thread(target=_watch, args=watch, daemon=True).start()
+        self._end = weakref.finalize(self, _stop, self._process, self._done, self._errors)
+
+    def request(self, *message: Any, limit: float | None = None) -> Any:
+        """Send a request and return its answer.
+
+        Raises:
+            SimulationError, FmuError: the call raised it there, the process died, or the time limit passed.
+        """
+        if not self._end.alive:
+            raise SimulationError("The process of the FMU has ended.", where=self._where)
+        allowed = limit or self._limit
+        self._deadline[0] = clock.monotonic() + allowed
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            send(self._process.stdin, message)
+            kind, answer = receive(self._process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            self._process.kill() if self._expired.is_set() else None
+            raise self._died(str(message[0]), allowed) from error
+        except BaseException:  # such as Ctrl-C: the answer would be taken for that to the next request
+            self._process.kill()
+            self.close()
+            raise
+        finally:
+            self._deadline[0] = 0.0
+        if kind == "error":
+            raise _rebuilt(answer)
+        return answer
+
+    def _died(self, call: str, allowed: float) -> ProcessEndedError:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=5)
+        code = self._process.poll()
+        if self._expired.is_set():
+            what = f"The FMU gave no answer within {allowed:g} s and was stopped."
+            advice = "It loops or waits for something; raise time_limit_s if it is only slow."
+        elif code is not None and code < 0:
+            what = f"The FMU crashed its process ({_signal_name(-code)})."
+            advice = "Its binary is faulty or was used in a way it does not stand; ask its maker."
+        else:
+            what = f"The FMU ended its process (exit status {code})."
+            advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
+        got = f"during {'the run' if call == 'result' else call}"
+        with contextlib.suppress(OSError, ValueError):
+            self._errors.seek(0)
+            lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
+            got += f"; its last words: {lines[-1][:300]}" if lines else ""
+        self.close()
+        return ProcessEndedError(what, where=self._where, got=got, next_step=advice)
+
+    def close(self) -> None:
+        """End the process; may be called twice."""
+        self._end()
+
+
+def _watch(
+    process: subprocess.Popen[bytes],
+    deadline: list[float],
+    expired: threading.Event,
+    done: threading.Event,
+    pause: float,
+) -> None:
+    while not done.wait(pause):
+        if deadline[0] and clock.monotonic() > deadline[0]:
+            expired.set()
+            process.kill()
+            return
+
+
+def _stop(process: subprocess.Popen[bytes], done: threading.Event, errors: IO[bytes]) -> None:
+    done.set()
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):
+            process.stdin.close()  # the child ends when it sees this
+    try:
+        process.wait(timeout=2)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+    errors.close()
+
+
+def _signal_name(number: int) -> str:
+    try:
+        name = signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+    meaning = {"SIGSEGV": "segmentation fault", "SIGABRT": "abort", "SIGFPE": "arithmetic error"}.get(name)
+    return f"{name}, {meaning}" if meaning else name
+
+
+def told(error: Exception) -> tuple[str, dict[str, Any]]:
+    """An exception as it goes over the pipe."""
+    if isinstance(error, FmuDidimError):
+        keys = ("what", "where", "got", "valid", "next_step")
+        got = {key: getattr(error, key) for key in keys}
+        got["got"] = None if got["got"] is None else str(got["got"])
+        return type(error).__name__, got
+    return "SimulationError", {"what": f"{type(error).__name__}: {error}"}
+
+
+def _rebuilt(answer: tuple[str, dict[str, Any]]) -> FmuDidimError:
+    name, parts = answer
+    return (FmuError if name == "FmuError" else SimulationError)(**parts)
+
+
+def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: str, time_limit: float) -> Any:
+    """The result of a function of this package, called in a new process; all must be picklable.
+
+    Raises:
+        SimulationError, FmuError: it raised it there, the process died, or the time limit passed.
+    """
+    worker = Worker(where, time_limit)
+    try:
+        worker.request("function", function, arguments, limit=max(time_limit, START_LIMIT))
+        return worker.request("result")
+    finally:
+        worker.close()

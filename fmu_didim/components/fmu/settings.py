@@ -1,0 +1,165 @@
+"""What an FMU component is: all that its instances, its trials and the process of an isolated one know of it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+from fmu_didim.components.base import Component, Instance, check_names
+from fmu_didim.components.fmu.description import INTEGER_TYPES, FmuDescription, Interface
+from fmu_didim.components.fmu.strategies import AUTO, Rerun
+from fmu_didim.components.fmu.units import Conversion
+from fmu_didim.errors import InputError
+from fmu_didim.signals import Variable
+
+DEFAULT_SUBSTEPS = 10
+"""Substeps of RK4 in a communication step, in model exchange."""
+DEFAULT_TIME_LIMIT = 10.0
+"""Seconds for one call of an isolated FMU."""
+Option = int | float | str | bool
+
+
+class RestartableInstance(Instance):
+    """A running FMU in this process."""
+
+    @abstractmethod
+    def restart_by(self, strategy: str, component: FmuSettings) -> bool:
+        """Become a new instance by reset or by the state of a new instance, all parameters at their start values.
+
+        Returns:
+            Whether that was possible; if not, nothing has been changed.
+        """
+
+
+@dataclass(frozen=True)
+class FmuSettings(Component):
+    """An FMU with its settings, and how values are found in it; what runs it, only its subclass knows.
+
+    Attributes:
+        fmu: its description, with the variables that matter in the loop; interface: how it is run.
+        inputs, outputs, parameters: in SI where the FMU's unit is a multiple of an SI unit; inputs and outputs of
+            integer and Boolean type are numbers too; elements of arrays are variables of their own: ``A[2,1]``.
+        references: name of a parameter or option -> value reference; input_references, output_references: one a
+            variable of the FMU, in its order. Inputs and outputs may have been given other names.
+        start_values: of variables that are no parameters but have a start value that can be set, in the units shown.
+        start_references: their value references.
+        conversions: of inputs, outputs and parameters from the FMU's units.
+        arrays: name of an element of an array parameter -> names of all its elements.
+        option_types: Integer, Boolean, String and Enumeration parameters -> type; options: their values that were set.
+        changed: names of the parameters and start values that were set.
+        fixed: names of the parameters that cannot be changed in a run.
+        solver, substeps: of model exchange.
+        isolated: run in a process of its own; time_limit_s: for each call then.
+        rerun: how it is run again: ``auto``, ``reset``, ``state``, ``re-instantiate`` or ``fresh process``.
+        event_mode: handle events of FMI 3.0 co-simulation, clocks among them.
+    """
+
+    fmu: FmuDescription
+    interface: Interface
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    references: Mapping[str, int]
+    input_references: tuple[int, ...]
+    output_references: tuple[int, ...]
+    input_conversions: tuple[Conversion, ...]
+    output_conversions: tuple[Conversion, ...]
+    parameter_conversions: Mapping[str, Conversion] = field(default_factory=dict)
+    start_values: Mapping[str, float] = field(default_factory=dict)
+    start_references: Mapping[str, int] = field(default_factory=dict)
+    arrays: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    option_types: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    changed: frozenset[str] = frozenset()
+    fixed: frozenset[str] = frozenset()
+    sample_time: float | None = None
+    has_derivatives: bool = False
+    solver: str = "rk4"
+    substeps: int | None = None
+    isolated: bool = False
+    time_limit_s: float = DEFAULT_TIME_LIMIT
+    rerun: str = AUTO
+    event_mode: bool = False
+
+    @property
+    def path(self) -> Path:
+        """The ``.fmu`` file."""
+        return self.fmu.path
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file."""
+        return self.fmu.digest
+
+    @property
+    def input_types(self) -> tuple[str, ...]:
+        """Type of each input, elements of arrays apart."""
+        return tuple(v.type for v in self.fmu.of_causality("input") for _ in range(v.size))
+
+    def reference(self, name: str) -> int:
+        """Value reference of a parameter or start value."""
+        return self.references[name] if name in self.references else self.start_references[name]
+
+    def parameter_conversion(self, name: str) -> Conversion:
+        """From the FMU's own unit of a parameter or start value to the one shown."""
+        return self.parameter_conversions.get(name, _AS_IT_IS)
+
+    def with_parameters(self, values: Mapping[str, float]) -> Self:
+        """Other values; Integer, Boolean and Enumeration parameters and start values may be among them.
+
+        Raises:
+            UnknownNameError: no parameter that can be set has this name.
+        """
+        options = {n: v for n, v in values.items() if n in self.option_types}
+        values = {n: v for n, v in values.items() if n not in options}
+        starts = tuple(Variable(name) for name in self.start_values)
+        check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
+        parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
+        start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
+        changed = replace(self, parameters=parameters, start_values=start_values, changed=self.changed | set(values))
+        return changed.with_options(options) if options else changed
+
+    def with_options(self, values: Mapping[str, Option]) -> Self:
+        """Other values of Integer, Enumeration, Boolean and String parameters.
+
+        Raises:
+            UnknownNameError: there is no such parameter.
+            InputError: a value does not fit its type.
+        """
+        check_names("option", dict.fromkeys(values, 0.0), self._option_variables, where=str(self.path))
+        new = {name: _checked_option(name, self.option_types[name], v, self.path) for name, v in values.items()}
+        return replace(self, options={**self.options, **new})
+
+    @cached_property
+    def _option_variables(self) -> tuple[Variable, ...]:
+        return tuple(Variable(name, causality="parameter") for name in self.option_types)
+
+    @abstractmethod
+    def instantiate_here(self, *, keep_new_state: bool = False) -> RestartableInstance:
+        """A new running instance in this process; ``keep_new_state`` if it shall be run again from that state."""
+
+    @abstractmethod
+    def find_rerun(self) -> Rerun:
+        """How it is run again; tries it out, in another process, if that is not known yet."""
+
+
+_AS_IT_IS = Conversion("")
+
+
+def _checked_option(name: str, kind: str, value: Option, path: Path) -> Option:
+    if kind == "String":
+        fits = isinstance(value, str)
+    elif kind == "Boolean":
+        fits = not isinstance(value, str) and value in (0, 1)
+    else:
+        fits = not isinstance(value, str) and float(value).is_integer()
+    if not fits:
+        wanted = {"String": "text", "Boolean": "true, false"}.get(kind, "an integer")
+        raise InputError(f"The parameter '{name}' is of type {kind}.", where=str(path), got=repr(value), valid=wanted)
+    if kind == "Boolean":
+        return bool(value)
+    return int(value) if kind in INTEGER_TYPES else value
