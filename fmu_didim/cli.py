@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     two.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
     two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
-    two.add_argument("--experiment", default="train", choices=("train", "validation"), help="whose reference")
+    two.add_argument("--experiment", metavar="LABEL", help="whose reference: estimation (the first), validation, ...")
     two.set_defaults(run=_simulate)
     found = commands.add_parser(
         "discover", help="find, name and add the physical effects that the model lacks", description=_discover.__doc__
@@ -149,7 +149,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from fmu_didim.workflow import simulate_case
 
     out = options.out or Path("results") / f"{_stem(options.case)}.csv"
-    table = simulate_case(options.case, parameters=_assignments(options.set), which=options.experiment)
+    table = simulate_case(options.case, parameters=_assignments(options.set), experiment=options.experiment)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_csv(table, out)
     print(f"{table.time.size} rows, columns t, {', '.join(table.names)}: {out}")

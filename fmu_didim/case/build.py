@@ -1,8 +1,9 @@
-"""From a case document to components, the loop and the problem."""
+"""From a case document to components, the loop and its model."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from fmu_didim.base_parameters import base_parameters
 from fmu_didim.block import Block
 from fmu_didim.case.archive import loop_of_archive
 from fmu_didim.case.data import read_experiment, read_reference
-from fmu_didim.case.document import CaseDocument, ComponentSource, ExperimentSource, make_estimator, read_case
+from fmu_didim.case.document import CaseDocument, ComponentSource, make_estimator, read_case
+from fmu_didim.case.free import free_parameters, with_drive_gains
 from fmu_didim.case.spliced import with_spliced_effects
 from fmu_didim.case.timing import communication_step, delay_in_samples, with_timing
 from fmu_didim.components import (
@@ -28,14 +30,17 @@ from fmu_didim.components import (
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
+from fmu_didim.documents import validate
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.export import build_fmu
 from fmu_didim.imports import import_object
 from fmu_didim.master import System, closed_loop
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.free_parameter import PLANT
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.signals import Trajectory
 
@@ -46,11 +51,10 @@ class Case:
 
     Attributes:
         document: what the file says; path: the file; folder: where it lies.
-        parameters: what is identified; plant, controller: the components; no controller where an archive gives the
-            whole loop.
+        parameters: what is identified of the plant; plant, controller: the components; no controller where an archive
+            gives the whole loop.
         base: that loop; step_size: communication step of the loop in s.
-        problem: with the training experiment, None if the case has no torque log.
-        validation: the other experiment, if there is one.
+        model: the loop with all experiments that have a torque log, None if the logs were not read.
         estimator: with its options.
     """
 
@@ -61,8 +65,7 @@ class Case:
     controller: Component | None
     base: System | None
     step_size: float
-    problem: Problem | None
-    validation: Experiment | None
+    model: LoopModel | None
     estimator: Estimator
     path: Path = Path()
 
@@ -71,14 +74,25 @@ class Case:
         """Name of the case."""
         return self.document.name
 
-    def reference(self, which: str = "train") -> Trajectory:
-        """The reference of an experiment, ``train`` or ``validation``."""
-        source: ExperimentSource | None = getattr(self.document, which)
-        if source is None:
-            raise InputError("The case has no such experiment.", where=self.name, got=which)
-        return read_reference(
-            source.reference, self.folder, step=self.step_size, joint_count=self.parameters.joint_count
-        )
+    def with_(self, **changes: Any) -> Case:
+        """The case with other entries, loaded anew: ``case.with_(torque_std=[0.1], loop={"delay_samples": 1})``.
+
+        Args:
+            changes: keys of the case file; mappings are merged with what is there, all else replaces it.
+
+        Raises:
+            InputError, FmuError, BuildError: as of :func:`load_case`.
+        """
+        content = self.document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        return load_case(_merged(content, changes), folder=self.folder, require_torque=self.model is not None)
+
+    def reference(self, label: str) -> Trajectory:
+        """The reference of an experiment."""
+        runs = self.document.runs
+        if label not in runs:
+            raise UnknownNameError("experiment", label, runs, where=self.name)
+        source = runs[label].reference
+        return read_reference(source, self.folder, step=self.step_size, joint_count=self.parameters.joint_count)
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
@@ -86,42 +100,51 @@ class Case:
         if system is None:
             assert self.controller is not None  # the document says so
             system = _system(self.document, self.parameters, self.plant, self.controller, reference)
-        if self.document.robot is None:
-            return system
-        return with_spliced_effects(system, read_robot(self.folder / self.document.robot), plant=self.plant_name)
+        robot = None if self.document.robot is None else read_robot(self.folder / self.document.robot)
+        if robot is not None:
+            system = with_spliced_effects(system, robot, plant=self.plant_name)
+        return with_drive_gains(system, self.document, robot, plant=self.plant_name)
 
     @property
     def plant_name(self) -> str:
         """Name of the plant in the loop."""
         return self.document.plant.component if self.base is not None else "plant"
 
-    def problem_on(self, experiment: Experiment) -> Problem:
-        """The loop of the case with the data of an experiment."""
+    def model_on(self, experiments: Mapping[str, Experiment]) -> LoopModel:
+        """The loop of the case with data, those for the estimation first."""
         document = self.document
-        return Problem(
-            system=self.system(experiment.reference),
+        systems = {label: self.system(experiment.reference) for label, experiment in experiments.items()}
+        first = next(iter(systems.values()))
+        low_pass = document.low_pass
+        return LoopModel(
+            systems=systems,
+            experiments=experiments,
             parameters=self.parameters,
-            experiment=experiment,
-            plant=self.plant_name,
+            plant=first.components[self.plant_name],
+            plant_name=self.plant_name,
+            free_parameters=free_parameters(document, self.parameters, first),
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
-            low_pass=None
-            if document.low_pass is None
-            else LowPass(document.low_pass.cutoff_hz, document.low_pass.order),
+            low_pass=None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order),
         )
 
 
-def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
+def load_case(source: Path | str | Mapping[str, Any], *, folder: Path | str = ".", require_torque: bool = True) -> Case:
     """Read a case, build its FMUs and load its data; all that can be wrong is found here.
 
     Args:
-        path: the case file.
+        source: the case file, or its content.
+        folder: to which the paths of a content are relative; those of a file are relative to its own folder.
         require_torque: whether the torque logs are read; a mere simulation needs none.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
     """
-    document, folder = read_case(path), Path(path).parent
+    if isinstance(source, Mapping):
+        document, folder, path = validate(CaseDocument, dict(source), where="case"), Path(folder), Path()
+    else:
+        document, path = read_case(source), Path(source)
+        folder = path.parent
     model = RobotModel(read_robot(folder / document.robot)) if document.robot is not None else None
     controller, base = None, None
     if document.controller is not None:
@@ -132,33 +155,42 @@ def load_case(path: Path | str, *, require_torque: bool = True) -> Case:
         base = loop_of_archive(document, folder)
         plant, step = base.components[document.plant.component], base.step_size
     parameters = _parameters(document, model, plant)
+    case = Case(
+        document, folder, parameters, plant, controller, base, step, model=None,
+        estimator=make_estimator(document.estimator), path=path,
+    )  # fmt: skip
+    return replace(case, model=_with_data(case)) if require_torque else case
 
-    def experiment(source: ExperimentSource, label: str) -> Experiment:
-        return read_experiment(
-            source,
-            folder,
-            step=step,
+
+def _with_data(case: Case) -> LoopModel:
+    document = case.document
+    experiments = {
+        label: read_experiment(
+            run,
+            case.folder,
+            step=case.step_size,
             drive_gains=document.loop.drive_gains,
-            joint_count=parameters.joint_count,
+            joint_count=case.parameters.joint_count,
             label=label,
         )
-
-    case = Case(
-        document, folder, parameters, plant, controller, base, step,
-        problem=None, validation=None, estimator=make_estimator(document.estimator), path=Path(path),
-    )  # fmt: skip
-    problem = None
-    if require_torque:
-        problem = case.problem_on(experiment(document.train, "train"))
-        _check(document, problem, case.estimator)
-    validation = document.validation
-    measured = require_torque and validation is not None and validation.torque is not None
-    cross = experiment(validation, "validation") if measured and validation is not None else None
-    runs = [e.reference for e in (problem.experiment if problem else None, cross) if e is not None]
+        for label, run in document.runs.items()
+        if run.role == "estimation" or run.torque is not None
+    }
     for name in document.loop.injections.values():
-        if runs and not any(name in run.names for run in runs):
-            raise UnknownNameError("column", name, runs[0].names, where="loop.injections: no reference has it")
-    return replace(case, problem=problem, validation=cross)
+        if not any(name in e.reference.names for e in experiments.values()):
+            known = next(iter(experiments.values())).reference.names
+            raise UnknownNameError("column", name, known, where="loop.injections: no reference has it")
+    model = case.model_on(experiments)
+    _check(document, model, case.estimator)
+    return model
+
+
+def _merged(content: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(content)
+    for key, value in changes.items():
+        both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
+        result[key] = _merged(dict(result[key]), value) if both else value
+    return result
 
 
 def _system(
@@ -180,19 +212,19 @@ def _system(
     return with_timing(system, document)
 
 
-def _check(document: CaseDocument, problem: Problem, estimator: Estimator) -> None:
-    n = problem.joint_count
-    if problem.torque_deviation is not None and problem.torque_deviation.size != n:
-        raise InputError("torque_std needs one value for each joint.", got=problem.torque_deviation.size, valid=str(n))
+def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
+    n = model.joint_count
+    if model.torque_deviation is not None and model.torque_deviation.size != n:
+        raise InputError("torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n))
     if estimator.needs_positions:
-        estimator.positions(problem)
-    plant = problem.system.components[problem.plant]
-    if problem.parameters.has_regressor:
-        _check_motion(plant, n, ("q", "dq"))  # accelerations can be had by differences
-    elif problem.parameters.is_probed:
-        _check_motion(plant, n, ("ddq",))
-    offered = {v.name for v in plant.parameters}
-    absent = [name for name in problem.parameters.plant_names if name not in offered]
+        for label in model.estimation_labels:
+            estimator.positions(model, label)
+    if model.parameters.has_regressor:
+        _check_motion(model.plant, n, ("q", "dq"))  # accelerations can be had by differences
+    elif model.parameters.is_probed:
+        _check_motion(model.plant, n, ("ddq",))
+    offered = {v.name for v in model.plant.parameters}
+    absent = [name for name in model.parameters.plant_names if name not in offered]
     if absent:
         raise InputError(
             "The plant lacks parameters that are to be identified.", where="plant",
@@ -213,8 +245,8 @@ def _check_motion(plant: Component, n: int, signals: tuple[str, ...]) -> None:
 
 def _parameters(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
     """The base parameters of the robot, or the parameters of the plant that the case names."""
-    if not document.identify:
-        assert model is not None
+    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of == PLANT}
+    if not chosen and model is not None:
         return RobotParameters(model, base_parameters(model))
     offered = {v.name: v for v in plant.parameters}
     joints = [v for v in plant.inputs if re.fullmatch(r"tau\d+", v.name)]
@@ -223,7 +255,7 @@ def _parameters(document: CaseDocument, model: RobotModel | None, plant: Compone
             "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
             next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
         )  # fmt: skip
-    chosen, plant_names = document.identify, []
+    plant_names = []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
         if plant_names[-1] not in offered:

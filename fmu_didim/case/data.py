@@ -13,7 +13,7 @@ from fmu_didim.case.document import ExperimentSource, ReferenceFile, SignalFile,
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
 from fmu_didim.master import decimated_times, grid_places, sample_operator
-from fmu_didim.prediction.problem import Experiment
+from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
@@ -135,4 +135,4 @@ def read_experiment(
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
     positions = read_signals(source.positions, folder) if source.positions is not None else None
-    return Experiment(reference, times, torque, operator, positions, label)
+    return Experiment(reference, times, torque, operator, positions, label, source.role)

@@ -13,6 +13,7 @@ from fmu_didim.documents import Strict, read_document
 from fmu_didim.estimators import ESTIMATORS, Estimator
 from fmu_didim.excitation import AnyExcitation
 
+Role = Literal["estimation", "validation"]
 Positive = Annotated[float, Field(gt=0)]
 Kind = Literal["fmu", "model", "control"]
 
@@ -150,11 +151,19 @@ class TorqueFile(SignalFile):
 
 
 class ExperimentSource(Strict):
-    """Reference, torque and, for some estimators, positions of one run."""
+    """Reference, torque and, for some estimators, positions of one run.
+
+    Attributes:
+        role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
+        own: names of parameters that have values of their own in this experiment, such as those of a link with another
+            payload; the others are shared by all experiments.
+    """
 
     reference: AnyExcitation | ReferenceFile
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
+    role: Role = "estimation"
+    own: tuple[str, ...] = ()
 
     @field_validator("reference", mode="wrap")
     @classmethod
@@ -167,15 +176,21 @@ class ExperimentSource(Strict):
 
 
 class IdentifiedParameter(Strict):
-    """A parameter of a plant that has no robot description.
+    """A parameter that is identified beside the base parameters of the robot, or of a plant without robot description.
 
     Attributes:
-        parameter: its name in the plant; by default that under which it is listed.
+        of: what it belongs to: ``plant``; another component of the loop, such as ``controller`` or the component of an
+            effect that the robot description lists (``actuator_lag2``); ``drive`` (the gain of the drive of ``joint``);
+            ``delay`` (of the command, in samples); ``log`` (how late its stamps are, in s).
+        parameter: its name there; by default that under which it is listed.
+        joint: of a drive, counted from 1.
         start: value to start from; that of the plant by default.
         minimum, maximum: limits; a result at a limit is refused.
     """
 
+    of: str = "plant"
     parameter: str | None = None
+    joint: Annotated[int, Field(ge=1)] | None = None
     start: float | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -214,12 +229,14 @@ class CaseDocument(Strict):
 
     Attributes:
         robot: robot description (``.yaml``); a plant without one needs ``identify``.
-        identify: name -> parameter of the plant that is identified, instead of the robot's base parameters; for
-            the estimator ``clie``.
+        identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
+            or, where parameters of the plant are listed, these instead of the base parameters.
         plant, controller: what runs in the loop.
         system: an SSP archive with both and their wiring, instead; ``plant`` then says which component carries the
             parameters.
-        train, validation: the experiments; cross validation is optional.
+        experiments: label -> run, with its role; at least one is for the estimation.
+        train, validation: the short form for two of them, with the labels ``estimation`` and ``validation``; cross
+            validation is optional.
         estimator: ``{kind: didim, ...}`` with the options of that estimator.
         torque_std: known standard deviation of the torque noise, one a joint.
         joint_weights: ``estimated`` or ``equal``.
@@ -235,7 +252,8 @@ class CaseDocument(Strict):
     controller: ComponentSource | None = None
     system: SystemSource | None = None
     loop: Loop = Loop()
-    train: ExperimentSource
+    experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
+    train: ExperimentSource | None = None
     validation: ExperimentSource | None = None
     estimator: Mapping[str, Any] = Field(default_factory=lambda: {"kind": "didim"})
     torque_std: tuple[Positive, ...] | None = None
@@ -248,6 +266,32 @@ class CaseDocument(Strict):
             raise ValueError("give robot: (a description) or identify: (names of parameters of the plant)")
         if self.robot is None and self.plant.source is None and self.system is None:
             raise ValueError("a plant without robot description needs a source")
+        return self
+
+    @property
+    def runs(self) -> dict[str, ExperimentSource]:
+        """Label -> experiment, however it was written; those for the estimation first."""
+        found = dict(self.experiments)
+        if self.train is not None:
+            found["estimation"] = self.train
+        if self.validation is not None:
+            found["validation"] = self.validation.model_copy(update={"role": "validation"})
+        return dict(sorted(found.items(), key=lambda item: item[1].role != "estimation"))
+
+    @model_validator(mode="after")
+    def _which_experiments(self) -> CaseDocument:
+        short = [name for name in ("train", "validation") if getattr(self, name) is not None]
+        if self.experiments and short:
+            raise ValueError(f"give experiments: (any number) or {' and '.join(short)}: (the short form), not both")
+        runs = self.runs
+        fitted = [label for label, run in runs.items() if run.role == "estimation"]
+        if not fitted:
+            raise ValueError("give train: (reference and torque), or experiments: with one whose role is estimation")
+        if others := [label for label, run in runs.items() if run.own and run.role != "estimation"]:
+            raise ValueError(f"own: is for experiments with the role estimation, not for {', '.join(others)}")
+        everywhere = set.intersection(*(set(runs[label].own) for label in fitted))
+        if everywhere:
+            raise ValueError(f"own: {', '.join(sorted(everywhere))} would be shared by no experiment; leave one out")
         return self
 
     @model_validator(mode="after")

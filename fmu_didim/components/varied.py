@@ -1,4 +1,4 @@
-"""Components that carry derivatives: each signal with its derivatives by some parameters of one component of the loop.
+"""Components that carry derivatives: each signal with its derivatives by some parameters of the loop.
 
 An input ``tau1`` is followed by ``tau1@0``, ``tau1@1``, ...: its derivatives by parameter 0, 1, ... The loop wires them
 as it wires the signals, so that delays, rates and the order of evaluation hold for them too.
@@ -36,14 +36,14 @@ class VariedComponent(Component):
 
     Attributes:
         block: the equations; substeps: of its integration, None chooses them from the block's rate.
-        varied: places of its own parameters among those that are differentiated by: lane -> parameter of the block.
+        varied: its own parameters among those that are differentiated by: (lane, place among those of the block).
         lanes: number of parameters that the loop is differentiated by, at least those.
         followed: places of the outputs whose derivatives are wanted.
     """
 
     block: Block
     substeps: int | None
-    varied: tuple[int, ...]
+    varied: tuple[tuple[int, int], ...]
     lanes: int
     followed: tuple[int, ...]
 

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from fmu_didim.diagnosis.mismatch import unlike_torque
 from fmu_didim.errors import SimulationError
-from fmu_didim.master import Observer, Recording, simulate
+from fmu_didim.master import Observer, Recording
 from fmu_didim.prediction.guard import mass_matrix_problem
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.prediction import drive_torque
 from fmu_didim.prediction.probing import RegressorProbe
-from fmu_didim.prediction.problem import Problem, drive_torque, joint_signals
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.signals import Array
 
@@ -103,34 +104,35 @@ class Consistency:
         return found + list(self.causes)
 
 
-def check_consistency(problem: Problem) -> Consistency:
-    """Compare the plant of a problem with the robot description that gives its regressor.
+def check_consistency(model: LoopModel) -> Consistency:
+    """Compare the plant of a model with the robot description that gives its regressor.
 
     Two simulations of at most 2 000 ticks; one more a parameter if the plant's parameters cannot be changed in a run.
     """
-    offered = {v.name for v in problem.system.components[problem.plant].outputs}
-    absent = [name for name in problem.parameters.observed if name not in offered]
+    model = model.on(model.first).base_alone()
+    offered = {v.name for v in model.plant.outputs}
+    absent = [name for name in model.parameters.observed if name not in offered]
     if absent:
         return Consistency(failure=f"its torque also depends on {', '.join(absent)}, which the plant does not give.")
-    runs = _runs(problem)
+    runs = _runs(model)
     if runs is None:
         return Consistency(failure="neither the values of the description nor those of the reference can be simulated.")
     theta, count = runs
     ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
     columns: Array | None = None
-    method, by_differences = "", not problem.gives_acceleration
+    method, by_differences = "", not model.gives_acceleration
     try:
-        probe = RegressorProbe(problem.plant, problem.parameters, theta, ticks.size)
+        probe = RegressorProbe(model.plant_name, model.parameters, theta, ticks.size)
         if by_differences:
-            points = _points(problem, theta, ticks)
+            points = _points(model, theta, ticks)
         else:
             try:
-                points = _points(problem, theta, ticks, observe=probe)
+                points = _points(model, theta, ticks, observe=probe)
                 columns, method = probe.columns, "probed"
             except SimulationError:  # parameters that are fixed in a run, or no feed-through
-                points = _points(problem, theta, ticks)
+                points = _points(model, theta, ticks)
         if columns is None or not np.isfinite(columns).all() or _silent(columns, points[1]).any():
-            columns, method = _simulated_columns(problem, theta, ticks, points), "simulated again"
+            columns, method = _simulated_columns(model, theta, ticks, points), "simulated again"
     except SimulationError as error:
         return Consistency(failure=error.what)
     torque, regressor, known, motion, observed = points
@@ -139,58 +141,55 @@ def check_consistency(problem: Problem) -> Consistency:
     whole = float(np.sqrt((torque**2).mean()))
     # A joint that hardly needs torque is measured by that of all.
     relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, 1e-3 * whole)
-    compared = _compared(problem.parameters.names, columns, regressor)
+    compared = _compared(model.parameters.names, columns, regressor)
     found = Consistency(ticks.size, tuple(float(v) for v in relative), compared, method, by_differences)
     if by_differences or not any("torque:" in line for line in found.warnings()):
         return found
-    return replace(found, causes=tuple(unlike_torque(problem.parameters, theta, motion, observed, residual)))
+    return replace(found, causes=tuple(unlike_torque(model.parameters, theta, motion, observed, residual)))
 
 
 Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
 """Torque (K, n), regressor (K, n, p), known torque (K, n), the motion they belong to and what else they depend on."""
 
 
-def _runs(problem: Problem) -> tuple[Array, int] | None:
+def _runs(model: LoopModel) -> tuple[Array, int] | None:
     """The description's own values, or those that the reference gives, and for how many ticks the loop runs."""
-    total = problem.experiment.reference.time.size
+    total = model.experiments[model.first].reference.time.size
     for count in sorted({min(total, length) for length in LENGTHS}, reverse=True):
-        for choose in (lambda p: p.parameters.nominal(), from_reference):
-            theta: Array = choose(problem)
-            if mass_matrix_problem(problem, theta):
+        for choose in (lambda m: m.start, from_reference):
+            theta: Array = choose(model)
+            if mass_matrix_problem(model, theta):
                 continue
             try:
-                _run(problem, theta, np.arange(count - 1, count))
+                _run(model, theta, np.arange(count - 1, count))
             except SimulationError:
                 continue
             return theta, count
     return None
 
 
-def _run(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Recording:
-    return simulate(
-        problem.system_with(theta), problem.experiment.reference, ticks=ticks, bounds=problem.position_bounds(),
-        observe=observe, pool=problem.pool,
-    )  # fmt: skip
+def _run(model: LoopModel, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Recording:
+    return model.record(theta, ticks=ticks, observe=observe)
 
 
-def _points(problem: Problem, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
-    if problem.gives_acceleration:
-        recording = _run(problem, theta, ticks, observe)
-        motion = [recording.table(joint_signals(problem, name)) for name in ("q", "dq", "ddq")]
-        torque, rows = drive_torque(problem, recording), np.arange(ticks.size)
+def _points(model: LoopModel, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
+    if model.gives_acceleration:
+        recording = _run(model, theta, ticks, observe)
+        motion = [recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq")]
+        torque, rows = drive_torque(model, recording), np.arange(ticks.size)
     else:
         # While a torque is held, the mean acceleration of the period belongs to its middle.
         both = np.unique(np.concatenate([ticks, ticks + 1]))
-        recording = _run(problem, theta, both)
+        recording = _run(model, theta, both)
         here, after = np.searchsorted(both, ticks), np.searchsorted(both, ticks + 1)
         rows = here
-        q, dq = (recording.table(joint_signals(problem, name)) for name in ("q", "dq"))
-        acceleration = (dq[after] - dq[here]) / problem.system.step_size
+        q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+        acceleration = (dq[after] - dq[here]) / model.systems[model.first].step_size
         motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
-        torque = drive_torque(problem, recording)[here]
-    names = [f"{problem.plant}.{name}" for name in problem.parameters.observed]
+        torque = drive_torque(model, recording)[here]
+    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names)[rows] if names else np.zeros((ticks.size, 0))
-    regressor, known = problem.parameters.regressor(*motion, observed=observed)
+    regressor, known = model.parameters.regressor(*motion, observed=observed)
     return torque, regressor, known, (motion[0], motion[1], motion[2]), observed
 
 
@@ -199,7 +198,7 @@ def _silent(columns: Array, analytic: Array) -> NDArray[np.bool_]:
     return np.asarray(~columns.any(axis=(0, 1)) & analytic.any(axis=(0, 1)), dtype=np.bool_)
 
 
-def _simulated_columns(problem: Problem, theta: Array, ticks: NDArray[np.int64], points: Points) -> Array:
+def _simulated_columns(model: LoopModel, theta: Array, ticks: NDArray[np.int64], points: Points) -> Array:
     """The plant's columns from a simulation with each parameter changed.
 
     With r = tau - W theta - known on each simulation, the plant's column is W_i + dr / dtheta_i: exact where plant and
@@ -213,7 +212,7 @@ def _simulated_columns(problem: Problem, theta: Array, ticks: NDArray[np.int64],
         step = CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
         other = theta.copy()
         other[i] += step
-        moved_torque, moved, moved_known, *_ = _points(problem, other, ticks)
+        moved_torque, moved, moved_known, *_ = _points(model, other, ticks)
         after = moved_torque - moved @ other - moved_known
         columns[:, :, i] = regressor[:, :, i] + (after - before) / step
     return columns

@@ -6,7 +6,7 @@ all bins of all joints is controlled. Intervals of time with a force of their ow
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,11 +55,14 @@ class Window:
     score: float
 
 
-def regions(residual: Array, motion: Motion, ticks: Array, noise: Noise, units: tuple[str, ...]) -> list[Region]:
+def regions(
+    residual: Array, motions: Sequence[tuple[Motion, Array]], noise: Noise, units: tuple[str, ...]
+) -> list[Region]:
     """Regions with a mean residual of their own, the largest share first.
 
     Args:
-        residual: (N, n); motion: at all ticks; ticks: (N,) the tick nearest to each sample.
+        residual: (N, n); motions: of each experiment that is fitted, at all ticks, with the tick nearest to each
+            sample.
         units: (n,) ``N.m`` or ``N`` of each joint.
     """
     found: list[Region] = []
@@ -68,8 +71,9 @@ def regions(residual: Array, motion: Motion, ticks: Array, noise: Noise, units: 
         r = residual[:, j]
         error = max(float(np.mean(r**2)) - float(noise.deviation[j]) ** 2, 1e-300)
         turn = "rad" if units[j] == "N.m" else "m"
-        for name, (unit, values) in _quantities(motion, j, turn).items():
-            at = values[ticks]
+        parts = [(_quantities(motion, j, turn), ticks) for motion, ticks in motions]
+        for name, (unit, _) in parts[0][0].items():
+            at = np.concatenate([quantities[name][1][ticks] for quantities, ticks in parts])
             edges = np.unique(np.quantile(at, np.linspace(0, 1, BINS + 1)))
             if edges.size < 3:
                 continue

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.problem import Experiment
 from fmu_didim.signals import Array
 
 AGAINST = -0.7
@@ -36,15 +36,14 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
     Raises:
         InputError: a torque has the opposite sign, or the joints are in another order.
     """
-    run = model.runs[label]
-    where = run.problem.experiment.label or label
-    gaps = _gaps(run.problem.experiment, where)
+    measured, where = model.measured_in(label), model.experiments[label].label or label
+    gaps = _gaps(model.experiments[label], where)
     try:
         simulated = model.torque(model.start, label)
     except SimulationError:  # nothing to compare with; the fit deals with such a start
         return gaps
-    correlation = _correlations(run.measured, simulated)
-    _check_order(run.measured, simulated, where)
+    correlation = _correlations(measured, simulated)
+    _check_order(measured, simulated, where)
     own = np.diag(correlation)
     if (own < AGAINST).any():
         turned = [int(j) + 1 for j in np.flatnonzero(own < AGAINST)]
@@ -56,7 +55,7 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
             next_step="Turn the sign of these columns, or of the joint's axis in the robot description.",
         )
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.sum(run.measured * simulated, axis=0) / np.sum(simulated**2, axis=0)
+        ratio = np.sum(measured * simulated, axis=0) / np.sum(simulated**2, axis=0)
     units = tuple(
         f"{where}: the torque of joint {j + 1} is {ratio[j]:.3g} times what the start values give: is it in the unit, "
         "and on the side of the gear, that the robot description means?"

@@ -8,6 +8,7 @@ is fitted and compared with the model that was found.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,9 +69,11 @@ def other_sampling(fit: Fit, model: LoopModel, noise: Noise, *, saved: float, th
         ways = _sampled(model, fit, noise, NEARLY if instead else 1.0)
         if not ways:
             return None
-        way, operator = min(ways, key=lambda one: one[0])[1:]
-        other = {"train": replace(model.runs["train"], operator=operator)}  # held-out data are not looked at
-        found = minimise(replace(model, runs=other), noise)
+        way, operators = min(ways, key=lambda one: one[0])[1:]
+        other = model.on(*model.estimation_labels)  # held-out data are not looked at
+        for label, operator in operators.items():
+            other = other.with_experiment(label, replace(other.experiments[label], operator=operator))
+        found = minimise(other, noise)
     except SimulationError:
         return None
     gain = delta_bic(fit.residual, found.residual, -saved, noise)
@@ -79,29 +82,39 @@ def other_sampling(fit: Fit, model: LoopModel, noise: Noise, *, saved: float, th
 
 def _sampled(
     model: LoopModel, fit: Fit, noise: Noise, most: float
-) -> list[tuple[float, tuple[Kind, Window], SampleOperator]]:
-    """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operator."""
-    run = model.runs["train"]
-    experiment, step, start = run.problem.experiment, run.problem.system.step_size, model.start
-    count = experiment.reference.time.size
-    torque = model.logged_torque(model.record(start, all_ticks=True), start)
+) -> list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]]:
+    """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operators."""
+    start, labels = model.start, model.estimation_labels
+    commands = {
+        label: model.logged_torque(model.record(start, label, all_ticks=True), start, label) for label in labels
+    }
     basis = Basis(fit, noise)
     limit = most * float(basis.residual @ basis.residual)
-    found = []
+    found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
     for kind, window in WAYS:
         try:
-            operator = sample_operator(
-                experiment.time, start=float(experiment.reference.time[0]), step=step,
-                tick_count=count, kind=kind, window=window,
-            ).stamped_later(experiment.operator.lag, count)  # fmt: skip
+            operators = {label: _operator(model, label, kind, window) for label in labels}
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
-        residual = run.measured - run.problem.filtered(operator.apply(torque[operator.ticks]))
-        rest = basis.project((residual * basis.weight).ravel())
+        simulated = [
+            model.filtered(operator.apply(commands[label][operator.ticks]), label)
+            for label, operator in operators.items()
+        ]
+        rest = basis.project(((model.measured - np.concatenate(simulated)) * basis.weight).ravel())
         size = float(rest @ rest)
-        if size < limit and not _same(operator, run.operator):
-            found.append((size, (kind, window), operator))
+        if size < limit and not all(_same(o, model.experiments[label].operator) for label, o in operators.items()):
+            found.append((size, (kind, window), operators))
     return found
+
+
+def _operator(model: LoopModel, label: str, kind: Kind, window: Window) -> SampleOperator:
+    experiment, step = model.experiments[label], model.systems[label].step_size
+    count = experiment.reference.time.size
+    operator = sample_operator(
+        experiment.time, start=float(experiment.reference.time[0]), step=step, tick_count=count, kind=kind,
+        window=window,
+    )  # fmt: skip
+    return operator.stamped_later(experiment.operator.lag, count)
 
 
 def _same(one: SampleOperator, other: SampleOperator) -> bool:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.problem import Experiment, Problem, predict_torque
+from fmu_didim.prediction.experiment import Role
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 
@@ -17,13 +18,14 @@ class Validation:
     """Measured and simulated torque of one experiment.
 
     Attributes:
-        label: ``train`` or ``validation``.
+        label: of the experiment; role: whether the parameters were fitted to it.
         time: (N,) s; measured, simulated: (N, n) N.m or N.
         total_percent, per_joint_percent: 100 |y - y_s| / |y|, (n,) for the joints.
         failure: why the simulation failed, or empty; the values are then NaN.
     """
 
     label: str
+    role: Role
     time: Array
     measured: Array
     simulated: Array
@@ -32,15 +34,16 @@ class Validation:
     failure: str = ""
 
 
-def validate(problem: Problem, theta: Array, experiment: Experiment, *, label: str) -> Validation:
-    """Simulate the loop with the parameters (b,) on an experiment and compare the torques."""
-    there = problem.on(experiment)
-    measured = there.measured
+def validate(model: LoopModel, values: Array, label: str) -> Validation:
+    """Simulate an experiment with values (p,) and compare the torques."""
+    experiment, measured = model.experiments[label], model.measured_in(label)
     try:
-        simulated = predict_torque(there, theta)[0]
+        simulated = model.torque(values, label)
     except SimulationError as error:
         nothing = np.full_like(measured, np.nan)
         joints = np.full(measured.shape[1], np.nan)
-        return Validation(label, experiment.time, measured, nothing, float("nan"), joints, str(error))
+        return Validation(
+            label, experiment.role, experiment.time, measured, nothing, float("nan"), joints, str(error)
+        )  # fmt: skip
     total, per_joint = relative_error_percent(measured, simulated)
-    return Validation(label, experiment.time, measured, simulated, total, per_joint)
+    return Validation(label, experiment.role, experiment.time, measured, simulated, total, per_joint)

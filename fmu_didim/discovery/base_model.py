@@ -1,4 +1,4 @@
-"""From a problem to the base model of discovery: noise, nuisances, first fit."""
+"""The base model of discovery: noise, nuisances, first fit."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.errors import InputError
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
 from fmu_didim.prediction.least_squares import Fit, integrated, minimise
-from fmu_didim.prediction.loop_model import PLANT, FreeParameter, LoopModel, loop_model
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import (
     Noise,
     motion_frequency,
     noise_from_periods,
     noise_from_residual,
     period_in_ticks,
+    pooled,
 )
-from fmu_didim.prediction.problem import Experiment, Problem
 from fmu_didim.signals import Array, Trajectory, trajectory
 
 SMOOTHING = (0.003, 0.05)
@@ -42,32 +44,37 @@ class Prepared:
     notes: tuple[str, ...] = ()
 
 
-def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -> Prepared:
-    """Noise and base fit of a problem; ``others`` are held-out experiments.
+def prepare(model: LoopModel) -> Prepared:
+    """Noise and base fit of a loop model.
 
     Raises:
-        InputError: the torque log is too short, or cannot be that of this loop.
+        InputError: the torque logs are too short, or cannot be those of this loop.
     """
-    experiment = problem.experiment
-    if experiment.torque.shape[0] < 5 * problem.parameters.count:
+    samples, count = model.measured.shape[0], model.parameters.count
+    if samples < 5 * count:
         raise InputError(
             "The torque log is too short to look for more than the base parameters.",
-            where=experiment.label,
-            got=f"{experiment.torque.shape[0]} samples for {problem.parameters.count} parameters",
+            where=", ".join(model.estimation_labels),
+            got=f"{samples} samples for {count} parameters",
         )
-    model = replace(with_nuisances(loop_model(problem, others, workers=workers)), coarse=True)
-    remarks = [remark for label in model.runs for remark in check_log(model, label)]
-    noise, notes = _measured_noise(experiment, problem)
-    notes = [*remarks, *notes]
-    if noise is not None:
-        fit = minimise(model, noise)
-        noise, further = _without_events(noise, fit, experiment, problem.joint_count)
-        return Prepared(integrated(fit, noise, coarse=False), noise, (*notes, *further))
+    model = replace(with_nuisances(model), coarse=True)
+    notes = [remark for label in model.experiments for remark in check_log(model, label)]
+    found = {label: _measured_noise(model, label) for label in model.estimation_labels}
+    notes += [note for _, further in found.values() for note in further]
+    repeated = {label: noise for label, (noise, _) in found.items() if noise is not None}
+    if repeated:
+        fit = minimise(model, pooled(list(repeated.values()), [_samples(model, label) for label in repeated]))
+        checked = []
+        for label, noise in repeated.items():
+            noise, further = _without_events(noise, fit, label)
+            checked.append(noise)
+            notes += further
+        noise = pooled(checked, [_samples(model, label) for label in repeated])
+        return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
-    spread = np.std(experiment.torque, axis=0)
+    spread = np.std(model.measured, axis=0)
     fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"))
-    frequency = motion_frequency(experiment.reference, problem.joint_count)
-    noise = noise_from_residual(fit.residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
+    noise = residual_noise(fit)
     notes.append(
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
         "motion, an upper bound."
@@ -76,16 +83,33 @@ def prepare(problem: Problem, others: dict[str, Problem], *, workers: int = 2) -
     return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
 
 
-def _without_events(noise: Noise, fit: Fit, experiment: Experiment, joints: int) -> tuple[Noise, tuple[str, ...]]:
+def _samples(model: LoopModel, label: str) -> int:
+    return int(model.experiments[label].time.size)
+
+
+def residual_noise(fit: Fit) -> Noise:
+    """The noise of logs without repetition, from what a fit leaves of all experiments."""
+    labels = fit.model.estimation_labels
+    return pooled([_residual_noise(fit, label) for label in labels], [_samples(fit.model, label) for label in labels])
+
+
+def _residual_noise(fit: Fit, label: str) -> Noise:
+    experiment = fit.model.experiments[label]
+    frequency = motion_frequency(experiment.reference, fit.model.joint_count)
+    return noise_from_residual(
+        fit.residual[fit.model.rows[label]], rate_hz=experiment.rate_hz, motion_hz=frequency
+    )  # fmt: skip
+
+
+def _without_events(noise: Noise, fit: Fit, label: str) -> tuple[Noise, tuple[str, ...]]:
     """The noise of the periods, unless the periods differ by more than what the residual holds at high frequencies.
 
     Noise has both; a force from outside, or anything else that does not repeat, only the first. What is correlated for
     longer than noise is need not be larger by a quarter.
     """
-    frequency = motion_frequency(experiment.reference, joints)
-    fast = noise_from_residual(fit.residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
-    slow = noise.slow if noise.slow is not None else np.zeros(joints)
-    forgets = slow < max(SLOW, 3 / np.sqrt(experiment.torque.shape[0]))
+    fast = _residual_noise(fit, label)
+    slow = noise.slow if noise.slow is not None else np.zeros(fit.model.joint_count)
+    forgets = slow < max(SLOW, 3 / np.sqrt(_samples(fit.model, label)))
     more = noise.deviation > np.where(forgets, NOT_NOISE, 1.0) * fast.deviation
     if not more.any():
         return noise, ()
@@ -101,11 +125,12 @@ def _without_events(noise: Noise, fit: Fit, experiment: Experiment, joints: int)
     ), (text,)
 
 
-def _measured_noise(experiment: Experiment, problem: Problem) -> tuple[Noise | None, list[str]]:
-    ticks = period_in_ticks(_used(experiment.reference, problem.system))
+def _measured_noise(model: LoopModel, label: str) -> tuple[Noise | None, list[str]]:
+    experiment, system = model.experiments[label], model.systems[label]
+    ticks = period_in_ticks(_used(experiment.reference, system))
     if ticks is None:
         return None, []
-    period = ticks * problem.system.step_size
+    period = ticks * system.step_size
     samples = period * experiment.rate_hz
     if abs(samples - round(samples)) > 1e-3:
         return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
@@ -152,14 +177,13 @@ def with_nuisances(model: LoopModel) -> LoopModel:
     """The model with the smoothing velocity of each joint's Coulomb friction free: left fixed, its error would be taken
     for friction at low speed."""
     offered = {v.name: v for v in model.plant.parameters}
-    reference = model.runs["train"].problem.experiment.reference
+    references = [model.experiments[label].reference for label in model.estimation_labels]
     free_parameters = []
-    step = float(reference.time[1] - reference.time[0])
     for j in range(1, model.joint_count + 1):
         name = f"v0_{j}"
-        if name not in offered or f"q{j}" not in reference.names:
+        if name not in offered or not all(f"q{j}" in reference.names for reference in references):
             continue
-        speed = float(np.abs(np.gradient(reference.select([f"q{j}"])[:, 0], step)).max())
+        speed = max(_largest_speed(reference, f"q{j}") for reference in references)
         if speed <= 0:
             continue
         value = offered[name].start  # what is known of the robot lies within the limits
@@ -167,4 +191,9 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         free_parameters.append(
             FreeParameter(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True)
         )
-    return replace(model, free_parameters=(*model.free_parameters, *free_parameters))
+    return model.with_free(free_parameters)
+
+
+def _largest_speed(reference: Trajectory, name: str) -> float:
+    step = float(reference.time[1] - reference.time[0])
+    return float(np.abs(np.gradient(reference.select([name])[:, 0], step)).max())

@@ -25,8 +25,9 @@ from fmu_didim.discovery.findings import (
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.free_parameter import FreeParameter
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint, FreeParameter
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
@@ -62,12 +63,13 @@ def findings_document(
     """
     residuals = _residuals(discovery)
     verdict = _verdict(discovery, noise)
-    units = discovery.base.model.runs["train"].problem.parameters.torque_units
+    units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
         findings=[*outside, *(_finding(step, discovery, builder, noise) for step in discovery.steps)],
+        roles={label: e.role for label, e in discovery.base.model.experiments.items()},
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
@@ -92,9 +94,14 @@ def findings_document(
 
 def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
     remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
-    if discovery.steps or discovery.final.model.runs["train"].external_torques:
+    if discovery.steps or has_external_torques(discovery.final.model):
         return "named_with_remainder" if remains else "named"
     return "unknown" if remains else "nothing"
+
+
+def has_external_torques(model: LoopModel) -> bool:
+    """Whether torques from outside were found in an experiment that was fitted."""
+    return any(model.experiments[label].external_torques for label in model.estimation_labels)
 
 
 def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder, noise: Noise) -> FindingResult:
@@ -156,13 +163,13 @@ def values_found(fit: Fit, noise: Noise, wanted: Callable[[FreeParameter], bool]
 def _residuals(discovery: Discovery) -> Residuals:
     """Label of each experiment -> residuals of the base and of the final model; infinite where one cannot be run."""
     result = {}
-    for label, run in discovery.base.model.runs.items():
+    for label in discovery.base.model.experiments:
         pair = []
         for fit in (discovery.base, discovery.final):
             try:
                 pair.append(fit.model.residual(fit.values, label))
             except SimulationError:
-                pair.append(np.full(run.measured.shape, np.inf))
+                pair.append(np.full(discovery.base.model.measured_in(label).shape, np.inf))
         result[label] = (pair[0], pair[1])
     return result
 
@@ -170,7 +177,7 @@ def _residuals(discovery: Discovery) -> Residuals:
 def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
     result = {}
     for label, pair in residuals.items():
-        measured = discovery.base.model.runs[label].measured
+        measured = discovery.base.model.measured_in(label)
         percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
         result[label] = (percent[0], percent[1])
     return result
@@ -182,8 +189,7 @@ def _windows(discovery: Discovery, residuals: Residuals, noise: Noise) -> list[W
     for label, (_, residual) in residuals.items():
         if not np.isfinite(residual).all():
             continue
-        run = discovery.final.model.runs[label]
-        for w in force_windows(residual, run.problem.experiment.time, noise):
+        for w in force_windows(residual, discovery.final.model.experiments[label].time, noise):
             result.append(
                 WindowResult(
                     joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=-w.torque, score=w.score, experiment=label

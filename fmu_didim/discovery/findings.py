@@ -67,7 +67,7 @@ class FindingResult(_Document):
     delta_bic: float
     ambiguous: list[Rival]
     experiment: str = Field(description="what would split it from the ambiguous ones")
-    gap: dict[str, GapPair] = Field(description="keys: train, test")
+    gap: dict[str, GapPair] = Field(description="by label of the experiment")
     ratio_interval: tuple[Number, Number] | None = Field(description="95 % interval of the held-out RMS ratio")
 
 
@@ -108,12 +108,13 @@ class NoiseResult(_Document):
 class FindingsDocument(_Document):
     """The content of ``findings.json``."""
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
     name: str
     verdict: Verdict
     text: str
     findings: list[FindingResult]
-    gap: dict[str, GapPair] = Field(description="base model and final model; keys: train, test")
+    roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")
+    gap: dict[str, GapPair] = Field(description="base model and final model, by label of the experiment")
     error_percent: dict[str, tuple[Number, Number]] = Field(description="relative torque error before and after")
     ratio_interval: tuple[Number, Number] | None
     noise: NoiseResult

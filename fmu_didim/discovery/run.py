@@ -14,7 +14,7 @@ from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.document import findings_document
+from fmu_didim.discovery.document import findings_document, has_external_torques
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
@@ -24,7 +24,7 @@ from fmu_didim.discovery.findings import (
     WindowResult,
 )
 from fmu_didim.discovery.screening.catalogue import simulated_motion
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT, Options, held_out_ratio
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, held_out_ratio
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.effects.structure import StructureEffect
@@ -32,7 +32,6 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, integrated
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
@@ -60,8 +59,7 @@ class Found:
 
 
 def discover(
-    problem: Problem,
-    held_out: Problem | None,
+    model: LoopModel,
     *,
     description: RobotDescription | None,
     name: str,
@@ -73,7 +71,7 @@ def discover(
     """Find the effects that a model lacks.
 
     Args:
-        problem: loop, parameters and data; held_out: the same loop with other data, for the gate.
+        model: the loop with its experiments; those for the validation serve the gate.
         description: the robot, None for a plant that is a black box.
         effects: the catalogue by name.
 
@@ -82,11 +80,10 @@ def discover(
     """
     begin = clock.perf_counter()
     ask = _Question(description, name, effects, options or Options(), provenance, say)
-    left_out = problem.on(problem.experiment.after(BEGIN_S))
-    held = held_out.on(held_out.experiment.after(BEGIN_S)) if held_out is not None else None
-    found = _look(ask, left_out, held, _prepared(left_out, held, say))
+    later = replace(model, experiments={label: e.after(BEGIN_S) for label, e in model.experiments.items()})
+    found = _look(ask, later, _prepared(later, say))
     if found.discovery.final is found.discovery.base:  # nothing was found
-        found = _at_the_begin(ask, problem, held_out, found)
+        found = _at_the_begin(ask, model, found)
     document = found.document.model_copy(update={"seconds": clock.perf_counter() - begin})
     return replace(found, document=document)
 
@@ -104,12 +101,12 @@ class _Question:
     notes: tuple[str, ...] = ()
 
 
-def _prepared(problem: Problem, held_out: Problem | None, say: Say) -> Prepared:
+def _prepared(model: LoopModel, say: Say) -> Prepared:
     say("base model")
-    return prepare(problem, {HELD_OUT: held_out} if held_out is not None else {})
+    return prepare(model)
 
 
-def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: Prepared) -> Found:
+def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     """Pushes, rounds and what is written down of them."""
     options, effects, say = ask.options, ask.effects, ask.say
     noise, base = prepared.noise, prepared.fit
@@ -133,7 +130,7 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         final, free = refitted(fitted_torques, discovery.final, noise)
         discovery = replace(discovery, final=final)
         outside = [external_torque_finding(fitted_torques, base, free, noise)]
-        windows = external_torque_windows(free, noise)
+        windows = external_torque_windows(free, noise, fitted_torques.label)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
@@ -145,8 +142,8 @@ def _look(ask: _Question, problem: Problem, held_out: Problem | None, prepared: 
         ask.name, discovery, builder, noise,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
         notes=[
-            *ask.notes, *prepared.notes, *([] if held_out is not None else [NO_HELD_OUT]),
-            *([way.text(1 / problem.experiment.rate_hz)] if way is not None else []),
+            *ask.notes, *prepared.notes, *([] if model.validation_labels else [NO_HELD_OUT]),
+            *([way.text(1 / model.experiments[model.first].rate_hz)] if way is not None else []),
         ],
         provenance={**(ask.provenance or {}), "options": options.record()},
     )  # fmt: skip
@@ -170,13 +167,13 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
     return Discovery(discovery.base, discovery.base, (), refused)
 
 
-def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, found: Found) -> Found:
+def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     """A second look at data in which nothing was found, with their begin.
 
     Only gears can be told there: they start in the middle of their play and without load, while anything else that
     differs at the beginning may as well be the state in which the machine started.
     """
-    prepared = _prepared(problem, held_out, ask.say)
+    prepared = _prepared(model, ask.say)
     without, whole = found.discovery.base, prepared.fit
     more = joint_gaps(whole.residual, prepared.noise) ** 2 - joint_gaps(without.residual, found.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
@@ -186,7 +183,7 @@ def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, fo
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
     note = f"The first {BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))
-    second = _look(again, problem, held_out, prepared)
+    second = _look(again, model, prepared)
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
         told = {**second.document.provenance, "options": asked}
@@ -198,7 +195,7 @@ def _at_the_begin(ask: _Question, problem: Problem, held_out: Problem | None, fo
 def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
     """The final model as it will be run by others; the base where nothing was added."""
     final = discovery.final
-    if not discovery.steps and not final.model.runs["train"].external_torques:
+    if not discovery.steps and not has_external_torques(final.model):
         return base
     try:
         return integrated(final, noise, coarse=False)
@@ -208,17 +205,20 @@ def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
 
 def _regions(builder: LoopModelBuilder, base: Fit, noise: Noise) -> list[Region]:
     """Where the base model disagrees; nothing if the plant does not tell its motion."""
-    motion = simulated_motion(builder, base)
-    if motion is None:
-        return []
-    problem = base.model.runs["train"].problem
-    return regions(base.residual, motion, _nearest_ticks(problem), noise, problem.parameters.torque_units)
+    model, motions = base.model, []
+    for label in model.estimation_labels:
+        motion = simulated_motion(builder, base, label)
+        if motion is None:
+            return []
+        motions.append((motion, _nearest_ticks(model, label)))
+    return regions(base.residual, motions, noise, model.parameters.torque_units)
 
 
-def _nearest_ticks(problem: Problem) -> Array:
-    reference, step = problem.experiment.reference, problem.system.step_size
-    ticks = np.round((problem.experiment.time - reference.time[0]) / step - problem.experiment.operator.lag).astype(int)
-    return np.asarray(np.clip(ticks, 0, reference.time.size - 1))
+def _nearest_ticks(model: LoopModel, label: str) -> Array:
+    experiment, step = model.experiments[label], model.systems[label].step_size
+    first = float(experiment.reference.time[0])
+    ticks = np.round((experiment.time - first) / step - experiment.operator.lag).astype(int)
+    return np.asarray(np.clip(ticks, 0, experiment.reference.time.size - 1))
 
 
 def _list(values: Sequence[float] | Array) -> str:

@@ -9,18 +9,18 @@ from typing import Any
 from fmu_didim.errors import InputError
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Trajectory
 
 Progress = Callable[[Iteration], None]
 
 
 def no_progress(iteration: Iteration) -> None:
-    """Tell nobody."""
+    """Progress that nobody follows."""
 
 
 class Estimator(ABC):
-    """From a problem to an estimate.
+    """From a loop model to an estimate.
 
     Attributes:
         name: the name in a case file.
@@ -31,22 +31,31 @@ class Estimator(ABC):
     needs_positions: bool = False
 
     @abstractmethod
-    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        """Estimate the base parameters; ``progress`` is told of each iteration.
+    def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
+        """Estimate the free parameters from the experiments for the estimation; ``progress`` gets each iteration.
 
         Raises:
             RefusedError: no physical answer was found; InputError: data are missing.
         """
 
-    def positions(self, problem: Problem) -> Trajectory:
-        """The measured positions; raises InputError if there are none."""
-        found = problem.experiment.positions
+    def positions(self, model: LoopModel, label: str) -> Trajectory:
+        """The measured positions of an experiment; raises InputError if there are none."""
+        found = model.experiments[label].positions
         if found is None:
             raise InputError(
-                f"The estimator {self.name} needs measured positions.", where="train",
+                f"The estimator {self.name} needs measured positions.", where=label,
                 next_step="Add positions: {file: ...}, or use didim, which needs none.",
             )  # fmt: skip
         return found
+
+    def base_alone(self, model: LoopModel) -> None:
+        """Refuse free parameters beside the base parameters; for estimators that do not simulate the torque."""
+        further = model.names[model.linear_count :]
+        if further:
+            raise InputError(
+                f"The estimator {self.name} identifies base parameters only.", where="identify",
+                got=", ".join(further), next_step="Use didim or clie for them.",
+            )  # fmt: skip
 
     def describe(self) -> dict[str, Any]:
         """Name and options, for the provenance."""

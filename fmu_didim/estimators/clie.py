@@ -2,9 +2,9 @@
 
     theta = argmin | W^(1/2) (y - tau_s(theta)) |^2
 
-by Gauss-Newton with the true sensitivity of the simulated torque, one further closed-loop simulation a
-parameter. It needs no inverse model, so the parameters may enter the plant, an FMU say, in any way. Source:
-Gautier, Janot, Vandanjon, IEEE TCST 21(2), 2013, where it is compared with DIDIM.
+by Gauss-Newton with the true sensitivity of the simulated torque. It needs no inverse model, so the parameters may
+enter the loop, an FMU say, in any way. Source: Gautier, Janot, Vandanjon, IEEE TCST 21(2), 2013, where it is compared
+with DIDIM.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import minimise, torque_estimate
+from fmu_didim.identification.conclude import efficient_finish, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
-from fmu_didim.identification.start import start_values
-from fmu_didim.prediction.finish import evaluate
+from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.least_squares import point
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.weighting import NoiseOfResidual
 
 ADVICE = (
     "Start nearer to the truth (start: {name: value}), check the sign, unit and clock of the torque, the controller, "
@@ -36,7 +37,7 @@ class Clie(Estimator):
 
     Attributes:
         start: ``description`` (the values of the plant), ``reference`` (robots only) or values by name.
-        tolerance: no parameter moves by more than this part of its size or of its standard deviation.
+        tolerance: no parameter moves by more than this fraction of its size or of its standard deviation.
         maximum_iterations: Gauss-Newton steps.
         estimate_delay: whether the delay of the loop is estimated too.
     """
@@ -49,28 +50,26 @@ class Clie(Estimator):
     maximum_iterations: int = 40
     estimate_delay: bool = False
 
-    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        theta = problem.parameters.limited(start_values(problem, self.start))
-        reason = mass_matrix_problem(problem, theta)
+    def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
+        model = with_free_delay(model) if self.estimate_delay else model
+        values = model.limited(start_values(model, self.start))
+        reason = mass_matrix_problem(model, values)
         if reason:
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)
         try:
-            point = evaluate(problem, np.append(theta, problem.delay) if self.estimate_delay else theta)
+            start = point(model.with_values(values), NoiseOfResidual(model))
         except SimulationError as error:
             raise RefusedError(
-                "The start cannot be simulated.", iterations=[Iteration("clie", 1, theta, np.nan, note=error.what)],
+                "The start cannot be simulated.", iterations=[Iteration("clie", 1, values, np.nan, note=error.what)],
                 got=str(error), next_step=ADVICE,
             ) from error  # fmt: skip
-        minimum = minimise(
-            problem, point, tolerance=self.tolerance, progress=progress, stage=self.name,
+        minimum = efficient_finish(
+            start, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
-        point, covariance = minimum.point, minimum.point.covariance
+        fit, covariance = minimum.fit, minimum.fit.bound
         sigma = np.sqrt(np.diag(covariance))
-        count = problem.parameters.count
-        reason = physical_problem(problem, point.theta[:count], sigma[:count]) or tracking_problem(
-            problem, point.prediction.torque
-        )
+        reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.",
@@ -79,7 +78,6 @@ class Clie(Estimator):
                 next_step=ADVICE,
             )
         return torque_estimate(
-            problem, point, covariance, estimator=self.name, settled=minimum.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(point.theta, sigma)}, difference=minimum.integration_error,
-            remarks=minimum.remarks,
+            fit, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
+            stages={self.name: Stage(fit.values, sigma)}, difference=minimum.integration_error, remarks=minimum.remarks,
         )  # fmt: skip

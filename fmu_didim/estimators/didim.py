@@ -6,7 +6,8 @@ the log did, and solves one linear least squares problem (eqs. 18 to 20 of the p
     chi_{k+1} = argmin | Y - W_s(chi_k) chi |
 
 The regressor of the simulated motion stands for the derivative of the simulated torque. The efficient
-finish (:mod:`fmu_didim.prediction.finish`) then replaces it by the true sensitivity.
+finish (:mod:`fmu_didim.identification.conclude`) then replaces it by the true sensitivity, and frees what is no base
+parameter: gains of the controller, the delay, the clock of the log.
 """
 
 from __future__ import annotations
@@ -19,16 +20,17 @@ import numpy as np
 
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import integration_error, minimise, torque_estimate
+from fmu_didim.identification.conclude import efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
-from fmu_didim.identification.start import Start, start_values
-from fmu_didim.prediction.finish import Point, evaluate
+from fmu_didim.identification.start import Start, start_values, with_free_delay
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.least_squares import Fit, point
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe
-from fmu_didim.prediction.problem import Prediction, Problem, predict, predict_torque
 from fmu_didim.prediction.reference_start import from_reference
-from fmu_didim.prediction.weighting import weighted_solution, whitened
+from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import (
     covariance_efficient,
@@ -75,10 +77,11 @@ class Didim(Estimator):
     finish_tolerance: float = 1e-6
     estimate_delay: bool = False
 
-    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        parameters = problem.parameters
+    def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
+        model = with_free_delay(model) if self.estimate_delay else model
+        parameters = model.parameters
         if parameters.is_probed:
-            self._check_linearity(problem)
+            self._check_linearity(model)
         elif not parameters.has_regressor:
             raise InputError(
                 "didim needs a regressor: a robot description, or a plant from which it is probed.",
@@ -87,7 +90,7 @@ class Didim(Estimator):
             )
         history: list[Iteration] = []
         try:
-            return self._from(problem, self.start, history, progress)
+            return self._from(model, self.start, history, progress)
         except _NonPhysicalError as caught:
             if self.start == "reference" or not parameters.has_regressor:
                 raise RefusedError(
@@ -96,7 +99,7 @@ class Didim(Estimator):
             note = f"{caught.reason}; restarted from the reference trajectory"
             self._record(history, progress, Iteration("didim", len(history) + 1, caught.theta, np.nan, note=note))
         try:
-            return self._from(problem, "reference", history, progress)
+            return self._from(model, "reference", history, progress)
         except _NonPhysicalError as caught:
             raise RefusedError(
                 "The identified model is not physical, from the given start and from the reference trajectory.",
@@ -105,49 +108,50 @@ class Didim(Estimator):
                 next_step=ADVICE,
             ) from None
 
-    def _check_linearity(self, problem: Problem) -> None:
-        theta = start_values(problem, self.start)
-        probe = RegressorProbe(problem.plant, problem.parameters, theta, problem.experiment.operator.ticks.size)
+    def _check_linearity(self, model: LoopModel) -> None:
+        values, label = start_values(model, self.start), model.first
+        count = model.operator(values, label).ticks.size
+        probe = RegressorProbe(model.plant_name, model.parameters, model.theta(values, label), count)
         with suppress(SimulationError):  # the guard of the first iteration says more
-            predict_torque(problem, theta, observe=probe.check_linearity())
+            model.record(values, label, observe=probe.check_linearity())
         probe.raise_if_nonlinear()
 
     def _record(self, history: list[Iteration], progress: Progress, iteration: Iteration) -> None:
         history.append(iteration)
         progress(iteration)
 
-    def _from(self, problem: Problem, start: Start, history: list[Iteration], progress: Progress) -> Estimate:
-        theta, settled = self._iterate(problem, start, history, progress)
-        reason = mass_matrix_problem(problem, theta)
+    def _from(self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress) -> Estimate:
+        theta, settled = self._iterate(model, start, history, progress)
+        reason = mass_matrix_problem(model, theta)
         if reason:
             raise _NonPhysicalError(theta, reason)
         try:
-            prediction = predict(problem, theta)
+            prediction = predict(model, theta)
         except SimulationError as error:
             raise _NonPhysicalError(theta, error.what) from error
-        return self._conclude(problem, theta, prediction, settled, history, progress)
+        return self._conclude(model, theta, prediction, settled, history, progress)
 
     def _iterate(
-        self, problem: Problem, start: Start, history: list[Iteration], progress: Progress
+        self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress
     ) -> tuple[Array, bool]:
         """The DIDIM iterations: the last solution, and whether the stop criteria were met."""
-        theta = start_values(problem, start)
+        theta = model.limited(start_values(model, start))
         # Without an inverse model there is no regressor of the reference to restart from.
-        restarted = start == "reference" or not problem.parameters.has_regressor
+        restarted = start == "reference" or not model.parameters.has_regressor
         good: tuple[Array, float] | None = None
         halvings = 0
         while len(history) < self.maximum_iterations:
             number = len(history) + 1
-            prediction, failure = _try(problem, theta)
+            prediction, failure = _try(model, theta)
             error = np.nan
             if prediction is not None:
-                error = relative_error_percent(problem.measured, prediction.torque)[0]
+                error = relative_error_percent(model.measured, prediction.torque)[0]
                 if good is not None and error > GROWTH * good[1]:
                     failure = f"the error grew to {error:.3g} %"
-            give_up_above = good is not None and good[1] > USELESS_ERROR and not restarted
-            if give_up_above and not failure and error > USELESS_ERROR:
+            is_useless = good is not None and good[1] > USELESS_ERROR and not restarted
+            if is_useless and not failure and error > USELESS_ERROR:
                 failure = f"the torque error is still {error:.0f} % after a step"
-            if failure and good is not None and not give_up_above and halvings < MAXIMUM_HALVINGS:
+            if failure and good is not None and not is_useless and halvings < MAXIMUM_HALVINGS:
                 halvings += 1
                 self._record(
                     history, progress, Iteration("didim", number, theta, error, note=f"{failure}; step halved")
@@ -161,10 +165,10 @@ class Didim(Estimator):
                 restarted, good, halvings = True, None, 0
                 note = f"{failure}; restarted from the reference trajectory"
                 self._record(history, progress, Iteration("didim", number, theta, error, note=note))
-                theta = from_reference(problem)
+                theta = from_reference(model)
                 continue
             assert prediction is not None
-            following, change, condition = self._solve(problem, theta, prediction)
+            following, change, condition = self._solve(model, theta, prediction)
             self._record(history, progress, Iteration("didim", number, theta, float(error), change, condition))
             settled = (
                 good is not None
@@ -176,18 +180,23 @@ class Didim(Estimator):
                 return theta, True
         return theta, False
 
-    def _solve(self, problem: Problem, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
-        """Next parameters, relative change of the torque they explain, condition number."""
+    def _solve(self, model: LoopModel, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
+        """Next values, relative change of the torque that they explain, condition number.
+
+        What is no base parameter stays where it is: it is no matter of the regressor.
+        """
         regressor, known = _inverse(prediction)
-        solution, deviation = weighted_solution(problem, regressor, problem.measured - known)
+        count = model.linear_count
+        solution, deviation = weighted_solution(model, regressor, model.measured - known, model.names[:count])
+        following = np.concatenate([solution.solution, theta[count:]])
         scaled = whitened(regressor, deviation)
-        moved = np.linalg.norm(scaled @ (solution.solution - theta))
+        moved = np.linalg.norm(scaled @ (following - theta)[:count])
         size = np.linalg.norm(scaled @ solution.solution)
-        return solution.solution, float(moved / size), solution.condition_number
+        return following, float(moved / size), solution.condition_number
 
     def _conclude(
         self,
-        problem: Problem,
+        model: LoopModel,
         theta: Array,
         prediction: Prediction,
         settled: bool,
@@ -195,49 +204,44 @@ class Didim(Estimator):
         progress: Progress,
     ) -> Estimate:
         """Statistics, the efficient finish, the check of what is physical."""
-        extended = np.append(theta, problem.delay) if self.estimate_delay else theta
-        point = evaluate(problem, extended, prediction)
-        stages = {"didim": self._stage(point, problem.parameters.count)}
+        fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
+        stages = {"didim": self._stage(fit)}
         remarks: tuple[str, ...] = ()
-        if self.finish or self.estimate_delay:
-            minimum = minimise(problem, point, tolerance=self.finish_tolerance, progress=progress)
+        if self.finish or fit.values.size > model.linear_count:
+            minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
-            point, settled = minimum.point, settled and minimum.settled
+            fit, settled = minimum.fit, settled and minimum.fit.settled
             difference, remarks = minimum.integration_error, minimum.remarks
-            covariance = point.covariance
-            stages["finish"] = Stage(point.theta, np.sqrt(np.diag(covariance)))
+            covariance = fit.bound
+            stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
         else:
-            difference, _ = integration_error(problem, point)
+            difference, _ = integration_error(fit)
             covariance = covariance_sandwich(
-                whitened(_inverse(prediction)[0], point.deviation), whitened(point.sensitivity, point.deviation)
+                whitened(_inverse(prediction)[0], fit.deviation), whitened(fit.jacobian, fit.deviation)
             )
-        self._check_physical(problem, point, np.sqrt(np.diag(covariance)))
+        sigma = np.sqrt(np.diag(covariance))
+        reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
+        if reason:
+            raise _NonPhysicalError(fit.values, reason)
         return torque_estimate(
-            problem, point, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
+            fit, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
             difference=difference, remarks=remarks,
         )  # fmt: skip
 
-    def _stage(self, point: Point, count: int) -> Stage:
+    def _stage(self, fit: Fit) -> Stage:
         """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""
-        w = whitened(_inverse(point.prediction)[0], point.deviation)
-        s = whitened(point.sensitivity[:, :, :count], point.deviation)
+        assert fit.prediction is not None
+        count = fit.model.linear_count
+        w = whitened(_inverse(fit.prediction)[0], fit.deviation)
+        s = whitened(fit.jacobian[:, :, :count], fit.deviation)
         return Stage(
-            point.theta[:count],
+            fit.values[:count],
             np.sqrt(np.diag(covariance_sandwich(w, s))),
             {
                 "paper": np.sqrt(np.diag(covariance_paper(w))),
                 "cramer_rao": np.sqrt(np.diag(covariance_efficient(s))),
             },
         )
-
-    def _check_physical(self, problem: Problem, point: Point, deviation: Array) -> None:
-        count = problem.parameters.count
-        theta = point.theta[:count]
-        reason = physical_problem(problem, theta, deviation[:count]) or tracking_problem(
-            problem, point.prediction.torque
-        )
-        if reason:
-            raise _NonPhysicalError(theta, reason)
 
 
 class _NonPhysicalError(Exception):
@@ -248,13 +252,13 @@ class _NonPhysicalError(Exception):
         super().__init__(reason)
 
 
-def _try(problem: Problem, theta: Array) -> tuple[Prediction | None, str]:
+def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:
     """The prediction at theta, or why there is none."""
-    reason = mass_matrix_problem(problem, theta)
+    reason = mass_matrix_problem(model, theta)
     if reason:
         return None, reason
     try:
-        return predict(problem, theta), ""
+        return predict(model, theta), ""
     except SimulationError as error:
         return None, error.what
 

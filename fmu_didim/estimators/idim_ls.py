@@ -18,7 +18,8 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.prediction.guard import physical_problem
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.prediction import spread
 from fmu_didim.prediction.reference_start import observed_on
 from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
@@ -47,31 +48,24 @@ class IdimLs(Estimator):
     skip: int = 50
     sharp_coulomb: bool = True
 
-    def estimate(self, problem: Problem, *, progress: Progress = no_progress) -> Estimate:
-        q, rate = self._positions(problem)
-        q, dq, ddq = self._differentiate(q, rate)
-
-        def rows(observed: Array) -> tuple[Array, Array]:
-            return problem.parameters.regressor(q, dq, ddq, sharp=self.sharp_coulomb, observed=observed)
-
-        torque = problem.experiment.torque
-        columns, known = rows(observed_on(problem, problem.experiment.time, (q, dq, ddq), torque, rows))
-        kept = slice(self.skip, q.shape[0] - self.skip or None)
-        target = self._decimate((problem.experiment.torque - known)[kept])
-        columns = self._decimate(columns[kept])
-        solution, deviation = weighted_solution(problem, columns, target)
+    def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
+        self.base_alone(model)
+        rows = [self._rows(model, label) for label in model.estimation_labels]
+        time, columns, target, known = (np.concatenate([row[i] for row in rows]) for i in range(4))
+        names, units = model.names, model.units
+        solution, deviation = weighted_solution(model, columns, target, names)
         value = solution.solution
         simulated = columns @ value
         scaled = whitened(columns, deviation)
         freedom = float(target.size - value.size)
         spread = float(np.sum(whitened(target - simulated, deviation) ** 2)) / freedom
         covariance = spread * covariance_paper(scaled)
-        measured = target + self._decimate(known[kept])
+        measured = target + known
         error = relative_error_percent(measured, measured - (target - simulated))[0]
         iteration = Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number)
         progress(iteration)
         sigma = np.sqrt(np.diag(covariance))
-        reason = physical_problem(problem, value, sigma)
+        reason = physical_problem(model, value, sigma)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=[iteration], got=reason,
@@ -79,13 +73,13 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return Estimate(
             estimator=self.name,
-            names=problem.parameters.names,
-            units=problem.parameters.units,
+            names=names,
+            units=units,
             value=value,
             standard_deviation=sigma,
             covariance=covariance,
             freedom=freedom,
-            time=problem.experiment.time[kept][:: self.decimation],
+            time=time,
             measured=measured,
             simulated=measured - (target - simulated),
             noise=np.sqrt(((target - simulated) ** 2).mean(axis=0)),
@@ -93,16 +87,32 @@ class IdimLs(Estimator):
             status=Status.CONVERGED,
             iterations=(iteration,),
             stages={"idim_ls": Stage(value, sigma)},
-            base_count=value.size,
+            base_count=model.parameters.count,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )
 
-    def _positions(self, problem: Problem) -> tuple[Array, float]:
-        positions = self.positions(problem)
-        time = problem.experiment.time
+    def _rows(self, model: LoopModel, label: str) -> tuple[Array, Array, Array, Array]:
+        """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""
+        experiment = model.experiments[label]
+        q, rate = self._positions(model, label)
+        motion = self._differentiate(q, rate)
+
+        def rows(observed: Array) -> tuple[Array, Array]:
+            columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
+            return spread(model, label, columns), known
+
+        columns, known = rows(observed_on(model.parameters, experiment.time, motion, experiment.torque, rows))
+        kept = slice(self.skip, q.shape[0] - self.skip or None)
+        target = self._decimate((experiment.torque - known)[kept])
+        time = experiment.time[kept][:: self.decimation]
+        return time, self._decimate(columns[kept]), target, self._decimate(known[kept])
+
+    def _positions(self, model: LoopModel, label: str) -> tuple[Array, float]:
+        positions = self.positions(model, label)
+        time = model.experiments[label].time
         if positions.time.shape != time.shape or np.abs(positions.time - time).max() > 1e-6:
             raise InputError(
-                "idim_ls needs torque and positions at the same instants.", where="train",
+                "idim_ls needs torque and positions at the same instants.", where=label,
                 got=f"{time.size} torque samples, {positions.time.size} positions",
                 next_step="Give both at the full rate of the positions.",
             )  # fmt: skip
@@ -112,7 +122,7 @@ class IdimLs(Estimator):
                 "The cut-off frequency must lie below half the rate of the positions.",
                 got=f"{self.cutoff_hz:g} Hz at {rate:g} Hz",
             )
-        return positions.select([f"q{j}" for j in range(1, problem.joint_count + 1)]), float(rate)
+        return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
 
     def _differentiate(self, q: Array, rate: float) -> tuple[Array, Array, Array]:
         sections = signal.butter(self.order, self.cutoff_hz, fs=rate, output="sos")

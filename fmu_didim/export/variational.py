@@ -38,14 +38,16 @@ def lane_count(parameters: int) -> int:
     return -(-parameters // LANES_MULTIPLE) * LANES_MULTIPLE
 
 
-def variational_library(block: Block, parameters: tuple[int, ...], lanes: int, outputs: tuple[int, ...]) -> Path:
+def variational_library(
+    block: Block, parameters: tuple[tuple[int, int], ...], lanes: int, outputs: tuple[int, ...]
+) -> Path:
     """The library of a block and its derivatives; ``wrapper/variational.c`` says what it offers.
 
     It is kept in the cache under the digest of its sources and the compiler.
 
     Args:
         block: the equations, of scalar expressions.
-        parameters: places of the block's parameters to differentiate by, the first lanes.
+        parameters: what of the block to differentiate by: (lane, place among the block's parameters) each.
         lanes: parameters of the whole loop to differentiate by; outputs: places of those that are differentiated.
 
     Raises:
@@ -60,7 +62,7 @@ def _library(
     equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
     balance: Balance | None,
     sampled: bool,
-    parameters: tuple[int, ...],
+    parameters: tuple[tuple[int, int], ...],
     lanes: int,
     outputs: tuple[int, ...],
 ) -> Path:
@@ -82,12 +84,13 @@ class _Product:
 
     Attributes:
         values: coefficients so far; terms: of each row, such as ``k[3] * dx[0][l]``.
-        lanes: (row, lane, coefficient) of the derivatives by the parameters themselves.
+        lanes: (row, lane, coefficient) of the derivatives by the parameters themselves; own_lanes: their lanes.
     """
 
     values: list[ca.SX] = field(default_factory=list)
     terms: list[list[str]] = field(default_factory=list)
     lanes: list[tuple[int, int, int]] = field(default_factory=list)
+    own_lanes: list[int] = field(default_factory=list)
 
     def add(self, expression: ca.SX, arguments: dict[str, ca.SX], parameters: ca.SX) -> None:
         """Rows for an expression: its Jacobians by arguments, whose derivatives have these names, and parameters."""
@@ -97,7 +100,7 @@ class _Product:
             for row, column, value in _nonzeros(ca.jacobian(expression, argument)):
                 self.terms[first + row].append(f"{self._coefficient(value)}{name}[{column}][l]")
         for row, lane, value in _nonzeros(ca.jacobian(expression, parameters)):
-            self.lanes.append((first + row, lane, len(self.values)))
+            self.lanes.append((first + row, self.own_lanes[lane], len(self.values)))
             self.values.append(value)
 
     def add_solution(self, inverse: ca.SX, rest: str) -> None:
@@ -136,7 +139,7 @@ class _Writer:
         equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
         balance: Balance | None,
         sampled: bool,
-        parameters: tuple[int, ...],
+        parameters: tuple[tuple[int, int], ...],
         lanes: int,
         outputs: tuple[int, ...],
     ) -> None:
@@ -145,7 +148,8 @@ class _Writer:
         sizes = [self.update.numel_in(i) for i in range(3)]
         self.x, self.u, self.p = (ca.SX.sym(name, size) for name, size in zip("xup", sizes, strict=True))
         self.a = ca.SX.sym("a", balance.count if balance is not None else 0)
-        self.chosen = self.p[list(parameters)]
+        self.chosen = self.p[[place for _, place in parameters]]
+        self.own_lanes = [lane for lane, _ in parameters]
         self.lanes = lane_count(lanes)
         self.coefficients = 0
         self.code: list[str] = []
@@ -176,7 +180,7 @@ class _Writer:
         return ca.Function("variational_rate", [self.x, self.p], [rate])
 
     def _start(self) -> ca.Function:
-        product, start = _Product(), _column(self.start(self.u, self.p))
+        product, start = _Product(own_lanes=self.own_lanes), _column(self.start(self.u, self.p))
         product.add(start, {"du": self.u}, self.chosen)
         lines = product.code("result", 0, start.numel())
         self._write("lanes_start", ("const Lane *restrict du", "Lane *restrict result"), lines)
@@ -189,7 +193,7 @@ class _Writer:
         value = _column(explicit(x, u, p))
         result = value if self.balance is None else _column(getattr(self.balance, name)(x, a, u, p))
         wanted = result if name == "update" else result[self.outputs]
-        product, lines = _Product(), []
+        product, lines = _Product(own_lanes=self.own_lanes), []
         if self.balance is not None and ca.depends_on(wanted, a):
             residual = self.balance.residual(x, a, u, p)
             product.add(residual, {"dx": x, "du": u}, self.chosen)

@@ -1,4 +1,9 @@
-"""From the last point of the iterations to an estimate: refinement of the integration, statistics."""
+"""From the last point of the iterations to an estimate: the efficient finish, refinement of the integration,
+statistics.
+
+DIDIM's fixed point solves W'(y - tau_s) = 0 and is consistent; the minimum of |y - tau_s|^2 solves
+S'(y - tau_s) = 0 and reaches the Cramer-Rao bound. From DIDIM's answer a few steps suffice.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +12,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.diagnosis.agreement import agreement
+from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.identification.estimate import Estimate, Stage, Status
-from fmu_didim.prediction.finish import Point, efficient_finish, evaluate, split
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Problem, predict_torque
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.sensitivity import parameter_sizes
+from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
 from fmu_didim.signals import Array
 
 INTEGRATION_TOLERANCE = 1e-6
 INTEGRATION_SHARE = 0.01
-"""The integration error may reach this part of the relative torque error."""
+"""The integration error may reach this fraction of the relative torque error."""
 MAXIMUM_REFINEMENTS = 4
+FINISH_ITERATIONS = 15
 
 
 @dataclass(frozen=True)
@@ -24,71 +34,77 @@ class Minimum:
     """The minimum of the torque error.
 
     Attributes:
-        point: the closed loop there; settled: whether the steps became small.
-        iterations: those of the finish.
+        fit: the closed loop there; iterations: those of the finish.
         integration_error: relative change of the torque when the plant's substeps are doubled.
         remarks: what was changed on the way.
     """
 
-    point: Point
-    settled: bool
+    fit: Fit
     iterations: tuple[Iteration, ...]
     integration_error: float
     remarks: tuple[str, ...]
 
 
-def minimise(
-    problem: Problem,
-    point: Point,
+def efficient_finish(
+    start: Fit,
     *,
     tolerance: float,
     progress: Callable[[Iteration], None],
     stage: str = "finish",
-    maximum_iterations: int = 15,
+    maximum_iterations: int = FINISH_ITERATIONS,
 ) -> Minimum:
-    """The efficient finish, repeated with finer substeps while they change the torque too much."""
+    """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
+
+    Args:
+        tolerance: see :class:`~fmu_didim.prediction.least_squares.Stopping`; stage: names the iterations.
+    """
     iterations: list[Iteration] = []
     remarks: list[str] = []
+    stopping = Stopping(maximum_iterations, tolerance=tolerance, updates=None, check_all=False, exact=True)
+    fit, model = start, start.model
+    refuse_confounded(
+        whitened(fit.jacobian, fit.deviation), fit.values, model.names,
+        torque=float(np.linalg.norm(model.measured / fit.deviation)),
+    )  # fmt: skip
     for _ in range(MAXIMUM_REFINEMENTS):
-        finished = efficient_finish(
-            problem, point, tolerance=tolerance, progress=progress, stage=stage, maximum_iterations=maximum_iterations
-        )
-        iterations.extend(finished.iterations)
-        point = finished.point
-        difference, allowed = integration_error(problem, point)
+        sizes = None if fit.prediction is None else parameter_sizes(fit.model, fit.values, fit.prediction)
+        fit = minimise(
+            fit.model, NoiseOfResidual(fit.model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque,
+            sizes=sizes, stage=stage, progress=progress,
+        )  # fmt: skip
+        iterations.extend(fit.iterations)
+        difference, allowed = integration_error(fit)
         if not difference > allowed:
             break
-        problem = replace(problem, substep_factor=2 * problem.substep_factor)
         remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {100 * difference:.2g} %.")
-        point = evaluate(problem, point.theta)
-    return Minimum(point, finished.settled, tuple(iterations), difference, tuple(remarks))
+        finer = replace(fit.model, substep_factor=2 * fit.model.substep_factor)
+        fit = replace(point(finer, NoiseOfResidual(finer)), settled=fit.settled)
+    return Minimum(fit, tuple(iterations), difference, tuple(remarks))
 
 
-def integration_error(problem: Problem, point: Point) -> tuple[float, float]:
+def integration_error(fit: Fit) -> tuple[float, float]:
     """Relative change of the torque when the plant's substeps are doubled, and what is allowed; NaN if unknown."""
-    there, theta = split(problem, point.theta)
-    if not there.can_refine:
+    model = fit.model
+    if not model.can_refine:
         return np.nan, np.inf
-    finer = replace(there, substep_factor=2 * there.substep_factor)
-    torque = predict_torque(finer, theta)[0]
+    torque = replace(model, substep_factor=2 * model.substep_factor).torque(fit.values)
     size = np.linalg.norm(torque)
-    error = float(np.linalg.norm(torque - point.prediction.torque) / size)
-    misfit = float(np.linalg.norm(problem.measured - torque) / size)
+    error = float(np.linalg.norm(torque - fit.torque) / size)
+    misfit = float(np.linalg.norm(model.measured - torque) / size)
     return error, max(INTEGRATION_TOLERANCE, INTEGRATION_SHARE * misfit)
 
 
-def degrees_of_freedom(problem: Problem, count: int) -> float:
+def degrees_of_freedom(model: LoopModel, count: int) -> float:
     """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
     estimated by itself, the safe end of what Welch and Satterthwaite's rule can give."""
-    total = problem.measured.size - count
-    if problem.torque_deviation is not None or problem.joint_weights == "equal":
+    total = model.measured.size - count
+    if model.torque_deviation is not None or model.joint_weights == "equal":
         return float(total)
-    return total / problem.joint_count
+    return total / model.joint_count
 
 
 def torque_estimate(
-    problem: Problem,
-    point: Point,
+    fit: Fit,
     covariance: Array,
     *,
     estimator: str,
@@ -98,26 +114,26 @@ def torque_estimate(
     difference: float,
     remarks: Sequence[str] = (),
 ) -> Estimate:
-    """The estimate at a point of the closed loop; parameters beyond those of the plant are the delay."""
-    parameters = problem.parameters
-    extra = point.theta.size - parameters.count
+    """The estimate at a point of the closed loop, with covariance (p, p)."""
+    model = fit.model
     return Estimate(
         estimator=estimator,
-        names=(*parameters.names, *("delay",) * extra),
-        units=(*parameters.units, *("1",) * extra),
-        value=point.theta,
+        names=model.names,
+        units=model.units,
+        value=fit.values,
         standard_deviation=np.sqrt(np.diag(covariance)),
         covariance=covariance,
-        freedom=degrees_of_freedom(problem, point.theta.size),
-        time=problem.experiment.time,
-        measured=problem.measured,
-        simulated=point.prediction.torque,
-        noise=point.deviation,
-        condition_number=point.condition_number,
+        freedom=degrees_of_freedom(model, fit.values.size),
+        time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
+        measured=model.measured,
+        simulated=fit.torque,
+        noise=fit.deviation,
+        condition_number=fit.condition_number,
         status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
         iterations=tuple(iterations),
         stages=stages,
-        base_count=parameters.count,
+        base_count=model.parameters.count,
         integration_error=difference,
+        agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
         remarks=tuple(remarks),
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.signals import Array
@@ -44,15 +45,16 @@ class Estimate:
 
     Attributes:
         estimator: its name.
-        names, units: (p,) of the parameters; loop parameters such as ``delay`` come last.
+        names, units: (p,) of the parameters; those of the loop, such as ``delay``, come last.
         value, standard_deviation: (p,); covariance: (p, p).
         freedom: degrees of freedom of the residual.
-        time: (N,); measured, simulated: (N, n) torque at the samples (filtered if asked for).
+        time: (N,); measured, simulated: (N, n) torque at the samples of all fitted experiments (filtered if asked for).
         noise: (n,) standard deviation of the torque residual of each joint.
         condition_number: of the scaled regressor.
         status: how it ended; iterations: its history; stages: intermediate results by name.
         base_count: number of base parameters b among the p.
         integration_error: relative difference of the torque when the plant's substeps are doubled.
+        agreements: label -> how an experiment agrees with the others, where several were fitted.
         remarks: what the user should know.
         provenance: versions, options, hashes, loop.
     """
@@ -74,6 +76,7 @@ class Estimate:
     stages: Mapping[str, Stage]
     base_count: int
     integration_error: float = float("nan")
+    agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -84,7 +87,7 @@ class Estimate:
 
     @property
     def base_value(self) -> Array:
-        """(b,) base parameters, without those of the loop."""
+        """(b,) base parameters that all experiments share, without those of the loop."""
         return self.value[: self.base_count]
 
     @property

@@ -8,37 +8,36 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from fmu_didim.prediction.problem import Experiment, Problem
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.loop_model import LoopModel
 
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 
-def provenance(
-    problem: Problem, estimator: Mapping[str, Any], *, validation: Experiment | None, files: Mapping[str, str]
-) -> dict[str, Any]:
+def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping[str, str]) -> dict[str, Any]:
     """The record that goes with an estimate.
 
     Args:
         estimator: its name and options.
         files: name -> SHA-256 of the files read.
     """
-    experiments = {"train": problem.experiment, **({"validation": validation} if validation else {})}
     return {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
         "platform": f"{platform.system()} {platform.machine()}",
         "estimator": dict(estimator),
-        "joint_weights": problem.joint_weights,
-        "low_pass_hz": problem.low_pass.cutoff_hz if problem.low_pass else None,
-        "substep_factor": problem.substep_factor,
+        "joint_weights": model.joint_weights,
+        "low_pass_hz": model.low_pass.cutoff_hz if model.low_pass else None,
+        "substep_factor": model.substep_factor,
         "files": dict(files),
-        "experiments": {name: _experiment(e) for name, e in experiments.items()},
-        "shape_parameters": problem.parameters.shape_values(),
+        "experiments": {label: _experiment(experiment) for label, experiment in model.experiments.items()},
+        "shape_parameters": model.parameters.shape_values(),
     }
 
 
 def _experiment(experiment: Experiment) -> dict[str, Any]:
     return {
+        "role": experiment.role,
         "reference_sha256": experiment.reference.digest(),
         "torque_samples": int(experiment.time.size),
         "torque_rate_hz": round(experiment.rate_hz, 6),

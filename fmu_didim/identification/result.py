@@ -13,13 +13,14 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array, trajectory, write_csv
 
 RESULT_FILE = "result.json"
@@ -85,10 +86,32 @@ class ConsistencyResult(Strict):
     warnings: list[str]
 
 
+class AgreementResult(Strict):
+    """Whether an experiment agrees with the others on what they share."""
+
+    p_value: float = Field(description="of as much disagreement by noise alone")
+    agrees: bool
+    differs_most: str = Field(description="shared parameter that would change most if it were its own here")
+    change_in_std: float = Field(description="by how many standard deviations")
+
+
+class ExperimentResult(Strict):
+    """One experiment."""
+
+    role: Literal["estimation", "validation"]
+    samples: int
+    rate_hz: float = Field(description="of the torque log")
+    noise_std: list[Number] = Field(description="standard deviation of its torque residual, per joint")
+    relative_error_percent: ErrorResult
+    own: list[str] = Field(description="parameters that have values of their own in it")
+    agreement: AgreementResult | None = Field(description="null where fewer than two experiments are fitted")
+    failure: str = Field(default="", description="why it could not be simulated")
+
+
 class ResultDocument(Strict):
     """The content of ``result.json``."""
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
     name: str
     description: str = ""
     status: Literal["converged", "maximum_iterations", "refused"]
@@ -103,7 +126,8 @@ class ResultDocument(Strict):
     condition_number: Number
     noise_std: list[Number] = Field(description="standard deviation of the torque residual, per joint")
     torque_unit: list[str] = Field(description="per joint")
-    relative_error_percent: dict[str, ErrorResult] = Field(description="keys: train, validation")
+    experiments: dict[str, ExperimentResult] = Field(description="by label")
+    relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
     integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
     history: list[IterationResult]
     loop: dict[str, Any]
@@ -160,16 +184,55 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
 
 def result_document(
     name: str,
-    problem: Problem,
+    model: LoopModel,
     estimate: Estimate,
     validations: Sequence[Validation],
     *,
     description: str = "",
 ) -> ResultDocument:
     """The document of an estimate and its validations."""
-    intervals = estimate.interval()
-    standard = (*problem.parameters.plant_names, *("" for _ in estimate.names[problem.parameters.count :]))
-    parameters = {
+    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    if model.parameters.has_regressor and not model.gives_acceleration:
+        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
+    found = estimate.agreements
+    return ResultDocument(
+        name=name,
+        description=description,
+        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
+        advice=estimate.status.value,
+        estimator=estimate.estimator,
+        iterations=estimate.iteration_count,
+        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
+        parameters=_parameters(model, estimate),
+        stages={
+            stage: StageResult(
+                value=_by_name(estimate.names, content.value),
+                std=_by_name(estimate.names, content.standard_deviation),
+                formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
+            )
+            for stage, content in estimate.stages.items()
+        },
+        regrouping=model.parameters.relations(),
+        correlations=estimate.correlations(),
+        condition_number=estimate.condition_number,
+        noise_std=[float(v) for v in estimate.noise],
+        torque_unit=list(model.parameters.torque_units),
+        experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
+        relative_error_percent={v.label: _errors(v) for v in validations},
+        integration_error=float(estimate.integration_error),
+        history=_history(estimate.names, estimate.iterations),
+        loop=model.system(model.start).describe(),
+        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        checks=model.parameters.checks(),
+        remarks=[*estimate.remarks, *(a.warning() for a in found.values() if not a.agrees), *notes],
+        provenance=dict(estimate.provenance),
+    )
+
+
+def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
+    intervals, plant_names = estimate.interval(), model.parameters.plant_names
+    standard = (*plant_names, *("" for _ in estimate.names[model.parameters.count :]))
+    return {
         parameter: ParameterResult(
             value=float(estimate.value[i]),
             std=float(estimate.standard_deviation[i]),
@@ -180,48 +243,38 @@ def result_document(
         )
         for i, parameter in enumerate(estimate.names)
     }
-    stages = {
-        stage: StageResult(
-            value=_by_name(estimate.names, content.value),
-            std=_by_name(estimate.names, content.standard_deviation),
-            formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
-        )
-        for stage, content in estimate.stages.items()
-    }
-    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
-    if problem.parameters.has_regressor and not problem.gives_acceleration:
-        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
-    return ResultDocument(
-        name=name,
-        description=description,
-        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
-        advice=estimate.status.value,
-        estimator=estimate.estimator,
-        iterations=estimate.iteration_count,
-        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
-        parameters=parameters,
-        stages=stages,
-        regrouping=problem.parameters.relations(),
-        correlations=estimate.correlations(),
-        condition_number=estimate.condition_number,
-        noise_std=[float(v) for v in estimate.noise],
-        torque_unit=list(problem.parameters.torque_units),
-        relative_error_percent={
-            v.label: ErrorResult(total=v.total_percent, per_joint=[float(e) for e in v.per_joint_percent])
-            for v in validations
-        },
-        integration_error=float(estimate.integration_error),
-        history=_history(estimate.names, estimate.iterations),
-        loop=problem.system.describe(),
-        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
-        checks=problem.parameters.checks(),
-        remarks=[*estimate.remarks, *notes],
-        provenance=dict(estimate.provenance),
+
+
+def _errors(validation: Validation) -> ErrorResult:
+    return ErrorResult(
+        total=validation.total_percent, per_joint=[float(e) for e in validation.per_joint_percent]
+    )  # fmt: skip
+
+
+def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
+    experiment = model.experiments[validation.label]
+    residual = validation.measured - validation.simulated
+    return ExperimentResult(
+        role=validation.role,
+        samples=int(validation.time.size),
+        rate_hz=round(experiment.rate_hz, 6),
+        noise_std=[float(v) for v in np.sqrt((residual**2).mean(axis=0))],
+        relative_error_percent=_errors(validation),
+        own=[p.name for p in model.free_parameters if p.experiment == validation.label],
+        agreement=None
+        if agreement is None
+        else AgreementResult(
+            p_value=agreement.p_value,
+            agrees=agreement.agrees,
+            differs_most=agreement.parameter,
+            change_in_std=agreement.change_in_std,
+        ),
+        failure=validation.failure,
     )
 
 
 def refused_document(
-    name: str, problem: Problem, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
+    name: str, model: LoopModel, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
 ) -> ResultDocument:
     """The document of a refusal: the reason and the iterations, no values."""
     return ResultDocument(
@@ -233,15 +286,16 @@ def refused_document(
         finish_iterations=0,
         parameters={},
         stages={},
-        regrouping=problem.parameters.relations(),
+        regrouping=model.parameters.relations(),
         correlations=[],
         condition_number=None,
         noise_std=[],
-        torque_unit=list(problem.parameters.torque_units),
+        torque_unit=list(model.parameters.torque_units),
+        experiments={},
         relative_error_percent={},
         integration_error=None,
-        history=_history(problem.parameters.names, error.iterations),
-        loop=problem.system.describe(),
+        history=_history(model.names, error.iterations),
+        loop=model.systems[model.first].describe(),
         signals={},
         remarks=[],
         provenance=dict(provenance),

@@ -1,4 +1,4 @@
-"""A loop with the derivatives of all its signals by parameters of one component."""
+"""A loop with the derivatives of all its signals by parameters of its components."""
 
 from __future__ import annotations
 
@@ -12,30 +12,33 @@ from fmu_didim.export.variational import lane_count
 from fmu_didim.master.system import REFERENCE, Connection, System
 
 
-def with_derivatives(system: System, component: str, parameters: Sequence[str]) -> System | None:
+def with_derivatives(system: System, parameters: Sequence[tuple[str, str]]) -> System | None:
     """The loop whose signals are followed by their derivatives (``plant.q1``, then ``plant.q1@0``, ...).
 
     Args:
         system: the loop, one that compiled code runs.
-        component, parameters: what is differentiated by: names of parameters of one component.
+        parameters: what is differentiated by, (component, name of its parameter) each.
 
     Returns:
         The loop, with the same names; None where a component has no equations that can be differentiated, such as
         the FMU of another tool.
     """
     count, found = len(parameters), {}
+    sources = {c.source for c in system.connections}
     for name in system.order:
         known = system.components[name].equations()
         if known is None or not _can_vary(system, name, known[0]):
             return None
         block, substeps = known
-        sources = {c.source for c in system.connections}
         followed = tuple(i for i, v in enumerate(block.outputs) if f"{name}.{v.name}" in sources)
         places = [v.name for v in block.parameters]
-        own = parameters if name == component else ()
-        if any(p not in places for p in own):
+        own = {lane: parameter for lane, (owner, parameter) in enumerate(parameters) if owner == name}
+        if any(parameter not in places for parameter in own.values()):
             return None
-        found[name] = VariedComponent(block, substeps, tuple(places.index(p) for p in own), count, followed)
+        lanes = tuple((lane, places.index(parameter)) for lane, parameter in own.items())
+        found[name] = VariedComponent(block, substeps, lanes, count, followed)
+    if sum(len(varied.varied) for varied in found.values()) < count:
+        return None
     try:
         for varied in found.values():
             varied.library()

@@ -1,56 +1,108 @@
-"""Least squares of the closed loop: Gauss-Newton with true sensitivities and limits, damped where it must be.
+"""The one solver: least squares of the closed loop, by damped Gauss-Newton steps with true sensitivities and limits.
 
-    values = argmin sum_j w_j^2 |y_j - tau_j(values)|^2,   w_j = sqrt(f_j) / sigma_j
+    values = argmin sum_j |y_j - tau_j(values)|^2 / s_j^2
 
-so that the minimum is a chi-square with as many degrees of freedom as there are independent samples. A step is damped
-(Levenberg, Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the
-inertia matrix is not positive definite somewhere along its motion: what the data hardly show moves less then, as where
-the base parameters make up for an effect that is missing.
+with the deviations s_j of a :class:`~fmu_didim.prediction.weighting.Weighting`. A step is damped (Levenberg,
+Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia
+matrix is not positive
+definite somewhere along its motion: what the data hardly show moves less then, as where the base parameters make up for
+an effect that is missing. So the point reached is always the best one seen.
+
+Source: J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, chapter 10.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.guard import mass_matrix_problem
+from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.prediction import Prediction, predict
+from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
+from fmu_didim.prediction.weighting import KnownNoise, Weighting, whitened
 from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_efficient, relative_error_percent
 
 DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Tried one after the other, for columns of the Jacobian of length one."""
 CREEPING = 0.01
-"""Part of the cost that a step must gain along the edge of what can be simulated."""
+"""Fraction of the cost that a step must gain along the edge of what can be simulated."""
+STALE = 0.02
+"""Farther than this fraction of a standard deviation from where it was taken, a sensitivity is not the one that ends
+the
+steps: what it leaves of the error is this fraction times its relative change, of a standard deviation."""
+CONTRACTION = 0.1
+"""A step that is at most this fraction of the one before shows that the sensitivity still serves."""
+KEPT_PROMISE = (0.5, 1.5)
+"""Gain of a step over what the linear model promised: outside, its slopes are stale."""
+ROUNDING = 1e-6
+"""A step that would lower the cost by a smaller fraction may fail by rounding alone."""
+EQUAL = 1e-9
+"""Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows."""
+TORQUE_FLOOR = 1e-3
+"""Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, in
+data without noise, has neither size nor standard deviation."""
 POLISHING = 2
-"""Steps from the minimum of a coarse integration to that of the full one, a small part of the noise away."""
-SETTLED = 0.02
-"""A step that promises to lower chi-square by less than this is not made: BIC differences of 10 count."""
+"""Steps from the minimum of a coarse integration to that of the full one, a small fraction of the noise away."""
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """When the steps end, and how often the sensitivity is taken anew.
+
+    Attributes:
+        iterations: largest number of steps.
+        tolerance: settled when no parameter moves by more than this fraction of the larger of its size and its standard
+            deviation, with a sensitivity taken nearby; None: a minimum of a search, which ends by ``promise``.
+        promise: a step that promises to lower the cost by less is not made.
+        updates: how often the sensitivity may be taken anew; None: as often as the steps need it.
+        give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
+        check_all: whether each step must leave all experiments simulable, not only those that are fitted.
+        exact: whether sensitivities are the best ones that there are, and the last one is taken at the minimum.
+    """
+
+    iterations: int = 8
+    tolerance: float | None = None
+    promise: float = 0.02
+    updates: int | None = 3
+    give_up_above: float = np.inf
+    check_all: bool = True
+    exact: bool = False
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A minimum.
+    """A point of the closed loop, usually a minimum.
 
     Attributes:
-        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), exact to the last large step.
-        chi_square: weighted sum of squares; simulations: how many it took.
+        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
+        settled: whether the steps became small, by the tolerance.
+        iterations: the history, where it was asked for; simulations: how many it took.
+        prediction: torque with the regressor, where it is known.
     """
 
     model: LoopModel
     values: Array
     torque: Array
     jacobian: Array
+    deviation: Array
     chi_square: float
+    settled: bool = False
+    iterations: tuple[Iteration, ...] = ()
     simulations: int = 0
+    prediction: Prediction | None = None
 
     @property
     def residual(self) -> Array:
         """(N, n) measured minus simulated torque."""
-        return self.model.runs["train"].measured - self.torque
+        return self.model.measured - self.torque
 
     def covariance(self, noise: Noise) -> Array:
         """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
@@ -59,76 +111,227 @@ class Fit:
         scale[scale == 0] = np.inf
         return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
 
+    @property
+    def condition_number(self) -> float:
+        """Of the weighted sensitivity with columns of length one."""
+        return _Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
+
+    @property
+    def bound(self) -> Array:
+        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
+        return covariance_efficient(whitened(self.jacobian, self.deviation))
+
+
+def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:
+    """The closed loop at the values of a model: torque and exact sensitivity.
+
+    Args:
+        prediction: saves the first simulation where it is known.
+
+    Raises:
+        SimulationError: the values cannot be simulated.
+    """
+    values = model.start
+    prediction = prediction or predict(model, values)
+    sizes = parameter_sizes(model, values, prediction)
+    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes)
+    residual = model.measured - prediction.torque
+    deviation = weighting.deviation(residual, jacobian)
+    return Fit(model, values, prediction.torque, jacobian, deviation, _cost(residual, deviation), prediction=prediction)
+
 
 def minimise(
     model: LoopModel,
-    noise: Noise,
+    noise: Noise | Weighting,
     *,
+    stopping: Stopping | None = None,
     jacobian: Array | None = None,
     torque: Array | None = None,
-    jacobian_updates: int = 3,
-    iterations: int = 8,
-    give_up_above: float = np.inf,
-    everywhere: bool = True,
-    exact: bool = False,
+    sizes: Array | None = None,
+    stage: str = "finish",
+    progress: Callable[[Iteration], None] | None = None,
 ) -> Fit:
     """Fit all free parameters of a model, from their values.
 
     Args:
+        noise: of the data, or how they are weighted otherwise.
         jacobian: (N, n, p) at the start, if known; stale columns only slow the steps down.
         torque: (N, n) at the start, if known.
-        jacobian_updates: how often the Jacobian may be computed anew after a large step.
-        iterations: largest number of steps.
-        give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
-        everywhere: whether each step must leave all experiments simulable, not only the fitted one.
-        exact: whether the Jacobian is computed anew at the minimum; of gears that open it changes within a per cent.
+        sizes: (b,) of the base parameters, for exact differences; see :func:`parameter_sizes`.
+        stage: name of the iterations in the history, which is kept where ``progress`` is given.
 
     Raises:
         SimulationError: the start cannot be simulated.
     """
-    weight, measured = noise.weight, model.runs["train"].measured
-    low, high = model.limits
-    values = np.clip(model.start, low, high)
-    count = 0
-    if torque is None:
-        torque, count = model.torque(values), 1
-    cost = _cost(measured - torque, weight)
-    fresh = jacobian is None
-    if jacobian is None:
-        jacobian, count = sensitivity(model, values, torque), count + values.size
-    for _ in range(iterations):
-        equations = _Equations.of(jacobian * weight[:, None], (measured - torque) * weight)
-        _, promised = equations.step(values, low, high, 0.0)
-        if promised < SETTLED or cost - 2 * promised > give_up_above:
-            break
-        found = _search(model, equations, values, weight, cost, everywhere)
-        count += found.tried
-        if found.torque is None:
-            if fresh or jacobian_updates <= 0:
-                break
-            jacobian, fresh, jacobian_updates = sensitivity(model, values, torque), True, jacobian_updates - 1
-            count += values.size
-            continue
-        gained = cost - found.cost
-        values, torque, cost, fresh = found.values, found.torque, found.cost, False
-        if found.at_edge and gained < CREEPING * cost:
-            break
-        # Far from what the linear model promised: its slopes are stale.
-        if jacobian_updates > 0 and not 0.5 * found.promised <= gained <= 1.5 * found.promised:
-            jacobian, fresh, jacobian_updates = sensitivity(model, values, torque), True, jacobian_updates - 1
-            count += values.size
-    if exact and not fresh:
-        jacobian, count = sensitivity(model, values, torque), count + values.size
-    return Fit(model.with_values(values), values, torque, jacobian, cost, count)
+    weighting = KnownNoise(noise) if isinstance(noise, Noise) else noise
+    return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
 
 
 def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
     """The same minimum with coarse or full integration; raises SimulationError where that cannot be simulated."""
     if fit.model.coarse == coarse:
         return fit
-    return minimise(
-        replace(fit.model, coarse=coarse), noise, jacobian=fit.jacobian, jacobian_updates=0, iterations=POLISHING
-    )
+    model = replace(fit.model, coarse=coarse)
+    return minimise(model, noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
+
+
+@dataclass
+class _State:
+    """Where the steps are.
+
+    Attributes:
+        differentiated: (p,) where the sensitivity was taken; fresh: whether that is here.
+        updates: how often it may still be taken; last: size of the step before, in standard deviations.
+    """
+
+    values: Array
+    torque: Array
+    jacobian: Array
+    differentiated: Array
+    fresh: bool
+    updates: float
+    simulations: int
+    last: float = 0.0
+
+
+class _Solver:
+    """The steps of one fit."""
+
+    def __init__(
+        self,
+        model: LoopModel,
+        weighting: Weighting,
+        stopping: Stopping,
+        sizes: Array | None,
+        stage: str,
+        progress: Callable[[Iteration], None] | None,
+    ) -> None:
+        self._model, self._weighting, self._stopping = model, weighting, stopping
+        self._sizes, self._stage, self._progress = sizes, stage, progress
+        self._measured, (self._low, self._high) = model.measured, model.limits
+        self._history: list[Iteration] = []
+
+    def run(self, jacobian: Array | None, torque: Array | None) -> Fit:
+        rules = self._stopping
+        at = self._begin(jacobian, torque)
+        settled = False
+        deviation = self._deviation(at)
+        for _ in range(rules.iterations):
+            step = _Step.of(at, deviation, self._measured, self._low, self._high)
+            if rules.tolerance is None and step.promised < rules.promise:
+                break
+            if step.cost - 2 * step.promised > rules.give_up_above:
+                break
+            found = self._search(at, step)
+            at.simulations += found.tried
+            outcome = self._after(at, step, found)
+            if outcome == "settled":
+                settled = True
+            if outcome in ("settled", "stopped"):
+                break
+            deviation = self._deviation(at)
+        return self._end(at, settled)
+
+    def _begin(self, jacobian: Array | None, torque: Array | None) -> _State:
+        values, count = np.clip(self._model.start, self._low, self._high), 0
+        if torque is None:
+            torque, count = self._model.torque(values), 1
+        updates = np.inf if self._stopping.updates is None else float(self._stopping.updates)
+        nothing = np.zeros((*torque.shape, 0))
+        at = _State(values, torque, nothing if jacobian is None else jacobian, values, False, updates, count)
+        if jacobian is None:
+            self._differentiate(at)
+            at.updates += 1
+        return at
+
+    def _differentiate(self, at: _State) -> None:
+        at.jacobian = sensitivity(self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact)
+        at.differentiated, at.fresh = at.values, True
+        at.updates -= 1
+        at.simulations += at.values.size
+
+    def _deviation(self, at: _State) -> Array:
+        return self._weighting.deviation(self._measured - at.torque, at.jacobian)
+
+    def _after(self, at: _State, step: _Step, found: _Found) -> str:
+        """What a step has come to: ``settled``, ``stopped`` or ``goes on``; the state moves to where it led."""
+        rules = self._stopping
+        here, torque = (at.values, at.torque) if found.torque is None else (found.values, found.torque)
+        moved = here - at.values
+        self._record(here, torque, moved, step, found.note)
+        gained, was_fresh = step.cost - found.cost, at.fresh
+        at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
+        stuck = found.torque is None
+        if stuck and (was_fresh or at.updates <= 0):
+            nothing_promised = step.promised <= ROUNDING * step.cost
+            return "settled" if rules.tolerance is not None and nothing_promised else "stopped"
+        if found.at_edge and not stuck and gained < CREEPING * step.cost and rules.tolerance is None:
+            return "stopped"
+        size = float(np.max(np.abs(moved) / step.scale))
+        stale = bool((np.abs(here - at.differentiated) > STALE * step.scale).any())
+        if rules.tolerance is not None and not stuck:
+            floor = np.maximum(np.maximum(np.abs(here), step.scale), TORQUE_FLOOR * step.size)
+            if (np.abs(moved) <= rules.tolerance * floor).all() and (was_fresh or not stale):
+                return "settled"
+        kept = KEPT_PROMISE[0] * found.promised <= gained <= KEPT_PROMISE[1] * found.promised
+        contracts = STALE < size <= CONTRACTION * at.last
+        far = stale and not contracts if rules.tolerance is not None else not kept
+        if at.updates > 0 and (stuck or far):
+            self._differentiate(at)
+        at.last = size
+        return "goes on"
+
+    def _record(self, values: Array, torque: Array, moved: Array, step: _Step, note: str) -> None:
+        if self._progress is None:
+            return
+        change = float(np.max(np.abs(moved) / np.maximum(np.abs(values), step.scale)))
+        error = relative_error_percent(self._measured, torque)[0]
+        number = len(self._history) + 1
+        self._history.append(Iteration(self._stage, number, values, error, change, step.condition_number, note))
+        self._progress(self._history[-1])
+
+    def _search(self, at: _State, step: _Step) -> _Found:
+        """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
+        because at the edge of what can be simulated a loop hardly damps itself any more."""
+        model = self._model
+        others = model.validation_labels if self._stopping.check_all else ()
+        tried, edge, best, note = 0, False, None, ""
+        for damping in DAMPINGS:
+            change, promised = step.equations.step(at.values, self._low, self._high, damping)
+            trial = np.clip(at.values + change, self._low, self._high)
+            reason = mass_matrix_problem(model, trial)
+            if reason:
+                edge, note = True, f"step damped: {reason}"
+                continue
+            tried += 1
+            try:
+                torque = model.torque(trial)
+                reached = _cost(self._measured - torque, step.deviation)
+                if reached < step.cost:
+                    for label in others:  # what was measured there is not looked at
+                        model.torque(trial, label)
+            except SimulationError as error:
+                edge, note = True, f"step damped: {error.what}"
+                continue
+            if reached <= step.cost * (1 + (EQUAL if self._stopping.tolerance is not None else 0.0)) and (
+                reached < step.cost or self._stopping.tolerance is not None
+            ):
+                found = _Found(trial, torque, reached, promised, tried, edge, note)
+                if best is not None or not edge:
+                    return found
+                best = found
+            else:
+                note = "step damped: the error grew"
+        return best or _Found(at.values, None, step.cost, 0.0, tried, edge, "no step lowers the error")
+
+    def _end(self, at: _State, settled: bool) -> Fit:
+        if self._stopping.exact and not at.fresh and self._stopping.tolerance is None:
+            self._differentiate(at)
+        deviation = self._deviation(at)
+        cost = _cost(self._measured - at.torque, deviation)
+        model = self._model.with_values(at.values)
+        history = tuple(self._history)
+        return Fit(model, at.values, at.torque, at.jacobian, deviation, cost, settled, history, at.simulations)
 
 
 @dataclass(frozen=True)
@@ -139,38 +342,43 @@ class _Found:
     promised: float
     tried: int
     at_edge: bool
+    note: str = ""
 
 
-def _search(
-    model: LoopModel, equations: _Equations, values: Array, weight: Array, cost: float, everywhere: bool
-) -> _Found:
-    """The least damped step that lowers the cost; the next more damped one where less damping is not feasible, because
-    at the edge of what can be simulated a loop hardly damps itself any more."""
-    low, high = model.limits
-    others = [label for label in model.runs if label != "train"] if everywhere else []
-    tried, edge, best = 0, False, None
-    for damping in DAMPINGS:
-        step, promised = equations.step(values, low, high, damping)
-        trial = np.clip(values + step, low, high)
-        if any(mass_matrix_problem(run.problem, trial[: model.base_count]) for run in model.runs.values()):
-            edge = True
-            continue
-        tried += 1
-        try:
-            torque = model.torque(trial)
-            reached = _cost(model.runs["train"].measured - torque, weight)
-            if reached < cost:
-                for label in others:  # what was measured there is not looked at
-                    model.torque(trial, label)
-        except SimulationError:
-            edge = True
-            continue
-        if reached < cost:
-            found = _Found(trial, torque, reached, promised, tried, edge)
-            if best is not None or not edge:
-                return found
-            best = found
-    return best or _Found(values, None, cost, 0.0, tried, edge)
+@dataclass(frozen=True)
+class _Step:
+    """The linear problem of a step.
+
+    Attributes:
+        deviation: (n,) weights; cost: weighted square of the residual; promised: how much a full step would lower it.
+        scale: (p,) standard deviations; size: (p,) at which each parameter makes up the whole torque.
+    """
+
+    equations: _Equations
+    deviation: Array
+    cost: float
+    promised: float
+    scale: Array
+    size: Array
+    condition_number: float
+
+    @staticmethod
+    def of(at: _State, deviation: Array, measured: Array, low: Array, high: Array) -> _Step:
+        residual = measured - at.torque
+        table = at.jacobian / deviation[:, None]
+        equations = _Equations.of(table, residual / deviation)
+        _, promised = equations.step(at.values, low, high, 0.0)
+        length = np.where(equations.scale > 0, equations.scale, np.inf)
+        size = float(np.linalg.norm(measured / deviation)) / length
+        return _Step(
+            equations,
+            deviation,
+            _cost(residual, deviation),
+            promised,
+            equations.deviations(),
+            size,
+            equations.condition,
+        )
 
 
 @dataclass(frozen=True)
@@ -178,8 +386,7 @@ class _Equations:
     """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
 
     Attributes:
-        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle free
-        parameters.
+        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle parameters.
     """
 
     table: Array
@@ -194,8 +401,23 @@ class _Equations:
         q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
         return _Equations(r, q.T @ residual.ravel(), scale)
 
+    def deviations(self) -> Array:
+        """(p,) standard deviations by (S'S)^-1; those of idle parameters, or of such as cannot be told apart, are
+        those that the others would leave them."""
+        free = self.scale > 0
+        result = np.full(self.scale.size, np.inf)
+        inverse = np.linalg.pinv(self.table[:, free], rcond=1e-14)
+        result[free] = np.linalg.norm(inverse, axis=1) / self.scale[free]
+        return result
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the columns of length one."""
+        singular = np.linalg.svd(self.table[:, self.scale > 0], compute_uv=False)
+        return float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else np.inf
+
     def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
-        """The step with free parameters at a limit held there, and how much it promises to lower the cost."""
+        """The step with parameters at a limit held there, and how much it promises to lower the cost."""
         size = self.scale.size
         free = self.scale > 0
         step = np.zeros(size)
@@ -213,5 +435,5 @@ class _Equations:
         return step, float(promised)
 
 
-def _cost(residual: Array, weight: Array) -> float:
-    return float(np.sum((residual * weight) ** 2))
+def _cost(residual: Array, deviation: Array) -> float:
+    return float(np.sum((residual / deviation) ** 2))

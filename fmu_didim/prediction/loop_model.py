@@ -1,112 +1,106 @@
-"""The closed loop with effects added, as a function from free parameters to the torque at the samples.
+"""The closed loop as a function from free parameters to the torque at the samples of every experiment.
 
     values (p,)  ->  system with these values  ->  closed-loop simulation  ->  torque at the samples (N, n)
 
-The free parameters ("free parameters") are the base parameters, nuisances such as the smoothing of Coulomb friction,
-and the amplitudes and shapes of the effects added so far.
+A :class:`LoopModel` describes components and wiring, the experiments by label, and what is free anywhere in the loop:
+base parameters of the robot first, then parameters of the controller, of drives and sensors, the delay, the clock of
+the log, and amplitudes and shapes of effects that discovery has added. Tables that speak of several experiments hold
+their samples one below the other, in the order of ``estimation_labels``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.components import Component
-from fmu_didim.errors import DivergedError, InputError
-from fmu_didim.master import Connection, Recording, SampleOperator, System, simulate
+from fmu_didim.errors import DivergedError
+from fmu_didim.master import (
+    Connection,
+    InstancePool,
+    Observer,
+    Recording,
+    SampleOperator,
+    System,
+    logged_torque,
+    simulate,
+)
 from fmu_didim.master.system import REFERENCE
+from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
-from fmu_didim.prediction.integration import coarsely, divided
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
+from fmu_didim.prediction.integration import coarsely, divided, refined
+from fmu_didim.prediction.low_pass import LowPass
+from fmu_didim.prediction.parameters import Parameters
+from fmu_didim.prediction.workers import default_workers, may_run_side_by_side
 from fmu_didim.signals import Array
-
-BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
-
-
-@dataclass(frozen=True)
-class FreeParameter:
-    """One free parameter.
-
-    Attributes:
-        name: unique, shown to the user; unit.
-        owner: ``base`` (a base parameter), ``plant``, ``external torque`` (a torque from outside), ``delay`` (of the
-        command, in
-            samples, beyond that of the problem), ``log`` (how late it is stamped, in s), or the name of a spliced
-            component; key: its name there.
-        value: where it starts; scale: size of a noticeable change.
-        lowest, highest: limits.
-        effect: index of the addition it belongs to, None for base parameters and nuisances.
-        is_shape: whether it enters nonlinearly.
-    """
-
-    name: str
-    unit: str
-    owner: str
-    key: str
-    value: float
-    scale: float
-    lowest: float = -np.inf
-    highest: float = np.inf
-    effect: int | None = None
-    is_shape: bool = False
 
 
 @dataclass(frozen=True)
 class EffectAtJoint:
-    """An effect added to the loop: its name in the catalogue and its joint, counted from 1."""
+    """An effect at a joint: its name in the catalogue, and the number of the joint, counted from 1."""
 
     effect: str
     joint: int
 
 
 @dataclass(frozen=True)
-class Run:
-    """One experiment as the loop model sees it.
+class LoopModel:
+    """A closed loop, its experiments and its free parameters.
 
     Attributes:
-        problem: base system, data and instances kept for re-runs.
-        system: with all splices.
-        operator: how the log follows from the command, by the stamps that it has.
-        external torques: torques from outside that acted in this experiment.
-        finer: ticks in a control period, for components that need shorter steps; inputs are held as without.
+        systems: label -> the loop along that experiment, with all that is spliced into its wiring.
+        experiments: label -> data, those for the estimation first.
+        parameters: the base parameters, with their regressor where there is one.
+        plant: the plant with the effects of its torque balance; plant_name: its name in the loop.
+        free_parameters: the base parameters first, those that belong to one experiment next, then all others.
+        added_effects: in the order in which they were added.
+        torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
+        joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
+        low_pass: filter of the torque and of the regressor.
+        substep_factor: multiplies the number of integration substeps of the plant.
+        coarse: whether the plant is integrated with as few steps as keep it stable.
+        subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
+        pool: instances that run again, shared with all models made from this one.
+        workers: simulations side by side, where compiled code runs the loop.
     """
 
-    problem: Problem
-    system: System
-    operator: SampleOperator
-    external_torques: tuple[ExternalTorque, ...] = ()
+    systems: Mapping[str, System]
+    experiments: Mapping[str, Experiment]
+    parameters: Parameters
+    plant: Component
+    plant_name: str = "plant"
+    free_parameters: tuple[FreeParameter, ...] = ()
+    added_effects: tuple[EffectAtJoint, ...] = ()
+    torque_deviation: Array | None = None
+    joint_weights: str = "estimated"
+    low_pass: LowPass | None = None
+    substep_factor: int = 1
+    coarse: bool = False
     subdivision: int = 1
+    pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
+    workers: int = field(default_factory=default_workers, compare=False)
+
+    # ---- what is free
 
     @property
-    def measured(self) -> Array:
-        """(N, n) measured torque."""
-        return self.problem.measured
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.parameters.joint_count
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) names of the free parameters."""
+        return tuple(parameter.name for parameter in self.free_parameters)
 
-@dataclass(frozen=True)
-class LoopModel:
-    """A closed loop with effects.
-
-    Attributes:
-        runs: by label, ``train`` first; plant: the plant with the effects of its torque balance.
-        logged: (n,) ``component.input`` whose recorded values are the logged torque.
-        free parameters: free parameters, the base parameters first.
-        additions: the effects, in the order in which they were added.
-        workers: simulations side by side.
-        coarse: whether the plant is integrated with as few steps as keep it stable.
-    """
-
-    runs: Mapping[str, Run]
-    plant: Component
-    logged: tuple[str, ...]
-    free_parameters: tuple[FreeParameter, ...]
-    added_effects: tuple[EffectAtJoint, ...] = ()
-    workers: int = 2
-    joint_count: int = field(default=0)
-    coarse: bool = False
+    @property
+    def units(self) -> tuple[str, ...]:
+        """(p,) FMI unit strings."""
+        return tuple(parameter.unit for parameter in self.free_parameters)
 
     @property
     def start(self) -> Array:
@@ -124,173 +118,309 @@ class LoopModel:
         return np.array([k.lowest for k in self.free_parameters]), np.array([k.highest for k in self.free_parameters])
 
     @property
-    def base_count(self) -> int:
-        """Number of base parameters, which are the first free parameters."""
+    def linear_count(self) -> int:
+        """Number of base parameters b, shared ones and those of one experiment: the first free parameters."""
         return sum(parameter.owner == BASE for parameter in self.free_parameters)
 
     def index(self, name: str) -> int:
         """Position of a free parameter."""
-        return [parameter.name for parameter in self.free_parameters].index(name)
-
-    def integrated_as(self, values: Array, which: str = "train") -> LoopModel:
-        """The same model with the integration steps that it has at these values, wherever its free parameters move."""
-        if not self.coarse:
-            return self
-        stated = self.system(values, which).components[self.runs[which].problem.plant].stated_substeps
-        plant = self.plant.with_substeps(stated) if stated is not None else None
-        return self if plant is None else replace(self, plant=plant)
+        return self.names.index(name)
 
     def with_values(self, values: Array) -> LoopModel:
         """The same model starting from other values."""
-        return replace(
-            self,
-            free_parameters=tuple(
-                replace(k, value=float(v)) for k, v in zip(self.free_parameters, values, strict=True)
-            ),
-        )
+        moved = (replace(k, value=float(v)) for k, v in zip(self.free_parameters, values, strict=True))
+        return replace(self, free_parameters=tuple(moved))
 
-    def system(self, values: Array, which: str = "train") -> System:
-        """The loop with these values of the free parameters."""
-        run = self.runs[which]
-        problem, system = run.problem, run.system
-        count = self.base_count
-        by_owner: dict[str, dict[str, float]] = {}
-        for parameter, value in zip(self.free_parameters[count:], values[count:], strict=True):
-            by_owner.setdefault(parameter.owner, {})[parameter.key] = float(value)
-        for outside in (EXTERNAL_TORQUE, LOG):
-            by_owner.pop(outside, None)
+    def with_free(self, further: Sequence[FreeParameter]) -> LoopModel:
+        """The same model with further free parameters."""
+        return replace(self, free_parameters=(*self.free_parameters, *further))
+
+    def base_alone(self) -> LoopModel:
+        """The same model with the shared base parameters free and all else as it stands."""
+        return replace(self, free_parameters=self.free_parameters[: self.parameters.count])
+
+    def limited(self, values: Array) -> Array:
+        """Values (p,) moved into their limits."""
+        return np.asarray(np.clip(values, *self.limits))
+
+    def theta(self, values: Array, label: str | None = None) -> Array:
+        """Base parameters that act in an experiment, in the order of ``parameters``."""
+        theta = values[: self.parameters.count].copy()
+        for place, parameter in self._own(label or self.first):
+            theta[place] = values[parameter]
+        return theta
+
+    def _own(self, label: str) -> list[tuple[int, int]]:
+        """Base parameters of one experiment: place among the base parameters, place among the free ones."""
+        found = []
+        for i in range(self.parameters.count, self.linear_count):
+            parameter = self.free_parameters[i]
+            if parameter.experiment == label:
+                found.append((self.parameters.names.index(parameter.key), i))
+        return found
+
+    def acts(self, i: int, label: str) -> bool:
+        """Whether a free parameter has a say in an experiment, which may have its own instead."""
+        parameter = self.free_parameters[i]
+        own = parameter.experiment is None and any(
+            (other.owner, other.key, other.experiment) == (parameter.owner, parameter.key, label)
+            for other in self.free_parameters
+        )
+        return parameter.acts_in(label) and not own
+
+    # ---- experiments
+
+    @cached_property
+    def estimation_labels(self) -> tuple[str, ...]:
+        """Labels of the experiments that are fitted."""
+        return tuple(label for label, e in self.experiments.items() if e.role == "estimation")
+
+    @cached_property
+    def validation_labels(self) -> tuple[str, ...]:
+        """Labels of the experiments that are held out."""
+        return tuple(label for label, e in self.experiments.items() if e.role == "validation")
+
+    @property
+    def first(self) -> str:
+        """Label of the first experiment."""
+        return next(iter(self.experiments))
+
+    @property
+    def rows(self) -> Mapping[str, slice]:
+        """Label of each fitted experiment -> its rows in tables over all of them."""
+        found, first = {}, 0
+        for label in self.estimation_labels:
+            count = self.experiments[label].time.size
+            found[label] = slice(first, first + count)
+            first += count
+        return found
+
+    def measured_in(self, label: str) -> Array:
+        """(N, n) torque that the prediction of one experiment is compared with: the log, filtered if asked for."""
+        return self.filtered(self.experiments[label].torque, label)
+
+    @property
+    def measured(self) -> Array:
+        """(N, n) the same of all experiments that are fitted."""
+        return np.concatenate([self.measured_in(label) for label in self.estimation_labels])
+
+    def filtered(self, values: Array, label: str) -> Array:
+        """Values at the samples (N, ...) of an experiment, filtered if asked for."""
+        return values if self.low_pass is None else self.low_pass.apply(values, self.experiments[label].rate_hz)
+
+    def on(self, *labels: str) -> LoopModel:
+        """The same model with some of its experiments alone, all of them for the estimation."""
+        chosen = {label: replace(self.experiments[label], role="estimation") for label in labels}
+        return replace(self, experiments=chosen, systems={label: self.systems[label] for label in labels})
+
+    def with_experiment(self, label: str, experiment: Experiment) -> LoopModel:
+        """The same model with other data under a label."""
+        return replace(self, experiments={**self.experiments, label: experiment})
+
+    def pushed(self, label: str, external_torques: Sequence[ExternalTorque]) -> LoopModel:
+        """The same model with these torques from outside in an experiment, instead of those that it has."""
+        experiment = replace(self.experiments[label], external_torques=tuple(external_torques))
+        return self.with_experiment(label, experiment)
+
+    # ---- the loop
+
+    def system(self, values: Array, label: str | None = None) -> System:
+        """The loop of an experiment with these values of the free parameters; all else stays untouched."""
+        label = label or self.first
+        system, by_owner = self.systems[label], self._by_owner(values, label)
         for samples in by_owner.pop(DELAY, {}).values():
-            system = system.with_delay(problem.plant, max(problem.delay + samples, 0.0))
-        wanted = {**problem.parameters.values(values[:count]), **problem._start_values(), **by_owner.pop(PLANT, {})}
+            system = system.with_delay(self.plant_name, max(samples, 0.0))
+        theta = self.theta(values, label)
+        wanted = {**self.parameters.values(theta), **self.start_values(label), **by_owner.pop(PLANT, {})}
         offered = {v.name for v in self.plant.parameters}
         plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
         if self.coarse:
-            plant = coarsely(plant, system.step_size / run.subdivision, self.joint_count)
-        system = system.replace(problem.plant, plant)
-        present = {v.name: v.start for v in plant.parameters}
-        for effect_at in self.added_effects:
-            # Effects of a joint share shapes, such as the smoothing of friction, wherever they stand.
-            owner, names = f"{effect_at.effect}{effect_at.joint}", run.system.components
-            for v in names[owner].parameters if owner in names else ():
-                if f"{v.name}_{effect_at.joint}" in present:
-                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{effect_at.joint}"])
-        for owner, own in by_owner.items():
-            system = system.replace(owner, system.components[owner].with_parameters(own))
-        joints = sorted({external.joint for external in run.external_torques})
-        from_outside = tuple(Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{problem.plant}.tau{j}") for j in joints)
+            plant = coarsely(plant, system.step_size / self.subdivision, self.joint_count)
+        else:
+            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if self._refines else None
+            plant = refined(plant, own, self.substep_factor)
+        system = system.replace(self.plant_name, plant)
+        self._share_shapes(by_owner, plant, label)
+        for owner, own_values in by_owner.items():
+            system = system.replace(owner, system.components[owner].with_parameters(own_values))
+        joints = sorted({external.joint for external in self.experiments[label].external_torques})
+        from_outside = tuple(
+            Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
+        )
         return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
 
-    def external_torques(self, values: Array, which: str = "train") -> tuple[ExternalTorque, ...]:
-        """The torques from outside in an experiment; those of the training data may be free parameters."""
-        found = list(self.runs[which].external_torques)
-        if which == "train":
-            for parameter, value in zip(self.free_parameters, values, strict=True):
-                if parameter.owner == EXTERNAL_TORQUE:
-                    index, _, name = parameter.key.partition(".")
-                    found[int(index)] = found[int(index)].moved(name, float(value))
+    def _by_owner(self, values: Array, label: str) -> dict[str, dict[str, float]]:
+        """Values of all but the base parameters: owner -> name there -> value."""
+        found: dict[str, dict[str, float]] = {}
+        count = self.linear_count
+        for parameter, value in zip(self.free_parameters[count:], values[count:], strict=True):
+            if parameter.owner not in (EXTERNAL_TORQUE, LOG) and parameter.acts_in(label):
+                found.setdefault(parameter.owner, {})[parameter.key] = float(value)
+        return found
+
+    def _share_shapes(self, by_owner: dict[str, dict[str, float]], plant: Component, label: str) -> None:
+        """Effects of a joint share shapes, such as the smoothing of friction, wherever they stand."""
+        present = {v.name: v.start for v in plant.parameters}
+        components = self.systems[label].components
+        for effect_at in self.added_effects:
+            owner = f"{effect_at.effect}{effect_at.joint}"
+            for v in components[owner].parameters if owner in components else ():
+                if f"{v.name}_{effect_at.joint}" in present:
+                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{effect_at.joint}"])
+
+    def start_values(self, label: str) -> dict[str, float]:
+        """Where the plant starts: the first row of the reference."""
+        reference = self.experiments[label].reference
+        first = dict(zip(reference.names, reference.values[0], strict=True))
+        result = {"t_start": float(reference.time[0])}
+        for j in range(1, self.joint_count + 1):
+            if f"q{j}" in first:
+                result[f"q_start{j}"] = float(first[f"q{j}"])
+                result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
+        return result
+
+    @property
+    def _refines(self) -> bool:
+        return self.plant.stated_substeps is not None or self.substep_factor != 1
+
+    @property
+    def can_refine(self) -> bool:
+        """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
+        theta, label = self.parameters.nominal(), self.first
+        known = self.parameters.substeps(theta, self.start_values(label), self.systems[label].step_size)
+        return known is not None and self.plant.with_substeps(2) is not None
+
+    @property
+    def gives_acceleration(self) -> bool:
+        """Whether the plant has outputs for the accelerations; otherwise they are differences of velocity."""
+        offered = {v.name for v in self.plant.outputs}
+        return all(f"ddq{j}" in offered for j in range(1, self.joint_count + 1))
+
+    def joint_signals(self, name: str) -> list[str]:
+        """``plant.q1``, ``plant.q2``, ... for ``q``."""
+        return [f"{self.plant_name}.{name}{j}" for j in range(1, self.joint_count + 1)]
+
+    @cached_property
+    def logged(self) -> tuple[str, ...]:
+        """(n,) ``component.input`` whose recorded values are the logged torque: of the plant, or before it where a
+        drive has a lag or the like."""
+        system, joints = self.systems[self.first], range(1, self.joint_count + 1)
+        return tuple(logged_torque(system, j, plant=self.plant_name) for j in joints)
+
+    def position_bounds(self, label: str) -> dict[str, tuple[float, float]]:
+        """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
+        result, reference = {}, self.experiments[label].reference
+        given = {v.name for v in self.plant.outputs} & set(reference.names)
+        for j in (j for j in range(1, self.joint_count + 1) if f"q{j}" in given):
+            column = reference.select([f"q{j}"])
+            low, high = float(column.min()), float(column.max())
+            room = 10 * max(high - low, 1e-6)
+            result[f"{self.plant_name}.q{j}"] = (low - room, high + room)
+        return result
+
+    def integrated_as(self, values: Array) -> LoopModel:
+        """The same model with the integration steps that it has at these values, wherever its parameters move."""
+        if not self.coarse:
+            return self
+        stated = self.system(values).components[self.plant_name].stated_substeps
+        plant = self.plant.with_substeps(stated) if stated is not None else None
+        return self if plant is None else replace(self, plant=plant)
+
+    # ---- what it predicts
+
+    def external_torques(self, values: Array, label: str | None = None) -> tuple[ExternalTorque, ...]:
+        """The torques from outside in an experiment; their times and sizes may be free parameters."""
+        label = label or self.first
+        found = list(self.experiments[label].external_torques)
+        for parameter, value in zip(self.free_parameters, values, strict=True):
+            if parameter.owner == EXTERNAL_TORQUE and parameter.experiment == label:
+                index, _, name = parameter.key.partition(".")
+                found[int(index)] = found[int(index)].moved(name, float(value))
         return tuple(found)
 
-    def log_shift_s(self, values: Array) -> float:
+    def log_shift_s(self, values: Array, label: str | None = None) -> float:
         """How late the log is stamped, in s, beyond what its operator knows."""
-        return sum(
-            float(value)
-            for parameter, value in zip(self.free_parameters, values, strict=True)
-            if parameter.owner == LOG
-        )
+        label = label or self.first
+        found = {}
+        for parameter, value in zip(self.free_parameters, values, strict=True):
+            if parameter.owner == LOG and parameter.acts_in(label):
+                found[parameter.key] = float(value)
+        return sum(found.values())
 
-    def operator(self, values: Array, which: str = "train") -> SampleOperator:
+    def operator(self, values: Array, label: str | None = None) -> SampleOperator:
         """How the log of an experiment follows from the command."""
-        run = self.runs[which]
-        experiment, step = run.problem.experiment, run.problem.system.step_size
-        return run.operator.stamped_later(self.log_shift_s(values) / step, experiment.reference.time.size)
+        label = label or self.first
+        experiment, step = self.experiments[label], self.systems[label].step_size
+        shift = self.log_shift_s(values, label) / step
+        return experiment.operator.stamped_later(shift, experiment.reference.time.size)
 
     def record(
-        self, values: Array, which: str = "train", *, all_ticks: bool = False, system: System | None = None
+        self,
+        values: Array,
+        label: str | None = None,
+        *,
+        ticks: NDArray[np.int64] | None = None,
+        all_ticks: bool = False,
+        system: System | None = None,
+        observe: Observer | None = None,
     ) -> Recording:
-        """Simulate, another system like the own one if given; raises DivergedError, SimulationError."""
-        run = self.runs[which]
-        reference = with_external_torques(run.problem.experiment.reference, self.external_torques(values, which))
-        ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, which).ticks
-        system = system or self.simulated(values, which)
-        if run.subdivision > 1:
-            reference, ticks = held(reference, run.subdivision), ticks * run.subdivision
+        """Simulate an experiment; raises DivergedError, SimulationError.
+
+        Args:
+            ticks: to record; by default those that the samples need, with ``all_ticks`` all.
+            system: another one like the own; observe: as of :func:`fmu_didim.master.simulate`.
+        """
+        label = label or self.first
+        reference = with_external_torques(self.experiments[label].reference, self.external_torques(values, label))
+        if ticks is None:
+            ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, label).ticks
+        system = system or self.simulated(values, label)
+        if self.subdivision > 1:
+            reference, ticks = held(reference, self.subdivision), ticks * self.subdivision
         return simulate(
-            system, reference, ticks=ticks, bounds=run.problem.position_bounds(), pool=run.problem.pool
-        )  # fmt: skip
+            system, reference, ticks=ticks, bounds=self.position_bounds(label), observe=observe, pool=self.pool
+        )
 
-    def simulated(self, values: Array, which: str = "train") -> System:
+    def simulated(self, values: Array, label: str | None = None) -> System:
         """The system as it is run, with the ticks that its components need."""
-        run, system = self.runs[which], self.system(values, which)
-        return divided(system, run.problem, run.subdivision) if run.subdivision > 1 else system
+        system = self.system(values, label)
+        if self.subdivision == 1:
+            return system
+        added = {f"{e.effect}{e.joint}" for e in self.added_effects}
+        return divided(system, self.plant_name, added & set(system.components), self.subdivision)
 
-    def refined(self, count: int) -> LoopModel:
-        """The same loop with other ticks in a control period."""
-        return replace(self, runs={label: replace(run, subdivision=count) for label, run in self.runs.items()})
+    def torque(self, values: Array, label: str | None = None) -> Array:
+        """(N, n) simulated torque at the samples of an experiment, by default of all that are fitted."""
+        if label is None:
+            return np.concatenate([self.torque(values, each) for each in self.estimation_labels])
+        return self.sampled_torque(self.record(values, label), values, label)
 
-    def torque(self, values: Array, which: str = "train") -> Array:
-        """(N, n) simulated torque at the samples."""
-        recording = self.record(values, which)
-        run = self.runs[which]
-        torque = self.operator(values, which).apply(self.logged_torque(recording, values, which))
+    def sampled_torque(self, recording: Recording, values: Array, label: str) -> Array:
+        """(N, n) what the log of an experiment shows of a recording at its ticks; raises DivergedError."""
+        torque = self.operator(values, label).apply(self.logged_torque(recording, values, label))
         if not np.isfinite(torque).all():
             raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
-        return run.problem.filtered(torque)
+        return self.filtered(torque, label)
 
-    def logged_torque(self, recording: Recording, values: Array, which: str = "train") -> Array:
+    def logged_torque(self, recording: Recording, values: Array, label: str | None = None) -> Array:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
-        run = self.runs[which]
+        label = label or self.first
         torque = np.column_stack([recording.inputs[name] for name in self.logged])
-        for external in self.external_torques(values, which):
-            reaches_log = self.logged[external.joint - 1] == f"{run.problem.plant}.tau{external.joint}"
+        for external in self.external_torques(values, label):
+            reaches_log = self.logged[external.joint - 1] == f"{self.plant_name}.tau{external.joint}"
             if reaches_log != external.is_logged:
                 sign = -1.0 if reaches_log else 1.0
-                reference = run.problem.experiment.reference.time
+                reference = self.experiments[label].reference.time
                 torque[:, external.joint - 1] += sign * np.interp(recording.time, reference, external.along(reference))
         return torque
 
-    def residual(self, values: Array, which: str = "train") -> Array:
-        """(N, n) measured minus simulated torque."""
-        return self.runs[which].measured - self.torque(values, which)
+    def residual(self, values: Array, label: str | None = None) -> Array:
+        """(N, n) measured minus simulated torque of an experiment, by default of all that are fitted."""
+        return (self.measured if label is None else self.measured_in(label)) - self.torque(values, label)
 
-    def side_by_side(self, tasks: Sequence[Callable[[], Array]]) -> list[Array]:
-        """Results of tasks that simulate: compiled loops release Python's lock."""
-        if self.workers < 2 or len(tasks) < 2:
-            return [task() for task in tasks]
-        with ThreadPoolExecutor(self.workers) as threads:
-            return list(threads.map(lambda task: task(), tasks))
-
-
-def loop_model(problem: Problem, others: Mapping[str, Problem], *, workers: int = 2) -> LoopModel:
-    """The base model of a problem, with further experiments under their labels.
-
-    Raises:
-        InputError: the problem has no torque inputs to compare.
-    """
-    if problem.joint_count < 1:
-        raise InputError("There is no joint to look at.", where="discover")
-    parameters = problem.parameters
-    nominal = parameters.nominal()
-    free_parameters = tuple(
-        FreeParameter(
-            name, unit, BASE, name, float(value), float(abs(value)) or 1.0, lowest=float(low), highest=float(high)
-        )
-        for name, unit, value, low, high in zip(
-            parameters.names,
-            parameters.units,
-            nominal,
-            parameters.limited(np.full(nominal.size, -np.inf)),
-            parameters.limited(np.full(nominal.size, np.inf)),
-            strict=True,
-        )
-    )
-    runs = {
-        label: Run(each, each.system, each.experiment.operator) for label, each in {"train": problem, **others}.items()
-    }
-    return LoopModel(
-        runs=runs,
-        plant=problem.system.components[problem.plant],
-        logged=tuple(f"{problem.plant}.tau{j}" for j in range(1, problem.joint_count + 1)),
-        free_parameters=free_parameters,
-        workers=workers,
-        joint_count=problem.joint_count,
-    )
+    def allowed_workers(self, values: Array) -> int:
+        """How many simulations may run at once: ``workers``, or one where Python runs the loop or an FMU of another
+        tool takes part."""
+        if self.workers == 1 or not may_run_side_by_side(self.systems[self.first]):
+            return 1
+        return self.workers if self.record(values, ticks=np.zeros(1, dtype=np.int64)).compiled else 1

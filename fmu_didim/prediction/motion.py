@@ -52,7 +52,7 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
 
 
-def motion_from_outputs(model: LoopModel, values: Array) -> Motion | None:
+def motion_from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
     """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack q or dq.
 
     Loads and payloads are unknown and given as zero.
@@ -61,14 +61,13 @@ def motion_from_outputs(model: LoopModel, values: Array) -> Motion | None:
     given = {v.name for v in model.plant.outputs}
     if not {f"{name}{j}" for name in ("q", "dq") for j in joints} <= given:
         return None
-    recording = model.record(values, all_ticks=True)
-    plant = model.runs["train"].problem.plant
-    q, dq = (recording.table([f"{plant}.{name}{j}" for j in joints]) for name in ("q", "dq"))
+    recording = model.record(values, label, all_ticks=True)
+    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
     step = float(recording.time[1] - recording.time[0])
     links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
     return Motion(
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
-        torque=model.logged_torque(recording, values), load=np.zeros_like(q), step=step, links=links,
+        torque=model.logged_torque(recording, values, label), load=np.zeros_like(q), step=step, links=links,
     )  # fmt: skip
 
 

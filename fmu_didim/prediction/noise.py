@@ -6,7 +6,8 @@ repetition the noise is what is left in the residual of a model above the freque
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,6 +147,26 @@ def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: 
     """Of the kept values so many samples apart."""
     pairs = kept[lag:] & kept[:-lag]
     return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
+
+
+def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
+    """The noise of several logs as one: the drives and the logger are the same. Variances and correlations are means
+    by the number of samples; the period is that of the first."""
+    if len(noises) == 1:
+        return noises[0]
+    weights = np.array(samples, dtype=float)
+
+    def mean(values: Sequence[Array]) -> Array:
+        return np.asarray(np.average(np.array(values), axis=0, weights=weights))
+
+    slow = None if any(n.slow is None for n in noises) else mean([n.slow for n in noises if n.slow is not None])
+    return replace(
+        noises[0],
+        deviation=np.sqrt(mean([n.deviation**2 for n in noises])),
+        correlation=mean([n.correlation for n in noises]),
+        periods=sum(n.periods for n in noises),
+        slow=slow,
+    )
 
 
 def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:

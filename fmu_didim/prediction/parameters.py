@@ -120,9 +120,9 @@ class Parameters(ABC):
         """Why no machine can have theta ± deviation, or an empty string."""
         return ""
 
-    def limited(self, theta: Array) -> Array:
-        """theta (p,) moved into its limits."""
-        return theta
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest values of theta, (p,) each; infinite where there are none."""
+        return np.full(self.count, -np.inf), np.full(self.count, np.inf)
 
     def substeps(self, theta: Array, starts: Mapping[str, float], step: float) -> int | None:
         """Integration substeps of the plant in a control period; None if unknown."""
@@ -263,13 +263,5 @@ class NamedParameters(Parameters):
     def nominal(self) -> Array:
         return np.array(self.start)
 
-    def limited(self, theta: Array) -> Array:
-        return np.clip(theta, self.lowest, self.highest)
-
-    def physical_problem(self, theta: Array, deviation: Array) -> str:
-        at_limit = [
-            f"{name} = {value:.4g}"
-            for name, value, low, high in zip(self.names, theta, self.lowest, self.highest, strict=True)
-            if value in (low, high)
-        ]
-        return f"at a limit given in the case: {', '.join(at_limit)}" if at_limit else ""
+    def limits(self) -> tuple[Array, Array]:
+        return np.array(self.lowest), np.array(self.highest)

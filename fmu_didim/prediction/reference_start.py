@@ -1,4 +1,4 @@
-"""Parameters from the reference trajectory alone: the motion is taken for the one that was wanted."""
+"""Base parameters from the reference trajectory alone: the motion is taken for the one that was wanted."""
 
 from __future__ import annotations
 
@@ -8,35 +8,45 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from fmu_didim.prediction.problem import Problem, sampled_regressor
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import Parameters
+from fmu_didim.prediction.prediction import sampled_regressor
 from fmu_didim.signals import Array, Trajectory
 from fmu_didim.statistics import least_squares
 
+Rows = Callable[[Array], tuple[Array, Array]]
+"""Regressor (N, n, b) and known torque (N, n) at the samples, for what is observed beyond the motion (K, no)."""
 
-def from_reference(problem: Problem) -> Array:
-    """Least squares of the measured torque on the regressor of the reference motion.
 
-    Needs no initial values at all: a controller that tracks well makes q = q_ref nearly true.
+def from_reference(model: LoopModel) -> Array:
+    """Values (p,): the base parameters by least squares of the measured torque on the regressor of the reference
+    motion, all others where they start.
+
+    Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
     """
-    reference, ticks = problem.experiment.reference, problem.experiment.operator.ticks
-    whole = reference_motion(reference, problem.joint_count, np.arange(reference.time.size))
-    q, dq, ddq = (values[ticks] for values in whole)
+    values = model.start
+    pairs = [_rows_of_reference(model, values, label) for label in model.estimation_labels]
+    columns = np.concatenate([w for w, _ in pairs])
+    target = model.measured - np.concatenate([known for _, known in pairs])
+    count = model.linear_count
+    names = model.names[:count]
+    values[:count] = least_squares(columns.reshape(-1, count), target.reshape(-1), names=names).solution
+    return values
+
+
+def _rows_of_reference(model: LoopModel, values: Array, label: str) -> tuple[Array, Array]:
+    reference, ticks = model.experiments[label].reference, model.operator(values, label).ticks
+    whole = reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+    q, dq, ddq = (table[ticks] for table in whole)
 
     def rows(observed: Array) -> tuple[Array, Array]:
-        return sampled_regressor(problem, q, dq, ddq, observed[ticks])
+        return sampled_regressor(model, values, label, (q, dq, ddq), observed[ticks])
 
-    columns, known = rows(observed_on(problem, reference.time, whole, problem.measured, rows))
-    count = problem.parameters.count
-    target = (problem.measured - known).reshape(-1)
-    return least_squares(columns.reshape(-1, count), target, names=problem.parameters.names).solution
+    return rows(observed_on(model.parameters, reference.time, whole, model.measured_in(label), rows))
 
 
 def observed_on(
-    problem: Problem,
-    time: Array,
-    motion: tuple[Array, Array, Array],
-    torque: Array,
-    rows: Callable[[Array], tuple[Array, Array]],
+    parameters: Parameters, time: Array, motion: tuple[Array, Array, Array], torque: Array, rows: Rows
 ) -> Array:
     """What the regressor depends on beyond a motion that was not simulated, (K, no).
 
@@ -44,14 +54,13 @@ def observed_on(
 
     Args:
         time: (K,) in s; motion: q, dq, ddq, (K, n) each.
-        torque: (N, n) measured; rows: regressor (N, n, p) and known torque (N, n) at its samples for observed (K, no).
+        torque: (N, n) measured; rows: regressor and known torque at its samples.
     """
-    parameters = problem.parameters
     observed = parameters.observed_along(time, *motion)
     if not parameters.observes_load:
         return observed
     columns, known = rows(observed)
-    flat = columns.reshape(-1, parameters.count)
+    flat = columns.reshape(-1, columns.shape[2])[:, : parameters.count]
     # Without loads the columns of those effects are zero.
     kept = np.flatnonzero(np.abs(flat).max(axis=0))
     theta = np.zeros(parameters.count)

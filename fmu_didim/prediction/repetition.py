@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.master import SampleOperator
+from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.noise import period_in_ticks
-from fmu_didim.prediction.problem import Experiment
 from fmu_didim.signals import Array
 
 REPEATS_TORQUE = 1e-5

@@ -1,80 +1,171 @@
-"""How the torque changes with the free parameters of a loop, by simulations side by side."""
+"""How the torque changes with the free parameters of a loop: S = d tau / d values.
+
+Three ways, the best one that a parameter allows:
+
+* one run of the loop with its derivatives, where the equations of all components are known
+  (:func:`fmu_didim.master.variation.with_derivatives`): exact for all parameters of all components at once;
+* a forward difference, where the simulation is smooth in the parameter because the integrator of the plant is ours;
+* a central difference with a step that is found, elsewhere (:mod:`fmu_didim.prediction.differences`).
+
+Where compiled code runs the loop, simulations run side by side.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 
+from fmu_didim.components.varied import derivative_name
 from fmu_didim.errors import SimulationError
+from fmu_didim.master.variation import with_derivatives
+from fmu_didim.prediction.differences import SMOOTH_STEP, STEP, central
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
-from fmu_didim.prediction.loop_model import FreeParameter, LoopModel
+from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.prediction import Prediction
 from fmu_didim.prediction.repetition import Repetition, repetition
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
-STEP = 1e-4
-"""Step of the forward differences, in units of a free parameter's scale: our loops are smooth to 1e-10, truncation
-rules."""
-_First: TypeAlias = tuple[Repetition, LoopModel]
+_First = tuple[Repetition, LoopModel]
 """How a log repeats, and the model of its first part alone."""
 
 
-def sensitivity(model: LoopModel, values: Array, torque: Array, *, only: Sequence[int] = ()) -> Array:
-    """d torque / d values, (N, n, p) or of ``only`` some free parameters, by forward differences on the training data.
-
-    Where the motion and the torque repeat, a base parameter is moved for the first period alone.
+def sensitivity(
+    model: LoopModel,
+    values: Array,
+    torque: Array,
+    *,
+    only: Sequence[int] = (),
+    sizes: Array | None = None,
+    exact: bool = True,
+) -> Array:
+    """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
 
     Args:
         torque: (N, n) at the values.
+        sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
+        exact: False where a search compares many models: forward differences, and where motion and torque repeat, base
+            parameters are moved for the first period alone.
     """
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
-    first = _first_part(model, torque)
-    return np.stack(model.side_by_side([_column(model, i, values, torque, first) for i in chosen]), axis=2)
+    tables, tasks = {}, []
+    for label, rows in model.rows.items():
+        table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
+        missing = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        if exact:
+            varied = _by_variation(model, values, label, [chosen[k] for k in missing])
+            for k in [k for k in missing if chosen[k] in varied]:
+                table[:, :, k] = varied[chosen[k]]
+            missing = [k for k in missing if chosen[k] not in varied]
+        one = _Experiment(model, values, label, torque[rows], sizes, exact)
+        tasks += [(label, k, one.column(chosen[k])) for k in missing]
+    found = side_by_side([task for _, _, task in tasks], model.allowed_workers(values) if len(tasks) > 1 else 1)
+    for (label, k, _), column in zip(tasks, found, strict=True):
+        tables[label][:, :, k] = column
+    return np.concatenate(list(tables.values()))
 
 
-def _first_part(model: LoopModel, torque: Array) -> _First | None:
-    run = model.runs["train"]
-    problem = run.problem
-    if problem.low_pass is not None or "t_start" in {v.name for v in model.plant.parameters}:
-        return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
-    found = repetition(problem.experiment, run.operator, problem.system.step_size, torque)
-    if found is None:
+def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> Array:
+    """(b,) size of each base parameter, never zero: the value at which it would make up the whole torque."""
+    if prediction.regressor is not None:
+        norms = np.linalg.norm(prediction.regressor, axis=(0, 1))
+        return np.asarray(np.linalg.norm(prediction.torque) / np.where(norms > 0, norms, np.inf))
+    size = np.maximum(np.abs(values), np.abs(model.start))[: model.linear_count]
+    return np.where(size > 0, size, 1.0)
+
+
+def _by_variation(model: LoopModel, values: Array, label: str, wanted: Sequence[int]) -> Mapping[int, Array]:
+    """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot."""
+    places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
+    if not places:
+        return {}
+    varied = with_derivatives(model.simulated(values, label), list(places.values()))
+    if varied is None:
+        return {}
+    recording = model.record(values, label, system=varied)
+    if not recording.compiled:
+        return {}
+    operator = model.operator(values, label)
+    columns = np.stack(
+        [
+            np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(len(places))])
+            for name in model.logged
+        ],
+        axis=1,
+    )
+    sampled = model.filtered(operator.apply(columns), label)
+    return {i: sampled[:, :, lane] for lane, i in enumerate(places)}
+
+
+def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
+    """Component and parameter by which the loop is differentiated; None for what is no parameter of a component."""
+    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE):
         return None
-    return found, replace(model, runs={**model.runs, "train": replace(run, operator=found.operator)})
+    if parameter.owner == BASE:
+        return model.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
+    return (model.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
 
 
-def _column(model: LoopModel, i: int, values: Array, torque: Array, first: _First | None) -> Callable[[], Array]:
-    parameter = model.free_parameters[i]
+class _Experiment:
+    """Columns of one experiment by differences."""
 
-    def difference() -> Array:
-        for size in (STEP, -STEP, STEP / 30):
-            moved = values.copy()
-            moved[i] = values[i] + size * parameter.scale
+    def __init__(
+        self, model: LoopModel, values: Array, label: str, torque: Array, sizes: Array | None, exact: bool
+    ) -> None:
+        self._model, self._values, self._label, self._torque = model, values, label, torque
+        self._sizes, self._exact = sizes, exact
+        self._smooth = model.can_refine or model.plant.equations() is not None
+        self._first = None if exact else self._first_part()
+
+    def column(self, i: int) -> Callable[[], Array]:
+        """What simulates the column (N, n) of a parameter."""
+        parameter = self._model.free_parameters[i]
+        timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
+        if self._smooth and (timed or not self._exact or parameter.owner == BASE):
+            return lambda: self._forward(i, parameter)
+        if timed:
+            return lambda: self._forward(i, parameter)
+        size = self._sizes[i] if self._sizes is not None and i < self._sizes.size else parameter.scale
+        return lambda: central(self._model, self._values, self._label, self._torque, i, float(size))
+
+    def _forward(self, i: int, parameter: FreeParameter) -> Array:
+        step = STEP * parameter.scale
+        if self._exact and self._sizes is not None and i < self._sizes.size:
+            step = SMOOTH_STEP * float(self._sizes[i])
+        for size in (step, -step, step / 30):
+            moved = self._values.copy()
+            moved[i] += size
             if not parameter.lowest <= moved[i] <= parameter.highest:
                 continue
             try:
-                change = _change(model, moved, torque, first if _lasts(parameter) else None)
-                return np.asarray(change / (moved[i] - values[i]))
+                change = self._change(moved, lasts=parameter.effect is None and parameter.owner != EXTERNAL_TORQUE)
+                return np.asarray(change / (moved[i] - self._values[i]))
             except SimulationError:
                 continue
-        return np.zeros_like(torque)  # a free parameter that cannot be moved explains nothing
+        return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
 
-    return difference
+    def _change(self, moved: Array, *, lasts: bool) -> Array:
+        """Change of the torque (N, n); that of an effect may begin late, of which its first period shows nothing."""
+        if self._first is not None and lasts:
+            found, beginning = self._first
+            change = found.continued(beginning.torque(moved, self._label) - self._torque[: found.operator.count])
+            if change is not None:
+                return change
+        return np.asarray(self._model.torque(moved, self._label) - self._torque)
+
+    def _first_part(self) -> _First | None:
+        model, label = self._model, self._label
+        if model.low_pass is not None or "t_start" in {v.name for v in model.plant.parameters}:
+            return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
+        experiment = model.experiments[label]
+        found = repetition(experiment, experiment.operator, model.systems[label].step_size, self._torque)
+        if found is None:
+            return None
+        return found, model.with_experiment(label, replace(experiment, operator=found.operator))
 
 
-def _lasts(parameter: FreeParameter) -> bool:
-    """Whether a free parameter acts all the time: one of an effect may begin late, of which its first period shows
-    nothing."""
-    return parameter.effect is None and parameter.owner != EXTERNAL_TORQUE
-
-
-def _change(model: LoopModel, moved: Array, torque: Array, first: _First | None) -> Array:
-    if first is not None:
-        found, begin = first
-        change = found.continued(begin.torque(moved) - torque[: found.operator.count])
-        if change is not None:
-            return change
-    return np.asarray(model.torque(moved) - torque)
+__all__ = ["STEP", "parameter_sizes", "sensitivity"]

@@ -11,7 +11,7 @@ from typing import TypeVar
 from fmu_didim.components import FmuComponent
 from fmu_didim.components.fmu.rerun import OWN_TOOL
 from fmu_didim.errors import InputError
-from fmu_didim.master import Recording, System
+from fmu_didim.master import System
 
 MOST_WORKERS = 4
 """More threads than this wait for memory and for Python's part of a simulation."""
@@ -42,20 +42,11 @@ def default_workers() -> int:
     return min(os.cpu_count() or 1, MOST_WORKERS)
 
 
-def allowed_workers(workers: int, system: System, recording: Recording) -> int:
-    """How many of the ``workers`` may simulate this system at once: one where Python runs its loop, or where an FMU
-    of another tool takes part, whose instances may share memory.
-
-    Args:
-        recording: of a run of the system.
-    """
-    if not recording.compiled:
-        return 1
-    for component in system.components.values():
-        form = component.compiled()
-        if isinstance(form, FmuComponent) and not form.fmu.tool.startswith(OWN_TOOL):
-            return 1
-    return workers
+def may_run_side_by_side(system: System) -> bool:
+    """Whether several runs of a system that compiled code runs may go on at once: not where an FMU of another tool
+    takes part, whose instances may share memory."""
+    forms = (component.compiled() for component in system.components.values())
+    return not any(isinstance(form, FmuComponent) and not form.fmu.tool.startswith(OWN_TOOL) for form in forms)
 
 
 def side_by_side(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]:

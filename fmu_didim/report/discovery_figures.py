@@ -9,7 +9,6 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fmu_didim.discovery.findings import FindingsDocument, GapPair
-from fmu_didim.report.discovery_words import experiment_title
 from fmu_didim.report.figures import AXIS_TITLE, FONT, FRAME, RESIDUAL, SIMULATED, _json, decimated
 from fmu_didim.report.numbers import pretty_unit
 from fmu_didim.signals import Array, Trajectory
@@ -75,7 +74,7 @@ def gap_figure(document: FindingsDocument) -> str:
                                          "nticks": 6, "title": AXIS_TITLE | {"text": "gap / noise"}},
             }
         )  # fmt: skip
-        _head(figure, experiment_title(label).capitalize(), domains[row][1])
+        _head(figure, label.capitalize(), domains[row][1])
     _finish(figure, height)
     figure.update_layout(barmode="group", bargap=0.35, uniformtext={"mode": "hide", "minsize": 9})
     return _json(figure)

@@ -24,7 +24,6 @@ from fmu_didim.report.discovery_words import (
     FILES,
     error_text,
     experiment_head,
-    experiment_title,
     interval_text,
     located,
     noise_source,
@@ -113,18 +112,18 @@ def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
     changed = bool(document.findings)
     cards = [("effects named", str(len(document.findings)))]
     for label, pair in document.gap.items():
-        cards.append((f"gap / noise, {experiment_title(label)}", step_text(pair, changed=changed)))
+        cards.append((f"gap / noise, {label}", step_text(pair, changed=changed)))
     if document.ratio_interval is not None:
         cards.append(("held-out RMS, part of the base model's, 95 %", interval_text(document.ratio_interval)))
     for label, errors in document.error_percent.items():
-        cards.append((f"torque error, {experiment_title(label)}", error_text(*errors, changed=changed)))
+        cards.append((f"torque error, {label}", error_text(*errors, changed=changed)))
     cards.append(("time taken", f"{significant(document.seconds)} s"))
     return cards
 
 
 def _card(number: int, finding: FindingResult) -> Card:
     facts = [("share of the gap", share_text(finding.share_of_gap))]
-    facts += [(f"gap, {experiment_title(label)}", step_text(pair)) for label, pair in finding.gap.items()]
+    facts += [(f"gap, {label}", step_text(pair)) for label, pair in finding.gap.items()]
     facts.append(("held-out RMS ratio, 95 %", interval_text(finding.ratio_interval)))
     facts.append(("gain in BIC", significant(finding.delta_bic)))
     return Card(
@@ -155,7 +154,7 @@ def _rounds(document: FindingsDocument) -> Table | None:
     if not document.findings:
         return None
     heads = ["round", "added", "share of the gap", "gain in BIC"]
-    heads += [f"gap, {experiment_title(label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
+    heads += [f"gap, {label}" for label in labels] + ["held-out RMS ratio, 95 %"]
     rows = [
         (
             str(number), f"{f.title}, {located(f.effect, f.joint)}",
@@ -187,7 +186,7 @@ def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
             for quantity in panel_quantities(document, signals, j)
         ]
-        title = experiment_title(key.removeprefix(SIGNALS)).capitalize()
+        title = key.removeprefix(SIGNALS).capitalize()
         plots.append(ResidualPlots(title, Markup(over_time), tuple(panels), _note(signals, limit)))
     return plots
 

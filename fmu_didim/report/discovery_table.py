@@ -12,7 +12,6 @@ from fmu_didim.report.discovery_words import (
     FILES,
     error_text,
     experiment_head,
-    experiment_title,
     interval_text,
     located,
     noise_joint,
@@ -99,7 +98,7 @@ def _gaps(document: FindingsDocument) -> list[str]:
     )
     texts = [[step_text(pair, changed=changed) for pair in pairs] for _, pairs in rows]
     widths = [max(len(row[k]) for row in texts) for k in range(len(labels))]
-    heads = [experiment_title(label).ljust(width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
+    heads = [label.ljust(width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
     lines = ["  ".join(["Gap, in times the noise".ljust(NAME_WIDTH), *heads]).rstrip()]
     for (name, pairs), cells in zip(rows, texts, strict=True):
         shown = name if len(name) <= NAME_WIDTH else name[: NAME_WIDTH - 1] + "…"
@@ -142,9 +141,7 @@ def _facts(document: FindingsDocument) -> list[str]:
     stds = ", ".join(noise_joint(noise, k, document.torque_unit) for k in range(len(noise.std)))
     entries = [("Noise σ", f"{stds} ({noise_source(noise)})")] if noise.std else []
     changed = bool(document.findings)
-    errors = ", ".join(
-        f"{experiment_title(k)} {error_text(*pair, changed=changed)}" for k, pair in document.error_percent.items()
-    )
+    errors = ", ".join(f"{k} {error_text(*pair, changed=changed)}" for k, pair in document.error_percent.items())
     if errors:
         entries.append(("Torque error", errors))
     if document.ratio_interval is not None:

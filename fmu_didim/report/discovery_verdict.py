@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
-from fmu_didim.report.discovery_words import experiment_title, gap_text, located
+from fmu_didim.report.discovery_words import gap_text, located
 from fmu_didim.report.numbers import Verdict
 
 HEADS = {
@@ -21,9 +21,10 @@ def verdict_of(document: FindingsDocument) -> Verdict:
     sentences = [document.text[:1].upper() + document.text[1:]]
     if document.findings:
         sentences.append("; ".join(_named(f, first=k == 0) for k, f in enumerate(document.findings)))
-    label = "test" if "test" in document.gap else next(iter(document.gap), "")
+    held_out = [label for label, role in document.roles.items() if role == "validation"]
+    label = next(iter(held_out or document.gap), "")
     if label:
-        sentences.append(_change(document.gap[label], experiment_title(label), bool(document.findings)))
+        sentences.append(_change(document.gap[label], label, bool(document.findings)))
     if document.verdict == "named_with_remainder":
         sentences += _remainder(document)
     if document.verdict == "unknown":
@@ -56,7 +57,7 @@ def _change(pair: GapPair, experiment: str, changed: bool) -> str:
 
 def _remainder(document: FindingsDocument) -> list[str]:
     """Where most of what is left lies."""
-    pair = document.gap.get("train")
+    pair = document.gap.get(next(iter(document.gap), ""))
     left = {j: v for j, v in enumerate(pair.after_per_joint if pair else [], start=1) if v is not None}
     if len(left) < 2:
         return []

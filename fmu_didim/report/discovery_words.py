@@ -24,19 +24,11 @@ from fmu_didim.report.numbers import (
     significant,
 )
 
-EXPERIMENTS = {"train": "estimation", "test": "held-out"}
 FILES = {
-    "signals_train": "torques, estimation",
-    "signals_test": "torques, held-out",
     "robot": "robot description with the effects",
     "plant_fmu": "plant with the effects, FMU",
     "reference_next": "proposed next experiment",
 }
-
-
-def experiment_title(label: str) -> str:
-    """What an experiment is called."""
-    return EXPERIMENTS.get(label, label)
 
 
 def gap_text(gap: float | None) -> str:
@@ -112,7 +104,7 @@ def window_line(window: WindowResult, units: Sequence[str]) -> str:
     unit = pretty_unit(units[window.joint - 1]) if window.joint <= len(units) else ""
     return (
         f"joint {window.joint}: {window.begin_s:.6g} s to {window.end_s:.6g} s, {significant(window.torque, 2)} {unit}"
-        f" ({significant(window.score, 2)} standard deviations), {experiment_title(window.experiment)}"
+        f" ({significant(window.score, 2)} standard deviations), {window.experiment}"
     )
 
 

@@ -19,7 +19,6 @@ SIGNIFICANT_DIGITS = 10
 """A value is never shown with more, however small its standard deviation (data without noise)."""
 SMALL, LARGE = 1e-4, 1e7
 """Outside of this range a power of ten is set apart."""
-LABELS = {"train": "estimation"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -139,11 +138,6 @@ def _is_number(text: str) -> bool:
     return re.fullmatch(r"[-+.\de]+", text) is not None
 
 
-def label_title(label: str) -> str:
-    """What an experiment is called in a report."""
-    return LABELS.get(label, label)
-
-
 def loop_parameters(document: ResultDocument) -> dict[str, ParameterResult]:
     """The parameters of the loop: those no standard parameter of the plant carries."""
     return {name: p for name, p in document.parameters.items() if not p.standard}
@@ -178,7 +172,7 @@ def verdict(document: ResultDocument) -> Verdict:
         return Verdict("refused", "REFUSED", document.advice)
     if document.status == "maximum_iterations":
         return Verdict("doubtful", "NOT SETTLED", document.advice)
-    errors = {label_title(k): e.total for k, e in document.relative_error_percent.items()}
+    errors = {k: e.total for k, e in document.relative_error_percent.items()}
     parts = [f"converged in {iteration_count(document)} iterations", *document.checks]
     known = [f"{percentage(total)} {'off ' if i == 0 else ''}on {label}"
              for i, (label, total) in enumerate((k, v) for k, v in errors.items() if v is not None)]  # fmt: skip

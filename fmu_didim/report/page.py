@@ -21,7 +21,6 @@ from fmu_didim.report.numbers import (
     consistency_line,
     decimal_aligned,
     iteration_count,
-    label_title,
     loop_line,
     loop_parameters,
     loop_summary,
@@ -123,8 +122,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     """The figures at the top: a head and a value each."""
     cards = [
-        (f"torque error, {label_title(label)}", percentage(error.total))
-        for label, error in document.relative_error_percent.items()
+        (f"torque error, {label}", percentage(error.total)) for label, error in document.relative_error_percent.items()
     ]
     if document.parameters:
         cards.append(("parameters", str(len(document.parameters))))
@@ -175,7 +173,7 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
         note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
         if count > limit:
             note += f"; drawn by the extremes of {(limit - 2) // 2} stretches"
-        plots.append(TorquePlot(label_title(label), Markup(figure), note))
+        plots.append(TorquePlot(label, Markup(figure), note))
     return plots
 
 
@@ -184,7 +182,7 @@ def _error_table(document: ResultDocument) -> Table | None:
     errors, units = document.relative_error_percent, document.torque_unit
     if not errors:
         return None
-    heads = ("", *(f"{label_title(label)} (%)" for label in errors), "noise σ", "unit")
+    heads = ("", *(f"{label} (%)" for label in errors), "noise σ", "unit")
     rows = [("total", *(significant(e.total) for e in errors.values()), "", "")]
     for j, unit in enumerate(units):
         shares = (significant(e.per_joint[j] if j < len(e.per_joint) else None) for e in errors.values())

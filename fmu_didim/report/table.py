@@ -12,7 +12,6 @@ from fmu_didim.report.numbers import (
     consistency_line,
     decimal_aligned,
     iteration_count,
-    label_title,
     loop_line,
     loop_parameters,
     parameter_text,
@@ -113,7 +112,7 @@ def _torque(document: ResultDocument) -> list[str]:
     for label, error in errors.items():
         per_joint = [_at(error.per_joint, j) for j in joints]
         texts = [significant(v) for v in (error.total, *per_joint)]
-        columns.append(_column(f"{label_title(label)} %", decimal_aligned(texts)))
+        columns.append(_column(f"{label} %", decimal_aligned(texts)))
     if document.noise_std:
         texts = decimal_aligned(["", *(significant(_at(document.noise_std, j), 2) for j in joints)])
         units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]

@@ -15,13 +15,12 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.components import load_fmu
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.run import Found
-from fmu_didim.discovery.selection.decide import HELD_OUT
 from fmu_didim.documents import load_yaml
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export import build_fmu
+from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import BASE, LOG, PLANT, LoopModel
-from fmu_didim.prediction.problem import Problem, predict_torque
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.ssp import read_ssp, write_ssp
@@ -53,9 +52,9 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
     """Measured torque, that of the base and of the final model, and the motion, of each experiment, as CSV."""
     files = {}
     base, final = found.discovery.base, found.discovery.final
-    for label, run in final.model.runs.items():
-        experiment, joints = run.problem.experiment, range(1, final.model.joint_count + 1)
-        columns = {f"measured{j}": run.measured[:, j - 1] for j in joints}
+    for label, experiment in final.model.experiments.items():
+        joints, measured = range(1, final.model.joint_count + 1), final.model.measured_in(label)
+        columns = {f"measured{j}": measured[:, j - 1] for j in joints}
         for name, fit in (("base", base), ("final", final)):
             torque = fit.model.torque(fit.values, label)
             columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
@@ -68,14 +67,13 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
 
 def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.ndarray]:
     """Simulated positions and velocities at the tick before each sample."""
-    run = model.runs[label]
     recording = model.record(values, label, all_ticks=True)
-    times = run.problem.experiment.time - model.operator(values, label).lag * run.problem.system.step_size
+    times = model.experiments[label].time - model.operator(values, label).lag * model.systems[label].step_size
     place = np.clip(np.searchsorted(recording.time, times + 1e-9, side="right") - 1, 0, recording.time.size - 1)
     result = {}
     for name in ("q", "dq"):
         for j in range(1, model.joint_count + 1):
-            signal = f"{run.problem.plant}.{name}{j}"
+            signal = f"{model.plant_name}.{name}{j}"
             if signal in recording.applied:
                 result[f"{name}{j}"] = recording.applied[signal][place]
     return result
@@ -84,7 +82,7 @@ def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.nd
 def augmented_robot(builder: LoopModelBuilder, fit: Fit) -> RobotDescription:
     """The robot description with all effects found and the fitted values, wherever they act."""
     described = builder.described(fit.model.added_effects)
-    parameters = fit.model.runs["train"].problem.parameters
+    parameters = fit.model.parameters
     assert described is not None
     values = _described_values(parameters.described(fit.values[: parameters.count]))
     for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True):
@@ -109,7 +107,8 @@ def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> 
     chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
     document["plant"] = {"kind": "fmu", **chosen}
     shift = fit.model.log_shift_s(fit.values)
-    logs = [document[which].get("torque") for which in ("train", "validation") if which in document]
+    runs = [document[key] for key in ("train", "validation") if key in document]
+    logs = [run.get("torque") for run in (*runs, *document.get("experiments", {}).values())]
     for log in (log for log in logs if log and shift):
         log["log_shift_s"] = log.get("log_shift_s", 0.0) + shift
     (out / CASE_FILE).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
@@ -132,7 +131,7 @@ def _relocated(content: Any, old: Path, new: Path) -> Any:
 def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:
     """The FMUs of the effects that stand in the wiring, with their values."""
     files = {}
-    step = fit.model.runs["train"].system.step_size
+    step = fit.model.systems[fit.model.first].step_size
     for index, effect_at in enumerate(fit.model.added_effects):
         effect = builder.part(effect_at)
         if effect is None:
@@ -149,7 +148,7 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
 
 def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> tuple[dict[str, str], str]:
     """The loop with the parts in its wiring as an SSP archive, and how well it gives the fitted torque."""
-    bare = replace(fit.model, runs={label: replace(run, external_torques=()) for label, run in fit.model.runs.items()})
+    bare = without_external_torques(fit.model)
     system = bare.simulated(fit.values)
     try:
         for component in system.components:
@@ -174,23 +173,27 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
 def _rerun(path: Path, final: Fit, found: Found) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
     case = load_case(path)
-    assert case.problem is not None
-    runs: dict[str, Problem] = {"train": case.problem}
-    if case.validation is not None:
-        runs[HELD_OUT] = replace(case.problem.on(case.validation), system=case.system(case.validation.reference))
+    model = case.model
+    assert model is not None
     worst = 0.0
     # Torques from outside belong to the experiment, not to the augmented model.
-    bare = {label: replace(run, external_torques=()) for label, run in final.model.runs.items()}
-    alone = replace(final.model, runs=bare)
-    for label, problem in runs.items():
+    alone = without_external_torques(final.model)
+    for label in model.experiments:
         try:
-            torque = predict_torque(problem, problem.parameters.nominal())[0]
+            torque = model.torque(model.start, label)
         except SimulationError as error:
             return f"The augmented FMU could not be run on {label}: {error}"
         wanted = alone.torque(final.values, label)
         compared = torque[-wanted.shape[0] :]  # discovery leaves out the beginning
         worst = max(worst, float(np.abs(compared - wanted).max() / np.abs(wanted).max()))
     return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
+
+
+def without_external_torques(model: LoopModel) -> LoopModel:
+    """The model without torques from outside: they belong to an experiment, not to the machine."""
+    for label in model.experiments:
+        model = model.pushed(label, ())
+    return model
 
 
 __all__ = ["augmented_robot", "write_augmented", "write_signals"]

@@ -7,7 +7,7 @@ from pathlib import Path
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case
 from fmu_didim.case.data import resolve
-from fmu_didim.case.document import ExperimentSource, SignalFile
+from fmu_didim.case.document import SignalFile
 
 
 def case_files(case: Case) -> dict[str, str]:
@@ -19,14 +19,8 @@ def case_files(case: Case) -> dict[str, str]:
     for source in (document.robot, document.plant.source, controller, archive):
         if source is not None and ":" not in source:
             named[source] = case.folder / source
-    for experiment in (document.train, document.validation):
-        for signal in _signals(experiment):
-            named[signal.file] = resolve(signal, case.folder)
+    for run in document.runs.values():
+        for part in (run.reference, run.torque, run.positions):
+            if isinstance(part, SignalFile):
+                named[part.file] = resolve(part, case.folder)
     return {name: file_digest(path) for name, path in named.items() if path.is_file()}
-
-
-def _signals(experiment: ExperimentSource | None) -> list[SignalFile]:
-    if experiment is None:
-        return []
-    parts = (experiment.reference, experiment.torque, experiment.positions)
-    return [part for part in parts if isinstance(part, SignalFile)]

@@ -10,7 +10,7 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.discovery.findings import FindingsDocument, save_findings
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
-from fmu_didim.discovery.run import discover as discover_problem
+from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError, UnknownNameError
@@ -38,7 +38,7 @@ def discover(
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
     Args:
-        case: a loaded case or the path of its file; its validation experiment is the held-out data.
+        case: a loaded case or the path of its file; its validation experiments are the held-out data.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
         effects: further effects, ``package.module:Name``.
@@ -50,25 +50,21 @@ def discover(
     """
     say = progress or (lambda text: None)
     case = case if isinstance(case, Case) else load_case(case)
-    problem = case.problem
-    assert problem is not None
+    model = case.model
+    assert model is not None
     catalogue = _catalogue(effects)
     for name in (*forbid, *prefer):
         if name not in catalogue:
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
-    held_out = None
-    if case.validation is not None:
-        held_out = replace(problem.on(case.validation), system=case.system(case.validation.reference))
     description = _description(case)
-    record = provenance(problem, {"name": "discover"}, validation=case.validation, files=case_files(case))
-    found = discover_problem(
-        problem,
-        held_out,
+    record = provenance(model, {"name": "discover"}, files=case_files(case))
+    found = discover_in(
+        model,
         description=description,
         name=case.name,
         effects=catalogue,
         options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
-        provenance={**record, "loop": problem.system.describe()},
+        provenance={**record, "loop": model.systems[model.first].describe()},
         say=say,
     )
     return found.document if out is None else _saved(case, found, description, Path(out), say)
@@ -90,8 +86,8 @@ def _description(case: Case) -> RobotDescription | None:
     source = case.document.plant.source
     if source is not None and not source.endswith((".yaml", ".yml")):
         return None
-    model = getattr(case.parameters, "model", None)
-    return model.description if isinstance(model, RobotModel) else None
+    robot = getattr(case.parameters, "model", None)
+    return robot.description if isinstance(robot, RobotModel) else None
 
 
 def _saved(
@@ -131,14 +127,14 @@ def _with_experiment(
         without = found.builder.without(final.model, final.model.added_effects.index(step.effect_at))
         robot = augmented_robot(found.builder, replace(final, model=without, values=without.start))
         model = RobotModel(robot)
-        run = final.model.runs["train"]
+        experiment = final.model.experiments[final.model.first]
         try:
             plan = design_experiment(
                 robot,
                 model.parameter_values,
                 step.members[:2],  # the nearest rival: with more of them the worst pair decides
-                reference=run.problem.experiment.reference,
-                rate_hz=run.problem.experiment.rate_hz,
+                reference=experiment.reference,
+                rate_hz=experiment.rate_hz,
                 noise=found.noise,
                 effects=found.builder.effects,
             )

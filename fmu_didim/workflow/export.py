@@ -6,11 +6,10 @@ from pathlib import Path
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.errors import InputError
-from fmu_didim.identification.result import (
-    load_result,
-)
+from fmu_didim.identification.result import load_result
+from fmu_didim.identification.start import with_free_delay
 from fmu_didim.ssp import write_ssp
-from fmu_didim.workflow.simulate import base_values, loop_without_data
+from fmu_didim.workflow.simulate import model_without_data, named_values
 
 
 def export_ssp(case: Case | Path | str, path: Path | str, *, result: Path | str | None = None) -> Path:
@@ -25,7 +24,7 @@ def export_ssp(case: Case | Path | str, path: Path | str, *, result: Path | str 
         InputError: a component is no FMU, or there is no such result, or it holds no values of this case.
     """
     case = case if isinstance(case, Case) else load_case(case, require_torque=False)
-    problem = loop_without_data(case, "train")
+    model = model_without_data(case, None)
     values: dict[str, float] = {}
     if result is not None:
         folder = Path(result).parent if Path(result).suffix == ".json" else Path(result)
@@ -33,7 +32,7 @@ def export_ssp(case: Case | Path | str, path: Path | str, *, result: Path | str 
         values = {name: p.value for name, p in document.parameters.items()}
         if not values:
             raise InputError("The result holds no values.", where=str(result), got=document.status)
-        if "delay" in values and "delay" not in case.parameters.names:
-            problem = problem.with_delay(values.pop("delay"))
-    system = problem.system_with(base_values(case, values))
+        if "delay" in values and "delay" not in model.names:
+            model = with_free_delay(model)
+    system = model.system(named_values(model, values))
     return write_ssp(system, path, name=case.name)

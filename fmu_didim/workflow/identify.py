@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,8 @@ from fmu_didim.identification.result import (
     result_document,
     save_result,
 )
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.identification.start import with_free_delay
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot
 from fmu_didim.workflow.case_files import case_files
 
@@ -45,52 +47,56 @@ class Outcome:
     validations: tuple[Validation, ...]
 
 
-def identify(case: Case | Path | str, *, out: Path | str | None = None, progress: Progress = no_progress) -> Outcome:
+def identify(
+    case: Case | Path | str | Mapping[str, Any], *, out: Path | str | None = None, progress: Progress = no_progress
+) -> Outcome:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
     Args:
-        case: a loaded case or the path of its file.
+        case: a loaded case, the path of its file, or its content.
         out: folder for ``result.json``, the torque tables, ``report.html`` and ``robot_identified.yaml``.
         progress: called with each iteration.
 
     Raises:
         InputError: something in the case is wrong; found before any long work.
         RefusedError: no physical answer was found; with ``out``, a result that says so is saved first.
+        IdentificationError: the data cannot tell some parameters apart.
     """
     case = case if isinstance(case, Case) else load_case(case)
-    problem = case.problem
-    assert problem is not None
-    known, remarks = _known_of_plant(case, problem)
-    record = provenance(problem, case.estimator.describe(), validation=case.validation, files=case_files(case))
+    model = case.model
+    assert model is not None
+    known, remarks = _known_of_plant(case, model)
+    record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     try:
-        estimate = case.estimator.estimate(problem, progress=progress)
+        estimate = case.estimator.estimate(model, progress=progress)
     except RefusedError as error:
         if out is not None:
-            refused = refused_document(case.name, problem, case.estimator.name, error, record)
+            refused = refused_document(case.name, model, case.estimator.name, error, record)
             known["remarks"] = remarks
             _save(refused.model_copy(update={**known, "loop": _loop(case, refused)}), (), Path(out))
         raise _with_warnings(error, known.get("consistency"), remarks) from error
     estimate = replace(estimate, provenance=record, remarks=(*remarks, *estimate.remarks))
-    found = _with_delay(problem, estimate)
-    validations = [validate(found, estimate.base_value, problem.experiment, label="train")]
-    if case.validation is not None:
-        # Test signals of the second experiment need their own wiring.
-        system = case.system(case.validation.reference)
-        there = replace(found, system=replace(system, delays=found.system.delays))
-        validations.append(validate(there, estimate.base_value, case.validation, label="validation"))
+    found = _found(model, estimate)
+    validations = [validate(found, found.start, label) for label in found.experiments]
     document = result_document(case.name, found, estimate, validations, description=case.document.description)
     document = document.model_copy(update={**known, "loop": _loop(case, document)})
     if out is not None:
         _save(document, validations, Path(out))
-        described = problem.parameters.described(estimate.base_value)
+        described = model.parameters.described(estimate.base_value)
         if described is not None:
             write_robot(described, Path(out) / ROBOT_FILE)
     return Outcome(document, estimate, tuple(validations))
 
 
-def _known_of_plant(case: Case, problem: Problem) -> tuple[dict[str, Any], list[str]]:
+def _found(model: LoopModel, estimate: Estimate) -> LoopModel:
+    """The model with the identified values; a delay that only the estimator freed is among them."""
+    found = with_free_delay(model) if len(estimate.names) > len(model.names) else model
+    return found.with_values(estimate.value)
+
+
+def _known_of_plant(case: Case, model: LoopModel) -> tuple[dict[str, Any], list[str]]:
     """What is found of a plant of its own before the long work: entries of the result, and remarks.
 
     Raises:
@@ -99,10 +105,10 @@ def _known_of_plant(case: Case, problem: Problem) -> tuple[dict[str, Any], list[
     if case.document.plant.source is None and case.base is None:
         return {}, []  # the plant is made from the description
     known = {}
-    if problem.parameters.has_regressor:
-        known["consistency"] = consistency_result(check_consistency(problem))
-    check_acting(problem)
-    return known, start_warnings(problem)
+    if model.parameters.has_regressor:
+        known["consistency"] = consistency_result(check_consistency(model))
+    check_acting(model)
+    return known, start_warnings(model)
 
 
 def _with_warnings(error: RefusedError, found: ConsistencyResult | None, remarks: list[str]) -> RefusedError:
@@ -128,12 +134,6 @@ def _loop(case: Case, document: ResultDocument) -> dict[str, Any]:
                 told["law"] = load_yaml(case.folder / controller).get("law")
             components[name] = {**told, **components[name]}
     return {**document.loop, "components": components}
-
-
-def _with_delay(problem: Problem, estimate: Estimate) -> Problem:
-    if "delay" in estimate.names:
-        return problem.with_delay(float(estimate.value[estimate.names.index("delay")]))
-    return problem
 
 
 def _save(document: ResultDocument, validations: tuple[Validation, ...] | list[Validation], out: Path) -> None:

@@ -176,7 +176,7 @@ def subdivision(model: LoopModel) -> int:
     chosen, before = SUBDIVISIONS[-1], None
     for count in SUBDIVISIONS:
         try:
-            torque = model.refined(count).torque(model.start)
+            torque = replace(model, subdivision=count).torque(model.start)
         except SimulationError:
             before = None
             continue

@@ -21,8 +21,9 @@ from fmu_didim.effects.coulomb import Coulomb
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import InputError
-from fmu_didim.master import logged_torque, splice_effect
-from fmu_didim.prediction.loop_model import LOG, PLANT, EffectAtJoint, FreeParameter, LoopModel, Run
+from fmu_didim.master import System, splice_effect
+from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
 
@@ -82,7 +83,7 @@ class LoopModelBuilder:
         """Type of a joint, counted from 1."""
         if self.description is not None:
             return self.description.joints[joint - 1].type
-        unit = self.base.runs["train"].problem.parameters.torque_units[joint - 1]
+        unit = self.base.parameters.torque_units[joint - 1]
         return "prismatic" if unit == "N" else "revolute"
 
     def search(self, effect_at: EffectAtJoint) -> dict[str, Search]:
@@ -131,16 +132,14 @@ class LoopModelBuilder:
         plant = self._plant(added_effects)
         offered = {v.name for v in plant.parameters}
         free_parameters = [k for k in free_parameters if k.owner != PLANT or k.key in offered]
-        runs, logged = self._wired(added_effects)
-        built = replace(
+        return replace(
             model,
             plant=plant,
-            runs=runs,
-            logged=logged,
+            systems=self._wired(added_effects),
             free_parameters=tuple(free_parameters),
             added_effects=added_effects,
+            subdivision=self._subdivision(added_effects),
         )
-        return built.refined(self._subdivision(added_effects))
 
     def _subdivision(self, added_effects: Sequence[EffectAtJoint]) -> int:
         """Ticks in a control period: more than one where a torque of the plant stands in the wiring."""
@@ -152,24 +151,23 @@ class LoopModelBuilder:
 
     def _with_friction(self) -> LoopModel:
         """The base with further Coulomb friction in the wiring, the steepest effect that is likely."""
-        sizes = 0.1 * np.sqrt(np.mean(self.base.runs["train"].measured ** 2, axis=0))
-        wanted = [(EffectAtJoint("coulomb", j), size) for j, size in enumerate(sizes, start=1)]
-        runs = dict(self.base.runs)
-        for effect_at, size in wanted:
+        sizes = 0.1 * np.sqrt(np.mean(self.base.measured**2, axis=0))
+        systems = dict(self.base.systems)
+        for j, size in enumerate(sizes, start=1):
+            effect_at = EffectAtJoint("coulomb", j)
             if self.part(effect_at) is None:
                 continue
-            run = self._with_part(runs["train"], Coulomb(), effect_at.joint)
             name = splice_name(effect_at)
-            part = run.system.components[name].with_parameters({"Fc": float(size)})
-            runs["train"] = replace(run, system=run.system.replace(name, part))
-        joints = range(1, self.base.joint_count + 1)
-        system, plant = runs["train"].system, runs["train"].problem.plant
-        return replace(self.base, runs=runs, logged=tuple(logged_torque(system, j, plant=plant) for j in joints))
+            for label, system in systems.items():
+                system = self._with_part(label, system, Coulomb(), j)
+                part = system.components[name].with_parameters({"Fc": float(size)})
+                systems[label] = system.replace(name, part)
+        added = tuple(EffectAtJoint("coulomb", j) for j in range(1, sizes.size + 1))
+        return replace(self.base, systems=systems, added_effects=added)
 
-    def _with_part(self, run: Run, effect: TorqueEffect, joint: int) -> Run:
-        kind, begin = self.joint_type(joint), float(run.problem.experiment.reference.time[0])
-        system = splice_part(run.system, effect, joint, kind, start_time=begin, plant=run.problem.plant)  # type: ignore[arg-type]
-        return replace(run, system=system)
+    def _with_part(self, label: str, system: System, effect: TorqueEffect, joint: int) -> System:
+        kind, begin = self.joint_type(joint), float(self.base.experiments[label].reference.time[0])
+        return splice_part(system, effect, joint, kind, start_time=begin, plant=self.base.plant_name)  # type: ignore[arg-type]
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other free parameters keep their values."""
@@ -180,17 +178,14 @@ class LoopModelBuilder:
             if k.effect != index
         )
         with self._lock:
-            runs, logged = self._wired(added_effects)
-            plant = self._plant(added_effects)
-            built = replace(
+            return replace(
                 model,
-                plant=plant,
-                runs=runs,
-                logged=logged,
+                plant=self._plant(added_effects),
+                systems=self._wired(added_effects),
                 free_parameters=free_parameters,
                 added_effects=added_effects,
+                subdivision=self._subdivision(added_effects),
             )
-            return built.refined(self._subdivision(added_effects))
 
     def described(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription | None:
         """The robot description with all effects, wherever they act."""
@@ -276,20 +271,17 @@ class LoopModelBuilder:
                 joints[effect_at.joint - 1] = joint.model_copy(update={"effects": (*joint.effects, effect_at.effect)})
         return self.description.model_copy(update={"joints": tuple(joints)})
 
-    def _wired(self, added_effects: Sequence[EffectAtJoint]) -> tuple[dict[str, Run], tuple[str, ...]]:
-        """The experiments with all splices in their wiring, and the signals that are logged."""
-        runs, joints = dict(self.base.runs), range(1, self.base.joint_count + 1)
-        plant = runs["train"].problem.plant
+    def _wired(self, added_effects: Sequence[EffectAtJoint]) -> dict[str, System]:
+        """The loops of the experiments with all splices in their wiring."""
+        systems, plant = dict(self.base.systems), self.base.plant_name
         for effect_at in added_effects:
             effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
-            if isinstance(effect, SplicedEffect):
-                runs = {
-                    label: replace(run, system=splice_effect(run.system, effect, effect_at.joint, kind, plant=plant))  # type: ignore[arg-type]
-                    for label, run in runs.items()
-                }
-            elif isinstance(effect, TorqueEffect) and self.is_spliced(effect_at):
-                runs = {label: self._with_part(run, effect, effect_at.joint) for label, run in runs.items()}
-        return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
+            for label, system in systems.items():
+                if isinstance(effect, SplicedEffect):
+                    systems[label] = splice_effect(system, effect, effect_at.joint, kind, plant=plant)  # type: ignore[arg-type]
+                elif isinstance(effect, TorqueEffect) and self.is_spliced(effect_at):
+                    systems[label] = self._with_part(label, system, effect, effect_at.joint)
+        return systems
 
 
 def _chosen_substeps(plant: Component) -> int | None:

@@ -10,12 +10,11 @@ import numpy as np
 from fmu_didim.discovery.document import gap_pair, values_found
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, external_torque_parameters
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
-from fmu_didim.discovery.selection.decide import HELD_OUT
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import FreeParameter
+from fmu_didim.prediction.free_parameter import FreeParameter
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.noise import Noise
 
 NAME = "external_force"
@@ -25,23 +24,22 @@ LISTED = 3
 
 def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) -> tuple[Fit, Fit]:
     """The final model with the external torques fitted once more, and the same with them as its last parameters."""
-    model, run = final.model, final.model.runs["train"]
+    model, label = final.model, fitted_torques.label
     count = len(model.free_parameters)
     try:
-        free_parameters = (*model.free_parameters, *external_torque_parameters(final, run.external_torques))
-        free = minimise(replace(model, free_parameters=free_parameters), noise, iterations=6, jacobian_updates=1)
+        further = external_torque_parameters(final, label, model.experiments[label].external_torques)
+        free = minimise(model.with_free(further), noise, stopping=Stopping(6, updates=1))
     except SimulationError:
         return final, fitted_torques.free
-    held = replace(run, external_torques=free.model.external_torques(free.values))
-    model = replace(model, runs={**model.runs, "train": held}).with_values(free.values[:count])
-    fixed = Fit(model, free.values[:count], free.torque, free.jacobian[:, :, :count], free.chi_square)
+    held = model.pushed(label, free.model.external_torques(free.values, label)).with_values(free.values[:count])
+    fixed = replace(free, model=held, values=free.values[:count], jacobian=free.jacobian[:, :, :count])
     return fixed, free
 
 
 def external_torque_finding(fitted_torques: FittedExternalTorques, base: Fit, free: Fit, noise: Noise) -> FindingResult:
     """The finding: times and torques of the external torques with their intervals."""
     effect = EFFECTS[NAME]
-    external_torques = free.model.runs["train"].external_torques
+    external_torques = free.model.experiments[fitted_torques.label].external_torques
     first, count = external_torques[0], len(external_torques)
     where = "It was added to the command, so that the torque log shows it." if first.is_logged else ""
     return FindingResult(
@@ -64,7 +62,7 @@ def external_torque_finding(fitted_torques: FittedExternalTorques, base: Fit, fr
     )
 
 
-def external_torque_windows(free: Fit, noise: Noise) -> list[WindowResult]:
+def external_torque_windows(free: Fit, noise: Noise, label: str) -> list[WindowResult]:
     """One window for each external torque; its score is its torque in standard deviations."""
     deviation = {v.name: v.std for v in values_found(free, noise, _is_external_torque)}
     return [
@@ -74,9 +72,9 @@ def external_torque_windows(free: Fit, noise: Noise) -> list[WindowResult]:
             end_s=p.end_s,
             torque=p.torque,
             score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, 1e-12),
-            experiment="train",
+            experiment=label,
         )
-        for i, p in enumerate(free.model.external_torques(free.values), start=1)
+        for i, p in enumerate(free.model.external_torques(free.values, label), start=1)
     ]
 
 
@@ -97,11 +95,9 @@ def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
 
 
 def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:
-    """On the training data, and on the held-out ones, which the better base parameters help too."""
+    """On the data of the fit, and on the held-out ones, which the better base parameters help too."""
     result = {}
-    for label in ("train", HELD_OUT):
-        if label not in before.model.runs:
-            continue
+    for label in before.model.experiments:
         try:
             pair = [f.model.residual(f.values, label) for f in (before, after)]
         except SimulationError:

@@ -18,11 +18,13 @@ import numpy as np
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response, what_is_left
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.differences import STEP
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import DELAY, FreeParameter, LoopModel
+from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise, motion_frequency, noise_from_periods, noise_from_residual
-from fmu_didim.prediction.sensitivity import STEP
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
 SHARE = 0.6
@@ -45,12 +47,13 @@ class FittedExternalTorques:
         fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
         the loop
             and the times and torques of the external torques as its last free parameters.
-        noise: of the data, without the external torques.
+        label: of the experiment in which they act; noise: of the data, without the external torques.
         delta_bic: over the model without; share: of the gap.
     """
 
     fit: Fit
     free: Fit
+    label: str
     noise: Noise
     delta_bic: float
     share: float
@@ -58,7 +61,7 @@ class FittedExternalTorques:
     @property
     def external_torques(self) -> tuple[ExternalTorque, ...]:
         """In the order of time."""
-        return self.fit.model.runs["train"].external_torques
+        return self.fit.model.experiments[self.label].external_torques
 
 
 def find_external_torques(
@@ -72,22 +75,25 @@ def find_external_torques(
     Args:
         fit: of the model; noise: of the data.
     """
-    best: tuple[float, list[ExternalTorque]] | None = None
-    for joint in range(1, fit.model.joint_count + 1):
-        response = step_response(fit, joint)
-        if response is None:
-            continue
-        for is_logged in (False, True):
-            found = linear_external_torques(fit, noise, joint, response + 1.0 if is_logged else response, is_logged)
-            if found is not None and (best is None or found[0] > best[0]):
-                best = found
+    best: tuple[float, str, list[ExternalTorque]] | None = None
+    for label in fit.model.estimation_labels:
+        for joint in range(1, fit.model.joint_count + 1):
+            response = step_response(fit, label, joint)
+            if response is None:
+                continue
+            for is_logged in (False, True):
+                answer = response + 1.0 if is_logged else response
+                found = linear_external_torques(fit, noise, label, joint, answer, is_logged)
+                if found is not None and (best is None or found[0] > best[0]):
+                    best = (found[0], label, found[1])
     if best is None or best[0] < LINEAR_SHARE:
         return None
-    time = fit.model.runs["train"].problem.experiment.reference.time
-    if _is_staircase(best[1]) or _comes_back(best[1], noise) or _is_lasting(best[1], time):
+    _, label, torques = best
+    time = fit.model.experiments[label].reference.time
+    if _is_staircase(torques) or _comes_back(torques, noise) or _is_lasting(torques, time):
         return None
-    say(f"{len(best[1])} torques from outside on joint {best[1][0].joint}")
-    return _fitted(fit, noise, best[1])
+    say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
+    return _fitted(fit, noise, label, torques)
 
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
@@ -113,49 +119,47 @@ def _comes_back(external_torques: list[ExternalTorque], noise: Noise) -> bool:
     return bool(np.average(alike, weights=impulses) >= 0.5)
 
 
-def _fitted(fit: Fit, noise: Noise, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
+def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
     """Times and torques fitted in the closed loop, with all free parameters of the model."""
     model = fit.model
-    run = model.runs["train"]
     count = len(model.free_parameters)
-    runs = {**model.runs, "train": replace(run, external_torques=tuple(external_torques))}
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
-    delay = FreeParameter("loop_delay", "", DELAY, "samples", 0.1, 0.1, 0.0, 3.0, None, True)
-    free_parameters = (*model.free_parameters, delay, *external_torque_parameters(fit, external_torques))
+    known = float(model.systems[label].delays.get(model.plant_name, 0.0))
+    delay = replace(
+        delay_parameter(known + 0.1), name="loop_delay", scale=0.1, lowest=known, highest=known + 3.0, is_shape=True
+    )
+    further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
-        free = minimise(
-            replace(model, runs=runs, free_parameters=free_parameters), noise, iterations=12, jacobian_updates=2
-        )
-        noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
-        free = minimise(free.model, noise, torque=free.torque, iterations=8, jacobian_updates=2)
-        moved = _edges_moved(free, noise)
+        acting = model.pushed(label, external_torques).with_free(further)
+        free = minimise(acting, noise, stopping=Stopping(12, updates=2))
+        noise = updated_noise(noise, free, label)  # until now external torques that do not repeat counted as noise
+        free = minimise(free.model, noise, torque=free.torque, stopping=Stopping(8, updates=2))
+        moved = _edges_moved(free, noise, label)
         if moved is not None:
-            better = minimise(moved, noise, iterations=12, jacobian_updates=3)
+            better = minimise(moved, noise, stopping=Stopping(12))
             free = better if better.chi_square < free.chi_square else free
-        held = replace(
-            model, runs={**runs, "train": replace(run, external_torques=free.model.external_torques(free.values))}
-        )
-        fixed = minimise(held.with_values(free.values[:count]), noise, jacobian_updates=1)
+        held = model.pushed(label, free.model.external_torques(free.values, label))
+        fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    if _comes_back(list(held.runs["train"].external_torques), noise):
+    if _comes_back(list(held.experiments[label].external_torques), noise):
         return None
-    worth = delta_bic(fit.residual, fixed.residual, float(len(free_parameters) - count), noise)
+    worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    return FittedExternalTorques(fixed, free, noise, worth, share) if worth > 0 and share >= SHARE else None
+    return FittedExternalTorques(fixed, free, label, noise, worth, share) if worth > 0 and share >= SHARE else None
 
 
-def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
+def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
     """The model with edges moved into a neighbouring control period where the data fit better there; None if nowhere.
 
     An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
     """
     model, weight = free.model, noise.weight
-    time = model.runs["train"].problem.experiment.reference.time
+    time = model.experiments[label].reference.time
     step = float(time[1] - time[0])
     edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
     table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
-    measured = model.runs["train"].measured
+    measured = model.measured
 
     def shifted(i: int, change: float) -> Array:
         values = free.values.copy()
@@ -163,7 +167,8 @@ def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
         return model.torque(values)
 
     tried = [(i, part * step) for i in edges for part in (-0.6, -0.3, 0.3, 0.6)]
-    torques = model.side_by_side([lambda i=i, c=c: shifted(i, c) for i, c in tried])  # type: ignore[misc]
+    tasks = [lambda i=i, c=c: shifted(i, c) for i, c in tried]
+    torques = side_by_side(tasks, model.allowed_workers(free.values))
     values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - 1.0)
     for (i, change), torque in zip(tried, torques, strict=True):
         rest = what_is_left(np.delete(table, i, axis=1), ((measured - torque) * weight).ravel())
@@ -173,42 +178,43 @@ def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
     return None if np.array_equal(values, free.values) else model.with_values(values)
 
 
-def external_torque_parameters(fit: Fit, external_torques: Sequence[ExternalTorque]) -> list[FreeParameter]:
-    """Times and torques of external torques as free parameters of the training data."""
-    run = fit.model.runs["train"]
-    time, rate = run.problem.experiment.reference.time, run.problem.experiment.rate_hz
+def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[ExternalTorque]) -> list[FreeParameter]:
+    """Times and torques of external torques as free parameters of an experiment."""
+    model, experiment = fit.model, fit.model.experiments[label]
+    time, rate = experiment.reference.time, experiment.rate_hz
     step, size = float(time[1] - time[0]), max(abs(p.torque) for p in external_torques)
-    unit = run.problem.parameters.torque_units[external_torques[0].joint - 1]
+    unit = model.parameters.torque_units[external_torques[0].joint - 1]
     room = max(4 / rate, 4 * step)
-    free_parameters: list[FreeParameter] = []
+    found: list[FreeParameter] = []
     for i, external in enumerate(external_torques):
-        free_parameters.append(
-            FreeParameter(f"F[{i + 1}]", unit, EXTERNAL_TORQUE, f"{i}.torque", external.torque, size)
-        )
-        for label, name in (("t_on", "begin_s"), ("t_off", "end_s")):
+        key = f"{i}.torque"
+        found.append(
+            FreeParameter(f"F[{i + 1}]", unit, EXTERNAL_TORQUE, key, external.torque, size, experiment=label)
+        )  # fmt: skip
+        for shown, name in (("t_on", "begin_s"), ("t_off", "end_s")):
             at = float(getattr(external, name))
             if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
                 # Slopes over half a period: those at an instant change from one period to the next.
                 half = 0.5 * step / STEP
-                name = f"{i}.{name}"
-                free_parameters.append(
+                found.append(
                     FreeParameter(
-                        f"{label}[{i + 1}]", "s", EXTERNAL_TORQUE, name, at, half, at - room, at + room, None, True
+                        f"{shown}[{i + 1}]", "s", EXTERNAL_TORQUE, f"{i}.{name}", at, half, at - room, at + room,
+                        is_shape=True, experiment=label,
                     )
-                )
-    return free_parameters
+                )  # fmt: skip
+    return found
 
 
-def updated_noise(noise: Noise, fit: Fit) -> Noise:
-    """Noise from the differences of periods, of what a fit leaves instead of the log itself."""
-    run = fit.model.runs["train"]
-    experiment, rate = run.problem.experiment, run.problem.experiment.rate_hz
+def updated_noise(noise: Noise, fit: Fit, label: str) -> Noise:
+    """Noise from the differences of periods, of what a fit leaves of an experiment instead of the log itself."""
+    model, experiment = fit.model, fit.model.experiments[label]
+    residual, rate = fit.residual[model.rows[label]], experiment.rate_hz
     if noise.source != "periods" or noise.period_s is None:
-        frequency = motion_frequency(experiment.reference, fit.model.joint_count)
-        return noise_from_residual(fit.residual, rate_hz=rate, motion_hz=frequency)
-    residual = experiment.with_gaps(fit.residual)
-    renewed = noise_from_periods(residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
-    return noise if renewed is None else replace(renewed, period_s=noise.period_s)
+        frequency = motion_frequency(experiment.reference, model.joint_count)
+        return noise_from_residual(residual, rate_hz=rate, motion_hz=frequency)
+    residual = experiment.with_gaps(residual)
+    updated = noise_from_periods(residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
+    return noise if updated is None else replace(updated, period_s=noise.period_s)
 
 
 __all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]

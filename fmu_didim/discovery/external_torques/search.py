@@ -14,12 +14,13 @@ Source: orthogonal matching pursuit, Pati, Rezaiifar, Krishnaprasad, Asilomar 19
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
+from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
@@ -38,19 +39,19 @@ SETTLED = 0.003
 """Part of the sum of squares that a step must explain to be looked at."""
 
 
-def step_response(fit: Fit, joint: int) -> Array | None:
-    """(K,) change of the command by a lasting unit torque on the joint, from the tick at which it begins on."""
-    model, run = fit.model, fit.model.runs["train"]
-    time = run.problem.experiment.reference.time
-    size = float(np.sqrt(np.mean(run.measured[:, joint - 1] ** 2)))
+def step_response(fit: Fit, label: str, joint: int) -> Array | None:
+    """(K,) change of the command by a lasting unit torque on the joint in an experiment, from the tick on at which it
+    begins."""
+    model = fit.model
+    experiment = model.experiments[label]
+    time = experiment.reference.time
+    size = float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
     begin = time.size // 2
     try:
-        still = model.logged_torque(model.record(fit.values, all_ticks=True), fit.values)
+        still = model.logged_torque(model.record(fit.values, label, all_ticks=True), fit.values, label)
         external = ExternalTorque(joint, float(time[begin]), float(time[-1] + 1.0), size)
-        moved = replace(
-            model, runs={**model.runs, "train": replace(run, external_torques=(*run.external_torques, external))}
-        )
-        after = moved.logged_torque(moved.record(fit.values, all_ticks=True), fit.values)
+        moved = model.pushed(label, (*experiment.external_torques, external))
+        after = moved.logged_torque(moved.record(fit.values, label, all_ticks=True), fit.values, label)
     except SimulationError:
         return None
     return np.asarray((after - still)[begin:, joint - 1] / size)
@@ -69,9 +70,8 @@ class _Shifted:
         return np.where(at < 0, 0.0, self.response[np.clip(at, 0, self.response.size - 1)])
 
 
-def _shifted(fit: Fit, response: Array, ticks: int) -> _Shifted:
+def _shifted(operator: SampleOperator, response: Array, ticks: int) -> _Shifted:
     """The response as the log takes it, a mean over several ticks where it averages."""
-    operator = fit.model.runs["train"].operator
     matrix = operator.matrix
     places = operator.ticks[matrix.indices[matrix.indptr[:-1]]]
     middle = matrix.shape[0] // 2
@@ -87,14 +87,14 @@ def _shifted(fit: Fit, response: Array, ticks: int) -> _Shifted:
 
 
 def linear_external_torques(
-    fit: Fit, noise: Noise, joint: int, response: Array, is_logged: bool
+    fit: Fit, noise: Noise, label: str, joint: int, response: Array, is_logged: bool
 ) -> tuple[float, list[ExternalTorque]] | None:
     """Share of the gap of the joint that external torques explain to first order, and the external torques."""
-    run = fit.model.runs["train"]
-    time = run.problem.experiment.reference.time
+    experiment, rows = fit.model.experiments[label], fit.model.rows[label]
+    time = experiment.reference.time
     weight = 1 / noise.deviation[joint - 1]
-    shifted = _shifted(fit, response, time.size)
-    target, base = fit.residual[:, joint - 1] * weight, fit.jacobian[:, joint - 1] * weight
+    shifted = _shifted(experiment.operator, response, time.size)
+    target, base = fit.residual[rows, joint - 1] * weight, fit.jacobian[rows, joint - 1] * weight
     chosen: list[int] = []
     rest = what_is_left(base, target)
     first = float(rest @ rest)
@@ -113,7 +113,7 @@ def linear_external_torques(
     chosen.sort()
     step = float(time[1] - time[0])
     settled = np.abs(response - response[-1]) > 0.2 * np.abs(response).max()
-    near = round(NEAR / (run.problem.experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
+    near = round(NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):
         columns = np.column_stack([base, *(shifted.column(k) * weight for k in chosen)])
         sizes = _solved(columns, target)[base.shape[1] :]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.screening.load_response import load_response
+from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.effects.nonlinear import NonlinearEffect
@@ -17,6 +17,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
 
@@ -71,9 +72,7 @@ class SignatureCatalogue:
     def __init__(self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint]) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
-        self._response = load_response(fit)
-        self.motion = simulated_motion(builder, fit)
-        self._thinned = None if self.motion is None else _at(self.motion, self._response.ticks)
+        self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
         for effect_at in candidates:
             self._signatures += list(self._make(effect_at))
 
@@ -85,33 +84,33 @@ class SignatureCatalogue:
         if isinstance(effect, NonlinearEffect):
             if self.builder.can_add(effect_at):
                 yield from self._by_simulation(effect_at, effect)
-        elif isinstance(effect, TorqueEffect) and self.motion is not None and self.builder.can_add(effect_at):
-            yield from self._by_regressor(effect_at, effect, self.motion)
+        elif isinstance(effect, TorqueEffect) and self._along[0].motion is not None and self.builder.can_add(effect_at):
+            yield from self._by_regressor(effect_at, effect)
 
-    def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect, motion: Motion) -> Iterator[Signature]:
-        joint = effect_at.joint - 1
-        kinds = [self.builder.joint_type(j) for j in range(1, motion.joint_count + 1)]
+    def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
+        joint, joints = effect_at.joint - 1, range(1, self.fit.model.joint_count + 1)
+        kinds = [self.builder.joint_type(j) for j in joints]
         if joint + effect.reach >= len(kinds):
             return
         kind = kinds[joint]
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
-        search = self.builder.search(effect_at)
-        assert self._thinned is not None
-        tried = _thinned(search, defaults)
+        tried = _thinned(self.builder.search(effect_at), defaults)
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
-                states = made.states(motion, shapes)[self._response.ticks] if made.has_states else None
-                columns = made.columns(self._thinned, shapes, states)
-                if 0 < max(columns.max(), -columns.min()) < LARGEST:
+                columns = [along.columns(made, shapes) for along in self._along]
+                if 0 < max(float(np.abs(c).max()) for c in columns) < LARGEST:
                     kept.append(shapes)
                     loads.append(columns)
             if kept:
-                answers = np.split(self._response.at_samples(np.concatenate(loads, axis=2)), len(kept), axis=2)
-                for shapes, answer in zip(kept, answers, strict=True):
-                    yield Signature(effect_at, shapes, names, np.ascontiguousarray(answer), {})
+                answers = [
+                    np.split(along.response.at_samples(np.concatenate(own, axis=2)), len(kept), axis=2)
+                    for along, own in zip(self._along, zip(*loads, strict=True), strict=True)
+                ]
+                for shapes, answer in zip(kept, zip(*answers, strict=True), strict=True):
+                    yield Signature(effect_at, shapes, names, np.concatenate(answer), {})
 
     def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
@@ -141,10 +140,11 @@ class SignatureCatalogue:
             for value in values
         ]
         tasks = [self._task(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
+        differences = side_by_side(tasks, self.fit.model.allowed_workers(self.fit.values))
         columns = [
             # A stiffness is nothing when it is infinite: its inverse is the amplitude.
             difference / (value - off[name] if np.isfinite(off[name]) else 1 / value)
-            for difference, (_, name, value) in zip(self.fit.model.side_by_side(tasks), tried, strict=True)
+            for difference, (_, name, value) in zip(differences, tried, strict=True)
         ]
         if single:
             inverse = not np.isfinite(off[amplitudes[0].name])
@@ -170,6 +170,31 @@ class SignatureCatalogue:
                 return np.zeros_like(self.fit.torque)
 
         return difference
+
+
+@dataclass(frozen=True)
+class _Along:
+    """An experiment with its simulated motion and the answer of the loop to loads.
+
+    Attributes:
+        motion: at all ticks, None if the plant does not give it; thinned: at those of the response.
+    """
+
+    response: LoadResponse
+    motion: Motion | None
+    thinned: Motion | None
+
+    @staticmethod
+    def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
+        response, motion = load_response(fit, label), simulated_motion(builder, fit, label)
+        return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
+
+    def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
+        """(K, n, m) of an effect at the ticks of the response."""
+        assert self.motion is not None
+        assert self.thinned is not None
+        states = made.states(self.motion, shapes)[self.response.ticks] if made.has_states else None
+        return made.columns(self.thinned, shapes, states)
 
 
 def _middle(search: Search) -> float:
@@ -230,25 +255,24 @@ def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
     )
 
 
-def _chi(builder: LoopModelBuilder, fit: Fit) -> Array:
+def _chi(builder: LoopModelBuilder, fit: Fit, label: str) -> Array:
     """Standard parameters of the base robot at the values of a fit."""
     assert builder.description is not None
     model = RobotModel(builder.description)
-    parameters = fit.model.runs["train"].problem.parameters
-    values = parameters.values(fit.values[: parameters.count])
+    values = fit.model.parameters.values(fit.model.theta(fit.values, label))
     return np.array([values.get(v.name, v.start) for v in model.parameters])
 
 
-def simulated_motion(builder: LoopModelBuilder, fit: Fit) -> Motion | None:
-    """The simulated motion at all ticks; None if the plant does not tell it."""
+def simulated_motion(builder: LoopModelBuilder, fit: Fit, label: str) -> Motion | None:
+    """The simulated motion of an experiment at all ticks; None if the plant does not give it."""
+    model = fit.model
     if builder.description is None:
-        return motion_from_outputs(fit.model, fit.values)
-    run = fit.model.runs["train"]
-    recording = fit.model.record(fit.values, all_ticks=True)
-    joints = range(1, fit.model.joint_count + 1)
-    q, dq, ddq = (recording.table([f"{run.problem.plant}.{name}{j}" for j in joints]) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in fit.model.logged])
-    return motion_of(RobotModel(builder.description), _chi(builder, fit), recording.time, q, dq, ddq, torque)
+        return motion_from_outputs(model, fit.values, label)
+    recording = model.record(fit.values, label, all_ticks=True)
+    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.logged])
+    chi = _chi(builder, fit, label)
+    return motion_of(RobotModel(builder.description), chi, recording.time, q, dq, ddq, torque)
 
 
 __all__ = ["Signature", "SignatureCatalogue"]

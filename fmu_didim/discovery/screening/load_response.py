@@ -11,7 +11,7 @@ Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
 SPACING_S = 0.005
@@ -72,14 +73,15 @@ class LoadResponse:
         return np.asarray(fft.rfft(np.ascontiguousarray(self.taps.transpose(2, 1, 0)), self._size))
 
 
-def load_response(fit: Fit, *, seed: int = 0) -> LoadResponse:
-    """The response of the closed loop of a fit; loads come back unchanged where it cannot be simulated.
+def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
+    """The response of the closed loop of a fit along an experiment; loads come back unchanged where it cannot be
+    simulated.
 
     Args:
         seed: of the telegraph signal.
     """
-    model, run = fit.model, fit.model.runs["train"]
-    time = run.problem.experiment.reference.time
+    model = fit.model
+    time = model.experiments[label].reference.time
     step = float(time[1] - time[0])
     every = max(round(SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
@@ -88,12 +90,14 @@ def load_response(fit: Fit, *, seed: int = 0) -> LoadResponse:
     table = toeplitz(switched, np.zeros(length))
     normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
     try:
-        still = _command(model, fit.values, ())
-        tasks = [_answer(model, fit.values, still, switched, time[ticks], j) for j in range(1, model.joint_count + 1)]
-        taps = -np.stack([normal @ answer[ticks] for answer in model.side_by_side(tasks)], axis=2)
+        still = _command(model, fit.values, label, ())
+        joints = range(1, model.joint_count + 1)
+        tasks = [_answer(model, fit.values, label, still, switched, time[ticks], j) for j in joints]
+        answers = side_by_side(tasks, model.allowed_workers(fit.values))
+        taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
     except SimulationError:
         taps = np.eye(model.joint_count)[None]
-    return LoadResponse(ticks, taps, _sampling(fit, every, ticks.size))
+    return LoadResponse(ticks, taps, _sampling(fit, label, every, ticks.size))
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
@@ -107,12 +111,12 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
 
 
 def _answer(
-    model: LoopModel, values: Array, still: Array, switched: Array, time: Array, joint: int
+    model: LoopModel, values: Array, label: str, still: Array, switched: Array, time: Array, joint: int
 ) -> Callable[[], Array]:
     """What simulates the change (ticks, n) of the command by the telegraph signal on a joint, for its unit size."""
 
     def simulated() -> Array:
-        size = SIZE * float(np.sqrt(np.mean(model.runs["train"].measured[:, joint - 1] ** 2)))
+        size = SIZE * float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]
@@ -120,23 +124,20 @@ def _answer(
             ExternalTorque(joint, float(a), float(b), float(level))
             for a, b, level in zip(time[edges], ends, levels, strict=True)
         ]
-        return (_command(model, values, external_torques) - still) / size
+        return (_command(model, values, label, external_torques) - still) / size
 
     return simulated
 
 
-def _command(model: LoopModel, values: Array, external_torques: Sequence[ExternalTorque]) -> Array:
+def _command(model: LoopModel, values: Array, label: str, further: Sequence[ExternalTorque]) -> Array:
     """(ticks, n) command at all ticks, the external torques left out of it."""
-    run = model.runs["train"]
-    model = replace(
-        model, runs={**model.runs, "train": replace(run, external_torques=(*run.external_torques, *external_torques))}
-    )
-    return model.logged_torque(model.record(values, all_ticks=True), values)
+    model = model.pushed(label, (*model.experiments[label].external_torques, *further))
+    return model.logged_torque(model.record(values, label, all_ticks=True), values, label)
 
 
-def _sampling(fit: Fit, every: int, count: int) -> sparse.csr_array:
+def _sampling(fit: Fit, label: str, every: int, count: int) -> sparse.csr_array:
     """(N, K): straight lines between the ticks of the response, then the samples of the log."""
-    operator = fit.model.operator(fit.values)
+    operator = fit.model.operator(fit.values, label)
     place = np.minimum(operator.ticks / every, count - 1.0)
     left = np.minimum(place.astype(int), max(count - 2, 0))
     part = place - left

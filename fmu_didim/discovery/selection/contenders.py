@@ -8,8 +8,8 @@ Screening projects the base out of each signature: only what the present model c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import Basis
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import PLANT, EffectAtJoint, FreeParameter, LoopModel
+from fmu_didim.prediction.free_parameter import PLANT, plain_name
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
 SHORTLIST = 6
@@ -181,8 +183,7 @@ def contend(
         )
         return result
 
-    with ThreadPoolExecutor(fit.model.workers) as threads:
-        results = list(threads.map(one, chosen))
+    results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
     return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
 
 
@@ -246,14 +247,18 @@ def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, f
 
 
 def torque_change_without(
-    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, noise: Noise, which: str = "train"
+    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, noise: Noise, *, held_out: bool = False
 ) -> float:
     """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
     nothing else changes; infinite if the loop cannot be run."""
     without = builder.without(found.model, found.model.added_effects.index(effect_at))
     try:
-        torque = found.torque if which == "train" else found.model.torque(found.values, which)
-        change = torque - without.torque(without.start, which)
+        if held_out:
+            labels = found.model.validation_labels
+            torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
+            change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
+        else:
+            change = found.torque - without.torque(without.start)
     except SimulationError:
         return np.inf
     return float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
@@ -264,16 +269,11 @@ def proposal_of(found: Contender) -> Proposal:
     model, joint = found.fit.model, found.effect_at.joint
     index = model.added_effects.index(found.effect_at)
     values = {
-        plain_name(parameter, joint): float(value)
+        plain_name(parameter.key, joint) if parameter.owner == PLANT else parameter.key: float(value)
         for parameter, value in zip(model.free_parameters, found.fit.values, strict=True)
         if parameter.effect == index
     }
     return Proposal(found.effect_at, values)
-
-
-def plain_name(parameter: FreeParameter, joint: int) -> str:
-    """Name of a parameter of an effect without the number of its joint."""
-    return parameter.key.removesuffix(str(joint)).removesuffix("_") if parameter.owner == PLANT else parameter.key
 
 
 def refit(
@@ -310,17 +310,12 @@ def refit(
         try:
             torque = model.torque(start)
             added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
-            slopes = sensitivity(model, start, torque, only=added)
+            slopes = sensitivity(model, start, torque, only=added, exact=False)
         except SimulationError:
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
         return minimise(
-            model,
-            noise,
-            jacobian=jacobian,
-            torque=torque,
-            jacobian_updates=1,
-            give_up_above=give_up_above,
-            everywhere=False,
-        )
+            model, noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
+            jacobian=jacobian, torque=torque,
+        )  # fmt: skip
     return None

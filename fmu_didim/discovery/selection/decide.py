@@ -17,7 +17,6 @@ from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 
-HELD_OUT = "test"
 FAILS_HELD_OUT = "held-out RMS ratio"
 """How the objection begins that a contender does not help on the held-out data."""
 NEAR = 0.02
@@ -151,21 +150,22 @@ def _nearness(winner: Contender, options: Options) -> float:
 
 def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
     """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    if HELD_OUT not in before.model.runs:
+    labels = before.model.validation_labels
+    if not labels:
         return None
     try:
-        second = after.model.residual(after.values, HELD_OUT)
+        second = np.concatenate([after.model.residual(after.values, label) for label in labels])
     except SimulationError:
         return Ratio(np.inf, np.inf, np.inf)
-    first = before.model.residual(before.values, HELD_OUT)
-    rate = before.model.runs[HELD_OUT].problem.experiment.rate_hz
+    first = np.concatenate([before.model.residual(before.values, label) for label in labels])
+    rate = before.model.experiments[labels[0]].rate_hz
     return rms_ratio(first, second, noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
 
 
 def gaps(fit: Fit, noise: Noise) -> dict[str, Array]:
     """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
     result = {}
-    for label in fit.model.runs:
+    for label in fit.model.experiments:
         try:
             result[label] = joint_gaps(fit.model.residual(fit.values, label), noise)
         except SimulationError:

@@ -14,8 +14,9 @@ from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.saturation import NAME as SATURATION
 from fmu_didim.discovery.selection.saturation import saturation
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import LOG, EffectAtJoint
+from fmu_didim.prediction.free_parameter import LOG
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 
 Say = Callable[[str], None]
@@ -58,7 +59,9 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Opti
         accepted = decide(contenders, builder, fit, noise, options, base=base, held=held)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
-            accepted = replace(accepted, fit=minimise(accepted.fit.model, noise, jacobian_updates=1, exact=True))
+            accepted = replace(
+                accepted, fit=minimise(accepted.fit.model, noise, stopping=Stopping(updates=1, exact=True))
+            )
             step = step_of(accepted, contenders, builder, fit, noise, options)
             say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
@@ -110,7 +113,7 @@ def _backward(
         kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
         smaller = builder.without(fit.model, index)
         try:
-            without = minimise(smaller, noise, jacobian=fit.jacobian[:, :, kept], jacobian_updates=1)
+            without = minimise(smaller, noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
         worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), noise)

@@ -11,7 +11,6 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection.contenders import Contender, contender, refit, torque_change_without
 from fmu_didim.discovery.selection.decide import (
     FAILS_HELD_OUT,
-    HELD_OUT,
     Options,
     Step,
     held_out_ratio,
@@ -43,7 +42,7 @@ def saturation(
     if not isinstance(effect, SplicedEffect) or NAME in options.forbid:
         return None
     say("pre-check: saturation")
-    measured = fit.model.runs["train"].measured
+    measured = fit.model.measured
     cost = float(np.sum((fit.residual * noise.weight) ** 2))
     tried: list[tuple[float, EffectAtJoint, float]] = []
     for joint in range(1, fit.model.joint_count + 1):
@@ -83,7 +82,10 @@ def saturation(
 
 def _held_out_tells(candidate: Contender, builder: LoopModelBuilder, fit: Fit, noise: Noise, options: Options) -> bool:
     """Whether the held-out experiment comes to the limit, so that it would be seen there, or speaks against it."""
-    if torque_change_without(candidate.effect_at, candidate.fit, builder, noise, HELD_OUT) >= options.smallest_size:
+    if (
+        torque_change_without(candidate.effect_at, candidate.fit, builder, noise, held_out=True)
+        >= options.smallest_size
+    ):
         return True
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
     return ratio is None or ratio.low > WORSE

@@ -1,0 +1,104 @@
+"""What a case leaves free beside the base parameters: gains of the controller or of drives, the delay, the log's
+clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from fmu_didim.case.document import CaseDocument, IdentifiedParameter
+from fmu_didim.effects import EFFECTS
+from fmu_didim.effects.drive_gain import DriveGain
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.master import System, splice_effect
+from fmu_didim.prediction.free_parameter import (
+    DELAY,
+    LOG,
+    PLANT,
+    FreeParameter,
+    base_free_parameters,
+    delay_parameter,
+    log_shift_parameter,
+    of_experiment,
+)
+from fmu_didim.prediction.parameters import Parameters
+from fmu_didim.robot import RobotDescription
+
+DRIVE = "drive"
+"""Owner, in a case, of the gain of a drive."""
+
+
+def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter]:
+    """The entries of ``identify`` that do not belong to the plant."""
+    return {name: entry for name, entry in (document.identify or {}).items() if entry.of != PLANT}
+
+
+def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescription | None, *, plant: str) -> System:
+    """The loop with a gain in each drive whose gain is free, behind the torque log.
+
+    Raises:
+        InputError: a drive is named without its joint, or twice.
+    """
+    for name, entry in beside_the_plant(document).items():
+        if entry.of != DRIVE:
+            continue
+        if entry.joint is None:
+            raise InputError(
+                "The gain of a drive needs the joint.", where=f"identify.{name}", next_step="Add joint: 1."
+            )
+        kind = robot.joints[entry.joint - 1].type if robot is not None else "revolute"
+        effect = EFFECTS[DriveGain.name]
+        assert isinstance(effect, DriveGain)
+        if f"{effect.name}{entry.joint}" not in system.components:
+            system = splice_effect(system, effect, entry.joint, kind, plant=plant)
+    return system
+
+
+def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> tuple[FreeParameter, ...]:
+    """All that the case leaves free: base parameters, own ones of experiments, and what ``identify`` lists beside them.
+
+    Raises:
+        InputError, UnknownNameError: an entry names no part of the loop, or an experiment something that is not free.
+    """
+    further = {name: _entry(name, entry, system, document) for name, entry in beside_the_plant(document).items()}
+    own = {label: run.own for label, run in document.runs.items() if run.own}
+    for label, names in own.items():
+        for name in names:
+            if name not in further and name not in parameters.names:
+                valid = (*parameters.names, *further)
+                raise UnknownNameError("free parameter", name, valid, where=f"experiments.{label}.own")
+    base = {label: [name for name in names if name in parameters.names] for label, names in own.items()}
+    others = [of_experiment(further[name], label) for label, names in own.items() for name in names if name in further]
+    return (*base_free_parameters(parameters, base), *further.values(), *others)
+
+
+def _entry(name: str, entry: IdentifiedParameter, system: System, document: CaseDocument) -> FreeParameter:
+    plant = document.plant.component if document.system is not None else "plant"
+    if entry.of == DELAY:
+        found = replace(delay_parameter(float(system.delays.get(plant, 0.0))), name=name)
+    elif entry.of == LOG:
+        found = replace(log_shift_parameter(), name=name)
+    else:
+        owner, key = entry.of, entry.parameter or name
+        if owner == DRIVE:
+            owner, key = f"{DriveGain.name}{entry.joint}", DriveGain.name
+        if owner not in system.components:
+            valid = (*system.components, DRIVE, DELAY, LOG)
+            raise UnknownNameError("part of the loop", entry.of, valid, where=f"identify.{name}.of")
+        offered = {v.name: v for v in system.components[owner].parameters}
+        if key not in offered:
+            raise UnknownNameError(f"parameter of the {entry.of}", key, offered, where=f"identify.{name}")
+        start = offered[key].start
+        found = FreeParameter(name, offered[key].unit, owner, key, start, abs(start) or 1.0)
+    low, high = (
+        (-np.inf if entry.minimum is None else entry.minimum),
+        (np.inf if entry.maximum is None else entry.maximum),
+    )
+    return replace(
+        found,
+        value=found.value if entry.start is None else entry.start,
+        lowest=max(found.lowest, low),
+        highest=min(found.highest, high),
+    )
