@@ -16,10 +16,7 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
-from fmu_didim.effects import EFFECTS, Effect, MeasurementEffect, Search, TorqueEffect
-from fmu_didim.effects.coulomb import Coulomb
-from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.effects import EFFECTS, Effect, Search, SplicedEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import logged_torque, splice_effect
 from fmu_didim.prediction.loop_model import LOG, PLANT, EffectAtJoint, FreeParameter, LoopModel, Run
@@ -76,7 +73,7 @@ class LoopModelBuilder:
 
     def is_of_log(self, name: str) -> bool:
         """Whether an effect changes the log as a whole, and not the loop."""
-        return isinstance(self.effects[name], MeasurementEffect)
+        return self.effects[name].is_of_log
 
     def joint_type(self, joint: int) -> str:
         """Type of a joint, counted from 1."""
@@ -103,7 +100,7 @@ class LoopModelBuilder:
         searched = self.search(effect_at)
         shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)  # type: ignore[arg-type]
         amplitudes = effect.parameters(kind)  # type: ignore[arg-type]
-        if isinstance(effect, NonlinearEffect):
+        if not effect.is_linear:
             amplitudes = tuple(v for v in amplitudes if v.name in searched)
         return amplitudes, shapes
 
@@ -147,28 +144,34 @@ class LoopModelBuilder:
         if not any(isinstance(self.part(a), TorquePart) for a in added_effects):
             return 1
         if self._ticks is None:
-            self._ticks = subdivision(self._with_friction())  # one number for all models, which are compared
+            self._ticks = subdivision(self._with_steepest())  # one number for all models, which are compared
         return self._ticks
 
-    def _with_friction(self) -> LoopModel:
-        """The base with further Coulomb friction in the wiring, the steepest effect that is likely."""
+    def _with_steepest(self) -> LoopModel:
+        """The base with more of the steepest effects that are likely in the wiring, such as Coulomb friction."""
         sizes = 0.1 * np.sqrt(np.mean(self.base.runs["train"].measured ** 2, axis=0))
-        wanted = [(EffectAtJoint("coulomb", j), size) for j, size in enumerate(sizes, start=1)]
+        steepest = [name for name, effect in self.effects.items() if effect.sets_ticks]
+        wanted = [(EffectAtJoint(name, j), size) for name in steepest for j, size in enumerate(sizes, start=1)]
         runs = dict(self.base.runs)
         for effect_at, size in wanted:
-            if self.part(effect_at) is None:
+            part = self.part(effect_at)
+            if part is None:
                 continue
-            run = self._with_part(runs["train"], Coulomb(), effect_at.joint)
-            name = splice_name(effect_at)
-            part = run.system.components[name].with_parameters({"Fc": float(size)})
-            runs["train"] = replace(run, system=run.system.replace(name, part))
+            run = self._with_part(runs["train"], part, effect_at.joint)
+            name, amplitudes = self.splice_name(effect_at), self.parameters_of(effect_at)[0]
+            component = run.system.components[name].with_parameters({v.name: float(size) for v in amplitudes})
+            runs["train"] = replace(run, system=run.system.replace(name, component))
         joints = range(1, self.base.joint_count + 1)
         system, plant = runs["train"].system, runs["train"].problem.plant
         return replace(self.base, runs=runs, logged=tuple(logged_torque(system, j, plant=plant) for j in joints))
 
-    def _with_part(self, run: Run, effect: TorqueEffect, joint: int) -> Run:
-        kind, begin = self.joint_type(joint), float(run.problem.experiment.reference.time[0])
-        system = splice_part(run.system, effect, joint, kind, start_time=begin, plant=run.problem.plant)  # type: ignore[arg-type]
+    def _with_part(self, run: Run, part: SplicedEffect, joint: int) -> Run:
+        kind, plant = self.joint_type(joint), run.problem.plant
+        if isinstance(part, TorquePart):
+            begin = float(run.problem.experiment.reference.time[0])
+            system = splice_part(run.system, part.effect, joint, kind, start_time=begin, plant=plant)  # type: ignore[arg-type]
+        else:
+            system = splice_effect(run.system, part, joint, kind, plant=plant)  # type: ignore[arg-type]
         return replace(run, system=system)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
@@ -203,9 +206,8 @@ class LoopModelBuilder:
         effect = self.effect(effect_at)
         amplitudes, shapes = self.parameters_of(effect_at)
         search = self.search(effect_at)
-        spliced, nonlinear = self.is_spliced(effect_at), isinstance(effect, NonlinearEffect)
-        of_log = isinstance(effect, MeasurementEffect)
-        owner = splice_name(effect_at) if spliced else LOG if of_log else PLANT
+        spliced, nonlinear, of_log = self.is_spliced(effect_at), not effect.is_linear, effect.is_of_log
+        owner = self.splice_name(effect_at) if spliced else LOG if of_log else PLANT
         free_parameters = []
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
             number = f"_{effect_at.joint}" if is_shape or nonlinear else f"{effect_at.joint}"
@@ -214,7 +216,7 @@ class LoopModelBuilder:
                 continue  # nothing to be seen of it: it stays as it is without the effect
             value = proposal.values.get(variable.name, variable.start)
             low, high = -np.inf, np.inf
-            if isinstance(effect, NonlinearEffect):
+            if nonlinear:
                 low, high = effect.limits.get(variable.name, (low, high))
             elif is_shape:
                 low, high = shape_limits(search[variable.name], variable.name in effect.signed)
@@ -242,6 +244,10 @@ class LoopModelBuilder:
     def is_spliced(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect is a component of its own in the wiring."""
         return self.part(effect_at) is not None
+
+    def splice_name(self, effect_at: EffectAtJoint) -> str:
+        """Name of the component of an effect in the wiring."""
+        return f"{self.effect(effect_at).name}{effect_at.joint}"
 
     def part(self, effect_at: EffectAtJoint) -> SplicedEffect | None:
         """The component that an effect is in the wiring, None if it belongs into the equations of the plant."""
@@ -281,14 +287,9 @@ class LoopModelBuilder:
         runs, joints = dict(self.base.runs), range(1, self.base.joint_count + 1)
         plant = runs["train"].problem.plant
         for effect_at in added_effects:
-            effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
-            if isinstance(effect, SplicedEffect):
-                runs = {
-                    label: replace(run, system=splice_effect(run.system, effect, effect_at.joint, kind, plant=plant))  # type: ignore[arg-type]
-                    for label, run in runs.items()
-                }
-            elif isinstance(effect, TorqueEffect) and self.is_spliced(effect_at):
-                runs = {label: self._with_part(run, effect, effect_at.joint) for label, run in runs.items()}
+            part = self.part(effect_at)
+            if part is not None:
+                runs = {label: self._with_part(run, part, effect_at.joint) for label, run in runs.items()}
         return runs, tuple(logged_torque(runs["train"].system, j, plant=plant) for j in joints)
 
 
@@ -304,8 +305,3 @@ def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
         return search.lowest / 3, search.highest * 3
     room = 0.5 * (search.highest - search.lowest)
     return (search.lowest - room if signed else 0.8 * search.lowest), search.highest + room
-
-
-def splice_name(effect_at: EffectAtJoint) -> str:
-    """Name of the component of an effect in the wiring."""
-    return f"{effect_at.effect}{effect_at.joint}"
