@@ -1,7 +1,8 @@
 """Physical effects, one per file, and the table of their names.
 
-An effect says where it acts (``place``), what its parameters are, what it is confounded with and what would split
-it from those. Effects in the torque balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
+An effect says where it acts (``place``), what its parameters are, what it is confounded with, what would split it
+from those and what discovery has to know of it, so that no other folder names an effect. Effects in the torque
+balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
 ``effects: [motor_inertia, viscous, coulomb, stribeck]``, and become columns of the regressor and terms of the direct
 model, with their own states in the plant where they have any. A description also takes effects from outside the
 tree, ``package.module:Name``.

@@ -15,9 +15,9 @@ import numpy as np
 from fmu_didim.signals import Array
 
 STEEP = 0.01
-"""Part of its RMS over which the torque of a joint changes its sign smoothly."""
+"""Fraction of its RMS over which the torque of a joint changes its sign smoothly."""
 PLAY = 0.05
-"""Part of its RMS over which the load of a gear is handed from one flank to the other."""
+"""Fraction of its RMS over which the load of a gear is handed from one flank to the other."""
 TINY = 1e-12
 
 

@@ -27,7 +27,7 @@ from fmu_didim.prediction.noise import Noise
 FITTED = 4
 """Largest number of trials, the best ones, whose joints are fitted."""
 PROMISING = 0.9
-"""Part of the sum of squares of the base model below which the best trial must come for a fit."""
+"""Fraction of the sum of squares of the base model below which the best trial must come for a fit."""
 WORSE = 1.02
 """Held-out RMS ratio beyond which data that do not reach the value still speak against it; a little comes from the base
 parameters, which are fitted along."""
