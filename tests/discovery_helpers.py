@@ -47,16 +47,24 @@ def sines(seconds: float, *, joints: int = 1, period_s: float = 4.0, rate_hz: fl
     return trajectory(time, columns)
 
 
-def arm_document(joints: int, effects: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:
-    """Arm in a vertical plane with viscous and Coulomb friction; ``effects``: joint from 1 -> further ones."""
+def arm_document(
+    joints: int, effects: Mapping[int, Sequence[str]] | None = None, gear: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Arm in a vertical plane with viscous and Coulomb friction.
+
+    Args:
+        effects: joint from 1 -> further effects; gear: parameters of the elastic gear of joint 1, rigid without any.
+    """
     inertial = [{k: v for k, v in TRUTH[j].items() if k not in ("Fv", "Fc", "v0")} for j in range(joints)]
     names = [f"{name}{j + 1}" for j in range(joints) for name in (*inertial[j], "Fv", "Fc")]
+    gears = [["joint_elasticity"] if gear and j == 0 else [] for j in range(joints)]
     return {
         "schema": 1, "name": "arm", "gravity": [0.0, 0.0, -9.81],
         "joints": [
             {
                 "type": "revolute", "alpha": 0.5 * np.pi if j == 0 else 0.0, "a": 0.0 if j == 0 else 0.4,
-                "effects": ["viscous", "coulomb", *(effects or {}).get(j + 1, ())], "parameters": dict(TRUTH[j]),
+                "effects": ["viscous", "coulomb", *gears[j], *(effects or {}).get(j + 1, ())],
+                "parameters": {**TRUTH[j], **((gear or {}) if j == 0 else {})},
             }
             for j in range(joints)
         ],
@@ -72,12 +80,13 @@ def arm_problem(
     rate_hz: float = 100.0,
     effects: Mapping[int, Sequence[str]] | None = None,
     values: Mapping[str, Mapping[str, float]] | None = None,
+    gear: Mapping[str, float] | None = None,
     gain_factor: float = 1.0,
 ) -> Problem:
     """The arm in its loop at 200 Hz as a case on disk, loaded; its torque log is that of its own model, without noise.
 
     Args:
-        values: effect -> its parameters on the first joint.
+        values: effect -> its parameters on the first joint; gear: parameters of its elastic gear, rigid without any.
         gain_factor: of all gains; large ones make the arm follow its reference closely.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +104,7 @@ def arm_problem(
         "controller": {"kind": "model", "source": "controller.yaml"},
         "train": {"reference": {"file": "reference.csv"}, "torque": {"file": "torque.csv"}},
     }  # fmt: skip
-    robot = arm_document(joints, effects)
+    robot = arm_document(joints, effects, gear)
     for own in (values or {}).values():
         robot["joints"][0]["parameters"] |= own
     for name, content in (("robot", robot), ("controller", controller), ("case", case)):
@@ -113,6 +122,7 @@ def arm_case(
     rate_hz: float = 100.0,
     late_s: float = 0.0,
     sigma: float = 0.1,
+    gear: Mapping[str, float] | None = None,
     held_out: bool = True,
 ) -> Path:
     """Case of the arm, whose plant has further effects on joint 1 that the robot description of the case lacks.
@@ -121,9 +131,10 @@ def arm_case(
         added: effect -> its parameters by plain name, shapes included.
         late_s: how late the torque log is stamped; its torque is interpolated between the ticks of the control.
         sigma: of the white noise on joint 1, a third of it on joint 2; held_out: whether there is a validation run.
+        gear: parameters of the elastic gear of joint 1, which the description of the case has, too.
     """
     added = added or {}
-    problem = arm_problem(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added)
+    problem = arm_problem(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
     deviation = sigma * np.array([1.0, 1 / 3][:joints])
     rng = np.random.default_rng(0)
     document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
@@ -142,7 +153,8 @@ def arm_case(
         document[label] = {
             "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
         }  # fmt: skip
-    (folder / "robot.yaml").write_text(yaml.safe_dump(arm_document(joints), sort_keys=False), encoding="utf-8")
+    robot = arm_document(joints, gear=gear)
+    (folder / "robot.yaml").write_text(yaml.safe_dump(robot, sort_keys=False), encoding="utf-8")
     (folder / "case.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     return folder / "case.yaml"
 

@@ -175,7 +175,7 @@ def test_friction_before_the_plant_is_friction_in_the_plant(tmp_path: Path) -> N
     assert problem is not None
     shop = LoopModelBuilder(loop_model(problem, {}), None)
     model = shop.build(shop.base, [Proposal(EffectAtJoint("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
-    assert model.runs["train"].subdivision == subdivision(shop._with_friction()) > 1
+    assert model.runs["train"].subdivision == subdivision(shop._with_steepest()) > 1
     misfit = [
         np.std(model.refined(m).residual(model.start), axis=0)[1] / NOISE[1]
         for m in (1, model.runs["train"].subdivision)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +13,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import fmu_didim
 from fmu_didim.base_parameters import base_parameters
 from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.documents import validate
-from fmu_didim.effects import EFFECTS, UNITS, Surroundings, TorqueEffect
+from fmu_didim.effects import EFFECTS, UNITS, JointTorque, Surroundings, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
@@ -292,6 +294,41 @@ def test_metadata_is_complete(name: str) -> None:
             assert search.lowest > 0 or not search.logarithmic
 
 
+WORDS = {"delay"}
+"""Names of effects that are words of the loop as well."""
+
+
+def test_no_effect_is_named_outside_its_own_folder() -> None:
+    """What other modules do with an effect follows from what it says of itself."""
+    package = Path(fmu_didim.__file__).parent
+    found = [
+        f"{path.relative_to(package)}:{node.lineno} {node.value}"
+        for path in sorted(package.rglob("*.py"))
+        if path.parent.name != "effects"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in set(EFFECTS) - WORDS
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_what_an_effect_says_to_discovery_fits_together(name: str) -> None:
+    effect = EFFECTS[name]
+    assert effect.is_linear == (effect.place == "torque balance")
+    assert effect.first_order is None or not effect.is_linear, "columns say it of an effect in the torque balance"
+    for kind in KINDS:
+        amplitudes = [v.name for v in effect.parameters(kind)]  # type: ignore[arg-type]
+        shapes = [v.name for v in effect.shapes(kind)]  # type: ignore[arg-type]
+        assert effect.is_linear or set(amplitudes) <= set(effect.neutral)
+        assert effect.pre_check is None or amplitudes == [effect.pre_check.parameter]
+        assert effect.distance in ("", *shapes)
+        assert effect.allows({v.name: v.start for v in effect.shapes(kind)})  # type: ignore[arg-type]
+    if effect.first_order is not None:
+        t = np.linspace(0.0, 1.0, 50)
+        column = effect.first_order.column(JointTorque(np.sin(5 * t), np.cos(4 * t), float(t[1])))
+        assert column.shape == t.shape and np.abs(column).max() > 0
+
+
 def torque_unit(v: Variable, kind: str, name: str) -> str:
     """Unit of amplitude times column, the column's unit written out by hand."""
     length, torque = ("rad", "N.m") if kind == "revolute" else ("m", "N")
@@ -389,7 +426,7 @@ def test_effect_outside_the_tree() -> None:
     assert [v.name for v in model.extra] == ["clock"]
     got = model.direct([0.1], [0.2], [0.5], model.parameter_values, model.shape_values, [0.7])
     assert float(got) == pytest.approx((0.5 - 3 * np.sin(0.7)) / 2.0, rel=1e-14)
-    joint["effects"] = ["tests.test_effects:Scene"]
+    joint["effects"] = ["tests.test_effects:ProjectedMotion"]
     with pytest.raises(InputError, match="cannot be listed at a joint: it is no effect"):
         validate(RobotDescription, {"name": "arm", "joints": [joint]}, where="robot.yaml")
 

@@ -24,7 +24,7 @@ from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignC
 from fmu_didim.discovery.next_experiment.motions import Space, motion_table
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
-from fmu_didim.discovery.screening.catalogue import Library
+from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Contender, contend, screen
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError
@@ -112,8 +112,8 @@ def fitted(problem: Problem, names: Sequence[str]) -> dict[str, Contender]:
     """Each effect at joint 1, fitted in the closed loop."""
     base = minimise(with_nuisances(loop_model(problem, {})), NOISE)
     builder = LoopModelBuilder(base.model, arm())
-    library = Library(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = contend(screen(library, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
+    catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
+    found = contend(screen(catalogue, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
     return {c.effect_at.effect: c for c in found}
 
 

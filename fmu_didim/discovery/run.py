@@ -17,7 +17,7 @@ from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import findings_document, has_external_torques
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
-from fmu_didim.discovery.external_torques.rivals import rivalled
+from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.findings import (
     FindingResult,
     FindingsDocument,
@@ -27,7 +27,6 @@ from fmu_didim.discovery.screening.catalogue import simulated_motion
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, held_out_ratio
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.effects import EFFECTS, Effect
-from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, integrated
 from fmu_didim.prediction.loop_model import LoopModel
@@ -113,7 +112,8 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
     start = integrated(base, noise, coarse=True)  # for the search, with its hundreds of simulations
     builder = LoopModelBuilder(start.model, ask.description, effects)
-    fitted_torques = None if "external_force" in options.forbid else find_external_torques(start, noise, say=say)
+    external = external_effect(effects, options.forbid)
+    fitted_torques = None if external is None else find_external_torques(start, noise, say=say)
     if fitted_torques is not None and rivalled(fitted_torques, start, noise, builder, forbid=options.forbid, say=say):
         fitted_torques = None
     if fitted_torques is not None:
@@ -126,10 +126,10 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     discovery = run_rounds(builder, start, noise, options, say)
     outside: list[FindingResult] = []
     windows: list[WindowResult] = []
-    if fitted_torques is not None:
+    if external is not None and fitted_torques is not None:
         final, free = refitted(fitted_torques, discovery.final, noise)
         discovery = replace(discovery, final=final)
-        outside = [external_torque_finding(fitted_torques, base, free, noise)]
+        outside = [external_torque_finding(fitted_torques, base, free, noise, external)]
         windows = external_torque_windows(free, noise, fitted_torques.label)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
@@ -179,7 +179,7 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     if not (more > ask.options.smallest_size**2).any():
         return found
     ask.say(f"the first {BEGIN_S:g} s disagree: gears in them")
-    gears = {name for name, effect in ask.effects.items() if isinstance(effect, StructureEffect)}
+    gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
     note = f"The first {BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))

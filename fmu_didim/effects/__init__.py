@@ -1,7 +1,8 @@
 """Physical effects, one per file, and the table of their names.
 
-An effect says where it acts (``place``), what its parameters are, what it is confounded with and what would split
-it from those. Effects in the torque balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
+An effect says where it acts (``place``), what its parameters are, what it is confounded with, what would split it
+from those and what discovery has to know of it, so that no other folder names an effect. Effects in the torque
+balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
 ``effects: [motor_inertia, viscous, coulomb, stribeck]``, and become columns of the regressor and terms of the direct
 model, with their own states in the plant where they have any. A description also takes effects from outside the
 tree, ``package.module:Name``.
@@ -14,7 +15,7 @@ may be listed at the same joint; shape parameters that mean the same are shared 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 from fmu_didim.effects.actuator_lag import ActuatorLag
@@ -52,6 +53,7 @@ from fmu_didim.effects.directional_efficiency import DirectionalEfficiency
 from fmu_didim.effects.drive_gain import DriveGain
 from fmu_didim.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.effects.external_force import ExternalForce
+from fmu_didim.effects.first_order import JointTorque
 from fmu_didim.effects.gravity_compensator import GravityCompensator
 from fmu_didim.effects.joint_elasticity import JointElasticity
 from fmu_didim.effects.load_dependent_friction import LoadDependentFriction
@@ -63,6 +65,7 @@ from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.payload_change import PayloadChange
 from fmu_didim.effects.position_dependent_friction import PositionDependentFriction
 from fmu_didim.effects.power_viscous import PowerViscous
+from fmu_didim.effects.pre_check import PreCheck
 from fmu_didim.effects.presliding import Presliding
 from fmu_didim.effects.quadratic_viscous import QuadraticViscous
 from fmu_didim.effects.spliced import SplicedEffect
@@ -146,6 +149,15 @@ def find_effect(name: str) -> Effect:
     return found
 
 
+def effect_catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
+    """All effects of the tree by their names, and further ones, each by its ``package.module:Name``.
+
+    Raises:
+        InputError, UnknownNameError: as :func:`find_effect`.
+    """
+    return {**EFFECTS, **{name: find_effect(name) for name in further}}
+
+
 def torque_effect(name: str) -> TorqueEffect:
     """Like :func:`find_effect`, for effects in the torque balance; raises InputError if it acts elsewhere."""
     found = find_effect(name)
@@ -165,17 +177,20 @@ __all__ = [
     "UNITS",
     "Column",
     "Effect",
+    "JointTorque",
     "JointType",
     "JointUnits",
     "MeasurementEffect",
     "NonlinearEffect",
     "OperatingRange",
     "Place",
+    "PreCheck",
     "Search",
     "SplicedEffect",
     "StructureEffect",
     "Surroundings",
     "TorqueEffect",
+    "effect_catalogue",
     "find_effect",
     "torque_effect",
 ]

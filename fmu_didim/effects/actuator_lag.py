@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, torque_rate
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.signals import Variable
 
@@ -38,6 +39,7 @@ class ActuatorLag(SplicedEffect):
     rank = 40
     neutral: ClassVar[Mapping[str, float]] = {"T": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"T": (0.0, 1.0)}
+    first_order = FirstOrder("torque", torque_rate)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("T", "s", "parameter", 0.0, "time constant of the current loop"),)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from fmu_didim.effects.base import UNITS, JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, play
 from fmu_didim.effects.structure import GEAR_LIMITS, StructureEffect, gear_damping, gear_stiffness, motor_share
 from fmu_didim.signals import Variable
 
@@ -33,6 +34,7 @@ class Backlash(StructureEffect):
     neutral: ClassVar[Mapping[str, float]] = {"gap": 0.0, "K": math.inf, "D": 0.0}
     limits = GEAR_LIMITS
     elastic = True
+    first_order = FirstOrder("link position", play)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("gap", UNITS[joint_type].position, "parameter", 0.0, "play between motor and link"),)

@@ -12,6 +12,7 @@ states z. A new effect is one file with one final class, and one row in ``fmu_di
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,8 @@ from typing import ClassVar, Literal, TypeAlias
 
 import casadi as ca
 
+from fmu_didim.effects.first_order import FirstOrder
+from fmu_didim.effects.pre_check import PreCheck
 from fmu_didim.signals import Variable
 
 JointType = Literal["revolute", "prismatic"]
@@ -141,9 +144,9 @@ class OperatingRange:
 
 
 class Effect(ABC):
-    """One physical effect at one joint.
+    """One physical effect at one joint, and what discovery knows about it.
 
-    Class attributes:
+    Class attributes, what it is:
         name: identifier used in a robot description and in results.
         title: its name in words, for a user.
         equation: what it does, in one line.
@@ -153,7 +156,33 @@ class Effect(ABC):
         signature: one sentence: where the residual of a model without it shows.
         experiment: what would split it from those it is confounded with.
         source: where the equation comes from.
+
+    Its parameters:
+        is_linear: whether the torque is linear in its parameters, which then are amplitudes of columns.
+        neutral: value of each parameter with which all is as without the effect, 0 if it is not here; infinite where
+            only a limit is.
+        limits: parameter -> lowest and highest sensible value.
         signed: names of the shape parameters that may be zero or negative; all others are positive.
+
+    Where it acts:
+        elastic: whether it puts a spring between motor and link of its joint.
+        acts_on_base: whether it acts on the base of the robot, so that it is listed at joint 1.
+
+    How it is discovered:
+        is_base: whether it belongs to every base model, so that it is never proposed.
+        is_composed: whether it is made of other effects, which are proposed one by one; it is still named as a member
+            of its class.
+        is_external: whether it stands for torques from outside, which are looked for on their own, in any number.
+        rivals_external_torque: whether it may look like torques from outside and is tried in their place.
+        shows_on_neighbours: whether what it does on one joint shows on others too, so that no signature tells whose it
+            is and all joints are tried.
+        known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
+        sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
+            are chosen for it.
+        pre_check: how it is looked for before all others, if linear screening is blind to it.
+        first_order: outside the torque balance: its change to first order; None if only simulations of the closed
+            loop show it.
+        distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
     """
 
     name: ClassVar[str]
@@ -165,7 +194,25 @@ class Effect(ABC):
     signature: ClassVar[str]
     experiment: ClassVar[str]
     source: ClassVar[str]
+
+    is_linear: ClassVar[bool]
+    neutral: ClassVar[Mapping[str, float]] = {}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     signed: ClassVar[frozenset[str]] = frozenset()
+
+    elastic: ClassVar[bool] = False
+    acts_on_base: ClassVar[bool] = False
+
+    is_base: ClassVar[bool] = False
+    is_composed: ClassVar[bool] = False
+    is_external: ClassVar[bool] = False
+    rivals_external_torque: ClassVar[bool] = False
+    shows_on_neighbours: ClassVar[bool] = False
+    known_at_start: ClassVar[bool] = False
+    sets_ticks: ClassVar[bool] = False
+    pre_check: ClassVar[PreCheck | None] = None
+    first_order: ClassVar[FirstOrder | None] = None
+    distance: ClassVar[str] = ""
 
     @abstractmethod
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
@@ -179,6 +226,34 @@ class Effect(ABC):
         """The shape parameters that are searched for when it is unknown whether the effect is there."""
         return {}
 
+    def allows(self, shapes: Mapping[str, float]) -> bool:
+        """Whether these values of its shapes go together: a window ends after it begins."""
+        return True
+
+    def supersedes(self, values: Mapping[str, float]) -> frozenset[str]:
+        """Shapes of other effects of its joint that mean nothing beside it, with these values of its parameters."""
+        return frozenset()
+
+    @property
+    def is_of_log(self) -> bool:
+        """Whether it changes the log as a whole, and not the loop."""
+        return self.place == "measurement"
+
+    @property
+    def is_proposed(self) -> bool:
+        """Whether it takes part in the competition of the candidates."""
+        return not (self.is_base or self.is_composed or self.pre_check is not None)
+
+    def clipped(self, name: str, value: float) -> float:
+        """A value of a parameter moved into its limits."""
+        low, high = self.limits.get(name, (-math.inf, math.inf))
+        return min(max(value, low), high)
+
+    def outside_limits(self, values: Mapping[str, float]) -> str:
+        """Which of these values lie outside their limits, in words, or an empty string."""
+        bad = [name for name, value in values.items() if self.clipped(name, value) != value]
+        return "; ".join(f"{n} = {values[n]:g} must lie in {self.limits[n][0]:g} to {self.limits[n][1]:g}" for n in bad)
+
 
 class TorqueEffect(Effect):
     """One effect in the torque balance.
@@ -186,9 +261,13 @@ class TorqueEffect(Effect):
     Class attributes:
         needs: what :class:`Surroundings` beyond the motion of its own joint the columns depend on.
         reach: number of joints after its own that it acts on or looks at.
+        acts_on_link: whether it acts on the link and sees the link's motion where a gear gives way; else it acts on the
+            motor.
     """
 
     place: ClassVar[Place] = "torque balance"
+    is_linear: ClassVar[bool] = True
+    acts_on_link: ClassVar[bool] = False
     needs: ClassVar[frozenset[Need]] = frozenset()
     reach: ClassVar[int] = 0
 

@@ -23,6 +23,7 @@ class BaseTilt(StructureEffect):
     signature = "Residual like gravity on all joints; that of a first vertical joint is taken for its MX and MY."
     experiment = "A wide range of all joints, or a spirit level on the base."
     source = "rotation of the gravity vector; Khalil and Dombre, Modeling, Identification and Control of Robots, ch. 9"
+    acts_on_base = True
     signed = frozenset({"tilt_x", "tilt_y"})
     neutral: ClassVar[Mapping[str, float]] = {"tilt_x": 0.0, "tilt_y": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tilt_x": (-3.2, 3.2), "tilt_y": (-3.2, 3.2)}

@@ -23,6 +23,7 @@ class ContactStop(TorqueEffect):
     experiment = "Paths that end on either side of the position where the contact begins."
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qupper"})
+    acts_on_link = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("kupper", UNITS[joint_type].stiffness, "parameter", 0.0, "stiffness of the contact"),)

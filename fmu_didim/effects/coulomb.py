@@ -26,6 +26,8 @@ class Coulomb(TorqueEffect):
     signature = "Residual that jumps when the velocity changes its sign."
     experiment = "Constant speeds in both directions; slow ones tell the smoothing from Stribeck friction."
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2; smoothing as in BIRDy (Leboutet et al. 2021)"
+    is_base = True
+    sets_ticks = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("Fc", UNITS[joint_type].torque, "parameter", 0.0, "Coulomb friction"),)

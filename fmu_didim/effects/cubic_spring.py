@@ -21,6 +21,7 @@ class CubicSpring(TorqueEffect):
     signature = "Residual that grows towards both ends of the range and does not depend on speed."
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Nayfeh and Mook: Nonlinear oscillations, 1979 (Duffing's spring)"
+    acts_on_link = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         unit = "N.m/rad3" if joint_type == "revolute" else "N/m3"

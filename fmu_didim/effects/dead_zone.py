@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from fmu_didim.effects.base import UNITS, JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, torque_sign
 from fmu_didim.effects.spliced import NO_LIMIT, SplicedEffect
 from fmu_didim.signals import Variable
 
@@ -33,6 +34,7 @@ class DeadZone(SplicedEffect):
     rank = 20
     neutral: ClassVar[Mapping[str, float]] = {"dead_zone": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"dead_zone": (0.0, NO_LIMIT)}
+    first_order = FirstOrder("torque", torque_sign)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         unit = UNITS[joint_type].torque

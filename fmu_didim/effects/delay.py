@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, torque_rate
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.signals import Variable
 
@@ -37,6 +38,7 @@ class Delay(SplicedEffect):
     rank = 30
     neutral: ClassVar[Mapping[str, float]] = {"delay": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (0.0, 1.0)}
+    first_order = FirstOrder("torque", torque_rate)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("delay", "s", "parameter", 0.0, "delay of the command"),)

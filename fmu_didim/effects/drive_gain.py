@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, torque_less
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.signals import Variable
 
@@ -30,6 +31,7 @@ class DriveGain(SplicedEffect):
     rank = 10
     neutral: ClassVar[Mapping[str, float]] = {"drive_gain": 1.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"drive_gain": (0.05, 20.0)}
+    first_order = FirstOrder("torque", torque_less)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("drive_gain", "1", "parameter", 1.0, "torque per torque asked for"),)

@@ -28,6 +28,8 @@ class ExternalForce(TorqueEffect):
     source = "De Luca, Mattone: Sensorless robot collision detection and hybrid force/motion control, ICRA 2005"
     needs = frozenset({"time"})
     signed = frozenset({"t_on", "t_off"})
+    acts_on_link = True
+    is_external = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("Fext", UNITS[joint_type].torque, "parameter", 0.0, "torque against the outside"),)
@@ -42,6 +44,9 @@ class ExternalForce(TorqueEffect):
     def search(self, joint_type: JointType) -> Mapping[str, Search]:
         times = Search(0.0, 60.0, 121, logarithmic=False)
         return {"t_on": times, "t_off": times}
+
+    def allows(self, shapes: Mapping[str, float]) -> bool:
+        return shapes["t_off"] > shapes["t_on"]
 
     def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         width = shapes["w_edge"]

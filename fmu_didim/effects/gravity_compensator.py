@@ -32,6 +32,7 @@ class GravityCompensator(TorqueEffect):
         "parameters with gravity compensators, arXiv 1311.6674"
     )
     signed = frozenset({"qc"})
+    acts_on_link = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (

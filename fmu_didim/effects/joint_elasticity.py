@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, twist
 from fmu_didim.effects.structure import (
     GEAR_LIMITS,
     StructureEffect,
@@ -42,6 +43,7 @@ class JointElasticity(StructureEffect):
     neutral: ClassVar[Mapping[str, float]] = {"K": math.inf, "D": 0.0}
     limits = GEAR_LIMITS
     elastic = True
+    first_order = FirstOrder("link position", twist)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (gear_stiffness(joint_type), gear_damping(joint_type))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from fmu_didim.effects.base import JointType, Search
+from fmu_didim.effects.first_order import FirstOrder, torque_rate_before
 from fmu_didim.effects.measurement import MeasurementEffect
 from fmu_didim.signals import Variable
 
@@ -20,7 +21,6 @@ class LogTimeShift(MeasurementEffect):
     name = "log_time_shift"
     title = "Time shift of the torque log"
     equation = "tau_log(t) = tau(t - log_shift)"
-    place = "measurement"
     class_name = "lag"
     confounded_with = ("actuator_lag", "delay")
     signature = "Residual proportional to the rate of change of the torque on all joints; the loop is not changed."
@@ -29,6 +29,7 @@ class LogTimeShift(MeasurementEffect):
     neutral: ClassVar[Mapping[str, float]] = {"log_shift": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"log_shift": (-1.0, 1.0)}
     signed = frozenset({"log_shift"})
+    first_order = FirstOrder("torque", torque_rate_before)
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("log_shift", "s", "parameter", 0.0, "lag of the torque log"),)

@@ -35,6 +35,8 @@ class LuGre(TorqueEffect):
     source = (
         "Canudas de Wit, Olsson, Astrom, Lischinsky: A new model for control of systems with friction, IEEE TAC 1995"
     )
+    is_composed = True
+    distance = "zs"
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (

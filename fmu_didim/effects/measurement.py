@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from fmu_didim.effects.base import Place
 from fmu_didim.effects.nonlinear import NonlinearEffect
 
 
@@ -10,3 +13,5 @@ class MeasurementEffect(NonlinearEffect):
 
     Its one parameter is the lag of the log in s: the samples at t show the torque at t - lag, of all joints.
     """
+
+    place: ClassVar[Place] = "measurement"

@@ -41,6 +41,8 @@ class PayloadChange(TorqueEffect):
     )
     needs = frozenset({"time", "other joints"})
     signed = frozenset({"t_load"})
+    acts_on_link = True
+    rivals_external_torque = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return tuple(

@@ -33,6 +33,9 @@ class Presliding(TorqueEffect):
     signature = "Residual after every reversal that decays over a distance, not over a time or with speed."
     experiment = "Many reversals with amplitudes below five times zs, at two speeds."
     source = "Dahl: A solid friction model, Aerospace Corporation 1968"
+    # Friction that sticks before it slides leaves steps of the size of its breakaway.
+    rivals_external_torque = True
+    distance = "zs"
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (

@@ -21,6 +21,7 @@ class Spring(TorqueEffect):
     signature = "Residual that grows with the position and does not depend on speed; gravity absorbs most of it."
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
+    acts_on_link = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("k", UNITS[joint_type].stiffness, "parameter", 0.0, "stiffness"),)

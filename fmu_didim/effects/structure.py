@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from fmu_didim.effects.base import UNITS, JointType, Search
+from fmu_didim.effects.base import UNITS, JointType, Place, Search
 from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.signals import Variable
 
 
 class StructureEffect(NonlinearEffect):
-    """One effect in the structure of a robot. All its parameters enter nonlinearly, as shapes of the robot do.
+    """One effect in the structure of a robot. All its parameters enter nonlinearly, as shapes of the robot do."""
 
-    Class attributes:
-        elastic: whether it puts a spring between motor and link of its joint.
-    """
-
-    place = "structure"
-    elastic: ClassVar[bool] = False
+    place: ClassVar[Place] = "structure"
+    shows_on_neighbours: ClassVar[bool] = True
+    known_at_start: ClassVar[bool] = True
 
 
 LARGEST = 1e12

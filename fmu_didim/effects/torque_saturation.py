@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from fmu_didim.effects.base import UNITS, JointType, Search
+from fmu_didim.effects.pre_check import PreCheck
 from fmu_didim.effects.spliced import NO_LIMIT, SplicedEffect
 from fmu_didim.signals import Variable
 
@@ -28,6 +29,7 @@ class TorqueSaturation(SplicedEffect):
     rank = -10
     neutral: ClassVar[Mapping[str, float]] = {"limit": NO_LIMIT}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"limit": (1e-6, NO_LIMIT)}
+    pre_check = PreCheck("limit", (0.9, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998))
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("limit", UNITS[joint_type].torque, "parameter", NO_LIMIT, "largest torque of the drive"),)

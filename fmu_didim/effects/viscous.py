@@ -22,6 +22,7 @@ class Viscous(TorqueEffect):
         "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
     )
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
+    is_base = True
 
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (Variable("Fv", UNITS[joint_type].viscous, "parameter", 0.0, "viscous friction coefficient"),)

@@ -32,7 +32,7 @@ from fmu_didim.master import (
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
-from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
+from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter, joint_parameter
 from fmu_didim.prediction.integration import coarsely, divided, refined
 from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.parameters import Parameters
@@ -58,7 +58,8 @@ class LoopModel:
         parameters: the base parameters, with their regressor where there is one.
         plant: the plant with the effects of its torque balance; plant_name: its name in the loop.
         free_parameters: the base parameters first, those that belong to one experiment next, then all others.
-        added_effects: in the order in which they were added.
+        added_effects: in the order in which they were added; added_components: name of each component that they put
+            into the wiring -> its joint, counted from 1.
         torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
         low_pass: filter of the torque and of the regressor.
@@ -76,6 +77,7 @@ class LoopModel:
     plant_name: str = "plant"
     free_parameters: tuple[FreeParameter, ...] = ()
     added_effects: tuple[EffectAtJoint, ...] = ()
+    added_components: Mapping[str, int] = field(default_factory=dict)
     torque_deviation: Array | None = None
     joint_weights: str = "estimated"
     low_pass: LowPass | None = None
@@ -262,11 +264,11 @@ class LoopModel:
         """Effects of a joint share shapes, such as the smoothing of friction, wherever they stand."""
         present = {v.name: v.start for v in plant.parameters}
         components = self.systems[label].components
-        for effect_at in self.added_effects:
-            owner = f"{effect_at.effect}{effect_at.joint}"
-            for v in components[owner].parameters if owner in components else ():
-                if f"{v.name}_{effect_at.joint}" in present:
-                    by_owner.setdefault(owner, {}).setdefault(v.name, present[f"{v.name}_{effect_at.joint}"])
+        for owner, joint in self.added_components.items():
+            for v in components[owner].parameters:
+                shared = joint_parameter(v.name, joint, is_shape=True)
+                if shared in present:
+                    by_owner.setdefault(owner, {}).setdefault(v.name, present[shared])
 
     def start_values(self, label: str) -> dict[str, float]:
         """Where the plant starts: the first row of the reference."""
@@ -386,8 +388,7 @@ class LoopModel:
         system = self.system(values, label)
         if self.subdivision == 1:
             return system
-        added = {f"{e.effect}{e.joint}" for e in self.added_effects}
-        return divided(system, self.plant_name, added & set(system.components), self.subdivision)
+        return divided(system, self.plant_name, set(self.added_components), self.subdivision)
 
     def torque(self, values: Array, label: str | None = None) -> Array:
         """(N, n) simulated torque at the samples of an experiment, by default of all that are fitted."""

@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotModel
+from fmu_didim.robot.along import following_links
 from fmu_didim.signals import Array
 
 
@@ -44,7 +45,7 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     Args:
         model: the robot; chi: (ns,) standard parameters.
     """
-    rows = model.regressor_rows(q, dq, ddq)
+    rows = model.regressor_rows(q, dq, ddq, observed=following_links(model, q, dq, ddq))
     names = [v.name for v in model.parameters]
     own = _is_inertial(model)
     links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}

@@ -13,7 +13,7 @@ from fmu_didim.discovery.findings import (
     ValueFound,
     WindowResult,
 )
-from fmu_didim.effects import EFFECTS, MeasurementEffect
+from fmu_didim.effects import EFFECTS
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -91,7 +91,7 @@ def rival_text(rival: Rival) -> str:
 
 def located(effect: str, joint: int) -> str:
     """Where an effect is: its joint, or the whole log."""
-    return "whole log" if isinstance(EFFECTS.get(effect), MeasurementEffect) else f"joint {joint}"
+    return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
 
 
 def experiment_head(finding: FindingResult) -> str:

@@ -13,6 +13,19 @@ RESOLUTION = 1.0
 MOST_SUBSTEPS = 1024
 
 
+def following_links(model: RobotModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """(N, no) values of ``model.observed`` along a motion (N, n) of which only the links' own motion is looked at.
+
+    Gears are taken as stiff, so that links follow their motors; all else is zero.
+    """
+    result = np.zeros((q.shape[0], len(model.observed)))
+    for i, variable in enumerate(model.observed):
+        kind, _, joint = variable.name.partition("_link")
+        if joint:
+            result[:, i] = {"q": q, "dq": dq, "ddq": ddq}[kind][:, int(joint) - 1]
+    return result
+
+
 def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Array, chi: Array | None = None) -> Array:
     """Values (N, no) of ``model.observed`` along a motion (N, n).
 
@@ -22,17 +35,13 @@ def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Arr
         time: (N,) in s; chi: (ns,) parameters from which loads follow; loads are zero without them.
     """
     count, extra = time.size, len(model.extra) - len(model.links)
-    result = np.zeros((count, len(model.observed)))
+    result = following_links(model, q, dq, ddq)
     names = [v.name for v in model.extra[:extra]]
     states = [i for i, name in enumerate(names) if name != "clock"]
     if states:
         result[:, :extra] = _integrated(model, time, q, dq)
     if "clock" in names:
         result[:, names.index("clock")] = time
-    for i, variable in enumerate(model.observed):
-        kind, _, joint = variable.name.partition("_link")
-        if joint:  # a stiff gear: the link follows its motor
-            result[:, i] = {"q": q, "dq": dq, "ddq": ddq}[kind][:, int(joint) - 1]
     found = [i for i, v in enumerate(model.observed) if i >= extra and v.name.startswith("load")]
     if chi is not None and found:
         loads = model.transmitted(q.T, dq.T, ddq.T, np.repeat(chi[:, None], count, axis=1)).full().T

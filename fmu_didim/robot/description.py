@@ -15,10 +15,7 @@ from fmu_didim.effects import (
     LINK_PARAMETERS,
     Effect,
     JointType,
-    MeasurementEffect,
-    NonlinearEffect,
     SplicedEffect,
-    StructureEffect,
     TorqueEffect,
     find_effect,
 )
@@ -55,7 +52,7 @@ class Joint(Strict):
             except InputError as error:
                 problems.append(str(error))
                 continue
-            if isinstance(found, MeasurementEffect):
+            if found.is_of_log:
                 problems.append(f"{name} belongs to the log, not to the robot: use torque: log_shift_s in the case")
         doubled = sorted({name for name in value if value.count(name) > 1})
         problems += [f"effect {name} is listed twice" for name in doubled]
@@ -78,10 +75,9 @@ class Joint(Strict):
         if zero:
             raise ValueError(f"{', '.join(zero)} must be greater than 0")
         for effect in self.all_effects():
-            if isinstance(effect, NonlinearEffect):
-                outside = effect.outside_limits(self.parameters)
-                if outside:
-                    raise ValueError(outside)
+            outside = effect.outside_limits(self.parameters)
+            if outside:
+                raise ValueError(outside)
         return self
 
     def all_effects(self) -> tuple[Effect, ...]:
@@ -103,7 +99,7 @@ class Joint(Strict):
     @property
     def is_elastic(self) -> bool:
         """Whether its gear gives way."""
-        return any(isinstance(effect, StructureEffect) and effect.elastic for effect in self.all_effects())
+        return any(effect.elastic for effect in self.all_effects())
 
     def linear_parameters(self) -> tuple[Variable, ...]:
         """The parameters that are linear in the torque, without the joint number."""
@@ -115,11 +111,10 @@ class Joint(Strict):
         The shapes of the effects in the torque balance, and all parameters of those in the structure.
         """
         shapes = [v for effect in self.effect_objects() for v in effect.shapes(self.type)]
-        structure = [e for e in self.all_effects() if isinstance(e, StructureEffect)]
+        structure = [e for e in self.all_effects() if e.place == "structure"]
         shapes += [v for effect in structure for v in _variables(effect, self.type)]
-        if "motor_inertia" in self.effects and self.parameters.get("Ia", 0.0) != 0:
-            shapes = [v for v in shapes if v.name != "motor_share"]  # the motor's inertia is known by its own name
-        return tuple(dict.fromkeys(shapes))
+        superseded = {name for effect in self.all_effects() for name in effect.supersedes(self.parameters)}
+        return tuple(dict.fromkeys(v for v in shapes if v.name not in superseded))
 
 
 def _variables(effect: Effect, joint_type: JointType) -> tuple[Variable, ...]:
@@ -154,8 +149,9 @@ class RobotDescription(Strict):
         ]
         if problems:
             raise ValueError("; ".join(problems))
-        if any("base_tilt" in joint.effects for joint in self.joints[1:]):
-            raise ValueError("base_tilt belongs to joint 1")
+        of_base = [effect.name for joint in self.joints[1:] for effect in joint.all_effects() if effect.acts_on_base]
+        if of_base:
+            raise ValueError(f"{of_base[0]} belongs to joint 1")
         return self
 
     @model_validator(mode="after")

@@ -6,9 +6,10 @@ With q, dq, ddq the motion on the motors' side (what encoders see) and q_link th
     its link:                     G_j(q_link, dq_link, ddq_link) + own_j(q_link, dq_link) = tau_s_j
     gear:                         tau_s_j = K z(q_j - q_link_j) + D z'(q_j - q_link_j) (dq_j - dq_link_j)
 
-where G are the rigid-body torques, own_j the effects that act on the link, drive_j all others, and z(x) = x or, with
-backlash, x with a dead zone. At rigid joints q_link = q. Added up, tau = G + Im ddq + drive + own: linear in the
-standard parameters, with the links' motion as something observed. A rotor's inertia counts about its own joint only.
+where G are the rigid-body torques, own_j the effects that say of themselves that they act on the link, drive_j all
+others, and z(x) = x or, with backlash, x with a dead zone. At rigid joints q_link = q. Added up, tau = G + Im ddq +
+drive + own: linear in the standard parameters, with the links' motion as something observed. A rotor's inertia counts
+about its own joint only.
 
 Source: Spong: Modeling and control of elastic joint robots, ASME JDSMC 109, 1987.
 """
@@ -27,13 +28,6 @@ from fmu_didim.robot.equations import NEWTON_STEPS, Equations
 from fmu_didim.robot.rate import fastest_rate
 from fmu_didim.signals import Variable
 
-ON_THE_LINK = frozenset(
-    {
-        "spring", "cubic_spring", "gravity_compensator", "contact_stop", "contact_stop_lower", "external_force",
-        "payload_change",
-    }
-)  # fmt: skip
-"""Effects of the torque balance that act on the link; all others act on the motor."""
 ROUNDING = 0.05
 """Radius of the rounded corners of backlash, as a part of half its gap."""
 _LINK_SIGNALS = (
@@ -80,7 +74,7 @@ class ElasticEquations(Equations):
         rates: list[ca.SX] = []
         loaded_drive, loaded_carried = list(drive), list(carried)
         for placed in self.effects:
-            on_link = placed.effect.name in ON_THE_LINK
+            on_link = placed.effect.acts_on_link
             amplitudes, shapes = own_parameters(self.robot, placed, self.by_name, self.by_shape)
             links = {}
             if "other joints" in placed.effect.needs:
@@ -225,7 +219,7 @@ class ElasticEquations(Equations):
         for i, j in enumerate(self.elastic):
             drives[j, :], drives[:, j] = ca.SX.zeros(1, n), ca.SX.zeros(n)
             drives[j, j] = motor[i]
-        at_motor = [p for p in self.effects if p.joint in self.elastic and p.effect.name not in ON_THE_LINK]
+        at_motor = [p for p in self.effects if p.joint in self.elastic and not p.effect.acts_on_link]
         at_link = [p for p in self.effects if p not in at_motor]
         total = ca.fmax(
             fastest_rate(self.robot, at_motor, drives, by_name, by_shape),

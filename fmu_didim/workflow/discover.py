@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,9 @@ from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.effects import EFFECTS, Effect
+from fmu_didim.effects import effect_catalogue
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.identification.provenance import provenance
-from fmu_didim.imports import import_object
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.workflow.augmented_files import augmented_robot, write_augmented, write_signals
 from fmu_didim.workflow.case_files import case_files
@@ -52,7 +51,7 @@ def discover(
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
     assert model is not None
-    catalogue = _catalogue(effects)
+    catalogue = effect_catalogue(effects)
     for name in (*forbid, *prefer):
         if name not in catalogue:
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
@@ -68,17 +67,6 @@ def discover(
         say=say,
     )
     return found.document if out is None else _saved(case, found, description, Path(out), say)
-
-
-def _catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
-    catalogue = dict(EFFECTS)
-    for name in further:
-        effect = import_object(name, where="effects")
-        effect = effect() if isinstance(effect, type) else effect
-        if not isinstance(effect, Effect):
-            raise InputError("This is no effect.", where=name, got=type(effect).__name__, valid="a class of Effect")
-        catalogue[name] = effect
-    return catalogue
 
 
 def _description(case: Case) -> RobotDescription | None:

@@ -16,10 +16,7 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
-from fmu_didim.effects import EFFECTS, Effect, MeasurementEffect, Search, TorqueEffect
-from fmu_didim.effects.coulomb import Coulomb
-from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.effects.spliced import SplicedEffect
+from fmu_didim.effects import EFFECTS, Effect, Search, SplicedEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import System, splice_effect
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
@@ -77,7 +74,7 @@ class LoopModelBuilder:
 
     def is_of_log(self, name: str) -> bool:
         """Whether an effect changes the log as a whole, and not the loop."""
-        return isinstance(self.effects[name], MeasurementEffect)
+        return self.effects[name].is_of_log
 
     def joint_type(self, joint: int) -> str:
         """Type of a joint, counted from 1."""
@@ -104,7 +101,7 @@ class LoopModelBuilder:
         searched = self.search(effect_at)
         shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)  # type: ignore[arg-type]
         amplitudes = effect.parameters(kind)  # type: ignore[arg-type]
-        if isinstance(effect, NonlinearEffect):
+        if not effect.is_linear:
             amplitudes = tuple(v for v in amplitudes if v.name in searched)
         return amplitudes, shapes
 
@@ -138,6 +135,7 @@ class LoopModelBuilder:
             systems=self._wired(added_effects),
             free_parameters=tuple(free_parameters),
             added_effects=added_effects,
+            added_components=self._components(added_effects),
             subdivision=self._subdivision(added_effects),
         )
 
@@ -146,28 +144,33 @@ class LoopModelBuilder:
         if not any(isinstance(self.part(a), TorquePart) for a in added_effects):
             return 1
         if self._ticks is None:
-            self._ticks = subdivision(self._with_friction())  # one number for all models, which are compared
+            self._ticks = subdivision(self._with_steepest())  # one number for all models, which are compared
         return self._ticks
 
-    def _with_friction(self) -> LoopModel:
-        """The base with further Coulomb friction in the wiring, the steepest effect that is likely."""
+    def _with_steepest(self) -> LoopModel:
+        """The base with more of the steepest effects that are likely in the wiring, such as Coulomb friction."""
         sizes = 0.1 * np.sqrt(np.mean(self.base.measured**2, axis=0))
-        systems = dict(self.base.systems)
-        for j, size in enumerate(sizes, start=1):
-            effect_at = EffectAtJoint("coulomb", j)
-            if self.part(effect_at) is None:
+        steepest = [name for name, effect in self.effects.items() if effect.sets_ticks]
+        systems, added = dict(self.base.systems), []
+        for effect_at, size in ((EffectAtJoint(name, j), s) for name in steepest for j, s in enumerate(sizes, start=1)):
+            part = self.part(effect_at)
+            if part is None:
                 continue
-            name = splice_name(effect_at)
+            added.append(effect_at)
+            name, amplitudes = self.splice_name(effect_at), self.parameters_of(effect_at)[0]
             for label, system in systems.items():
-                system = self._with_part(label, system, Coulomb(), j)
-                part = system.components[name].with_parameters({"Fc": float(size)})
-                systems[label] = system.replace(name, part)
-        added = tuple(EffectAtJoint("coulomb", j) for j in range(1, sizes.size + 1))
-        return replace(self.base, systems=systems, added_effects=added)
+                system = self._with_part(label, system, part, effect_at.joint)
+                component = system.components[name].with_parameters({v.name: float(size) for v in amplitudes})
+                systems[label] = system.replace(name, component)
+        components = self._components(added)
+        return replace(self.base, systems=systems, added_effects=tuple(added), added_components=components)
 
-    def _with_part(self, label: str, system: System, effect: TorqueEffect, joint: int) -> System:
-        kind, begin = self.joint_type(joint), float(self.base.experiments[label].reference.time[0])
-        return splice_part(system, effect, joint, kind, start_time=begin, plant=self.base.plant_name)  # type: ignore[arg-type]
+    def _with_part(self, label: str, system: System, part: SplicedEffect, joint: int) -> System:
+        kind, plant = self.joint_type(joint), self.base.plant_name
+        if isinstance(part, TorquePart):
+            begin = float(self.base.experiments[label].reference.time[0])
+            return splice_part(system, part.effect, joint, kind, start_time=begin, plant=plant)  # type: ignore[arg-type]
+        return splice_effect(system, part, joint, kind, plant=plant)  # type: ignore[arg-type]
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other free parameters keep their values."""
@@ -184,6 +187,7 @@ class LoopModelBuilder:
                 systems=self._wired(added_effects),
                 free_parameters=free_parameters,
                 added_effects=added_effects,
+                added_components=self._components(added_effects),
                 subdivision=self._subdivision(added_effects),
             )
 
@@ -198,9 +202,8 @@ class LoopModelBuilder:
         effect = self.effect(effect_at)
         amplitudes, shapes = self.parameters_of(effect_at)
         search = self.search(effect_at)
-        spliced, nonlinear = self.is_spliced(effect_at), isinstance(effect, NonlinearEffect)
-        of_log = isinstance(effect, MeasurementEffect)
-        owner = splice_name(effect_at) if spliced else LOG if of_log else PLANT
+        spliced, nonlinear, of_log = self.is_spliced(effect_at), not effect.is_linear, effect.is_of_log
+        owner = self.splice_name(effect_at) if spliced else LOG if of_log else PLANT
         free_parameters = []
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
             number = f"_{effect_at.joint}" if is_shape or nonlinear else f"{effect_at.joint}"
@@ -209,7 +212,7 @@ class LoopModelBuilder:
                 continue  # nothing to be seen of it: it stays as it is without the effect
             value = proposal.values.get(variable.name, variable.start)
             low, high = -np.inf, np.inf
-            if isinstance(effect, NonlinearEffect):
+            if nonlinear:
                 low, high = effect.limits.get(variable.name, (low, high))
             elif is_shape:
                 low, high = shape_limits(search[variable.name], variable.name in effect.signed)
@@ -237,6 +240,10 @@ class LoopModelBuilder:
     def is_spliced(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect is a component of its own in the wiring."""
         return self.part(effect_at) is not None
+
+    def splice_name(self, effect_at: EffectAtJoint) -> str:
+        """Name of the component of an effect in the wiring."""
+        return f"{self.effect(effect_at).name}{effect_at.joint}"
 
     def part(self, effect_at: EffectAtJoint) -> SplicedEffect | None:
         """The component that an effect is in the wiring, None if it belongs into the equations of the plant."""
@@ -271,16 +278,18 @@ class LoopModelBuilder:
                 joints[effect_at.joint - 1] = joint.model_copy(update={"effects": (*joint.effects, effect_at.effect)})
         return self.description.model_copy(update={"joints": tuple(joints)})
 
+    def _components(self, added_effects: Sequence[EffectAtJoint]) -> dict[str, int]:
+        """Components that effects put into the wiring, and their joints."""
+        return {self.splice_name(a): a.joint for a in added_effects if self.is_spliced(a)}
+
     def _wired(self, added_effects: Sequence[EffectAtJoint]) -> dict[str, System]:
         """The loops of the experiments with all splices in their wiring."""
-        systems, plant = dict(self.base.systems), self.base.plant_name
+        systems = dict(self.base.systems)
         for effect_at in added_effects:
-            effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
-            for label, system in systems.items():
-                if isinstance(effect, SplicedEffect):
-                    systems[label] = splice_effect(system, effect, effect_at.joint, kind, plant=plant)  # type: ignore[arg-type]
-                elif isinstance(effect, TorqueEffect) and self.is_spliced(effect_at):
-                    systems[label] = self._with_part(label, system, effect, effect_at.joint)
+            part = self.part(effect_at)
+            if part is not None:
+                for label, system in systems.items():
+                    systems[label] = self._with_part(label, system, part, effect_at.joint)
         return systems
 
 
@@ -296,8 +305,3 @@ def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
         return search.lowest / 3, search.highest * 3
     room = 0.5 * (search.highest - search.lowest)
     return (search.lowest - room if signed else 0.8 * search.lowest), search.highest + room
-
-
-def splice_name(effect_at: EffectAtJoint) -> str:
-    """Name of the component of an effect in the wiring."""
-    return f"{effect_at.effect}{effect_at.joint}"

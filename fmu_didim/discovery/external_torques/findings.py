@@ -10,14 +10,13 @@ import numpy as np
 from fmu_didim.discovery.document import gap_pair, values_found
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, external_torque_parameters
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
-from fmu_didim.effects import EFFECTS
+from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import FreeParameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.noise import Noise
 
-NAME = "external_force"
 LISTED = 3
 """Number of external torques up to which all are listed as parameters; the windows list them in any case."""
 
@@ -36,14 +35,15 @@ def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) ->
     return fixed, free
 
 
-def external_torque_finding(fitted_torques: FittedExternalTorques, base: Fit, free: Fit, noise: Noise) -> FindingResult:
-    """The finding: times and torques of the external torques with their intervals."""
-    effect = EFFECTS[NAME]
+def external_torque_finding(
+    fitted_torques: FittedExternalTorques, base: Fit, free: Fit, noise: Noise, effect: Effect
+) -> FindingResult:
+    """The finding: times and torques of the external torques with their intervals, named by the effect."""
     external_torques = free.model.experiments[fitted_torques.label].external_torques
     first, count = external_torques[0], len(external_torques)
     where = "It was added to the command, so that the torque log shows it." if first.is_logged else ""
     return FindingResult(
-        effect=NAME,
+        effect=effect.name,
         title=effect.title,
         class_=effect.class_name,
         joint=first.joint,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Screened, contend, screen
-from fmu_didim.effects import EFFECTS
+from fmu_didim.effects import Effect
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 
-RIVALS = (*EFFECTS["external_force"].confounded_with, "presliding")
-"""Effects of the machine that are tried in the place of external torques; friction that sticks before it slides leaves
-steps of the size of its breakaway."""
+
+def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
+    """The effect by which torques from outside are named; None if the catalogue has none or it must not be proposed."""
+    return next((effect for name, effect in effects.items() if effect.is_external and name not in forbid), None)
 
 
 def rivalled(
@@ -34,7 +35,7 @@ def rivalled(
         for; builder: builds
             on the base; forbid: effects that are not proposed.
     """
-    names = [name for name in RIVALS if name in builder.effects and name not in forbid]
+    names = [name for name, effect in builder.effects.items() if effect.rivals_external_torque and name not in forbid]
     candidates = [EffectAtJoint(name, j) for name in names for j in builder.joints(name)]
     catalogue = SignatureCatalogue(builder, base, candidates=candidates)
     first: dict[str, Screened] = {}  # the best joint of each
@@ -44,4 +45,4 @@ def rivalled(
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic
 
 
-__all__ = ["rivalled"]
+__all__ = ["external_effect", "rivalled"]

@@ -12,7 +12,7 @@ import numpy as np
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.effects import Effect, MeasurementEffect, Surroundings, TorqueEffect
+from fmu_didim.effects import Effect, JointTorque, Surroundings, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.motion import Motion, motion_of
 from fmu_didim.prediction.noise import Noise
@@ -30,35 +30,8 @@ SHAPE_STEP = 1e-3
 """Relative step of the differences by which the slopes of the base's shapes are found."""
 
 
-def _rate(motion: Motion, joint: int) -> Array:
-    return np.asarray(np.gradient(motion.torque[:, joint], motion.step))
-
-
-def _sign(motion: Motion, joint: int) -> Array:
-    torque = motion.torque[:, joint]
-    return np.asarray(np.tanh(torque / (0.01 * max(float(np.sqrt(np.mean(torque**2))), 1e-12))))
-
-
-WIRING: Mapping[str, Callable[[Motion, int], Array]] = {
-    "actuator_lag": _rate,
-    "delay": _rate,
-    "log_time_shift": lambda motion, joint: -_rate(motion, joint),
-    "dead_zone": _sign,
-    "drive_gain": lambda motion, joint: -motion.torque[:, joint],
-}
-"""Effects of drive and log whose first-order column follows from the torque alone; (K,) for a joint."""
-
-
-def _play(motion: Motion, joint: int) -> Array:
-    load = motion.load[:, joint]
-    return np.asarray(-0.5 * np.tanh(load / (0.05 * max(float(np.sqrt(np.mean(load**2))), 1e-12))))
-
-
-STRUCTURES: Mapping[str, Callable[[Motion, int], Array]] = {
-    "joint_elasticity": lambda motion, joint: -motion.load[:, joint],
-    "backlash": _play,
-}
-"""Effects by which a link moves differently from its motor: its displacement (K,) for a compliance, or gap, of one."""
+def _joint_torque(motion: Motion, joint: int) -> JointTorque:
+    return JointTorque(motion.torque[:, joint], motion.load[:, joint], motion.step)
 
 
 def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displacement: Array) -> Array:
@@ -189,18 +162,19 @@ class AmbiguousEffect:
         self.shapes = {n: float(proposal.values.get(n, v)) for n, v in shapes.items()}
         self.amplitudes = tuple(v.name for v in self.effect.parameters(self._kind))
         # First-order columns of wiring and structure know no shapes.
-        searched = self.effect.search(self._kind) if isinstance(self.effect, TorqueEffect) else {}
+        searched = self.effect.search(self._kind) if self.effect.is_linear else {}
         self.search = {n: s for n, s in searched.items() if n in self.shapes}
-        neutral = getattr(self.effect, "neutral", {})
+        neutral, first_order = self.effect.neutral, self.effect.first_order
         # Of a structure the column stands for a compliance or a gap; it is found by likeness.
+        is_moved = first_order is not None and first_order.changes == "link position"
         self.theta: Array | None = None
-        if all(name in proposal.values for name in self.amplitudes) and self.effect.name not in STRUCTURES:
+        if all(name in proposal.values for name in self.amplitudes) and not is_moved:
             self.theta = np.array([proposal.values[n] - neutral.get(n, 0.0) for n in self.amplitudes])
         self._made: TorqueSignature | None = None
         if isinstance(self.effect, TorqueEffect):
             self._made = TorqueSignature(self.effect, self.joint, types, tuple(self.shapes))
             self._walk = affine_states(self.effect, self.joint, types, tuple(self.shapes))
-        elif self.effect.name not in WIRING and self.effect.name not in STRUCTURES:
+        elif first_order is None:
             raise InputError(
                 f"The effect '{self.effect.name}' shows in closed-loop simulations only, not on a given motion.",
                 where="splitting experiment", next_step=self.effect.experiment,
@@ -214,19 +188,28 @@ class AmbiguousEffect:
                 walk = self._walk or self._made.states
                 states = np.ascontiguousarray(walk(motion_projection.path, shapes)[motion_projection.ticks])
             table = self._made.columns(motion_projection.sampled, shapes, states)
-        elif self.effect.name in WIRING:
-            table = np.zeros((*motion_projection.sampled.q.shape, 1))
-            whole = isinstance(self.effect, MeasurementEffect)
-            for joint in range(motion_projection.joints) if whole else (self.joint,):
-                table[:, joint, 0] = WIRING[self.effect.name](motion_projection.motion, joint)[motion_projection.ticks]
         else:
-            shift = STRUCTURES[self.effect.name](motion_projection.motion, self.joint)
-            table = _displaced(self._model, self._setting.chi, motion_projection.motion, self.joint, shift)[
-                motion_projection.ticks
-            ]
+            table = self._by_first_order(motion_projection.motion)[motion_projection.ticks]
         if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
             return None
         return motion_projection.weighted(table)
+
+    def _by_first_order(self, motion: Motion) -> Array:
+        """(K, n, 1) column of an effect outside the torque balance, at all ticks."""
+        first_order = self.effect.first_order
+        assert first_order is not None
+        if first_order.changes == "link position":
+            shift = first_order.column(_joint_torque(motion, self.joint))
+            return _displaced(self._model, self._setting.chi, motion, self.joint, shift)
+        table = np.zeros((*motion.q.shape, 1))
+        for joint in range(motion.joint_count) if self.effect.is_of_log else (self.joint,):
+            table[:, joint, 0] = first_order.column(_joint_torque(motion, joint))
+        return table
+
+    @property
+    def distance(self) -> float:
+        """The distance over which the effect builds up after a reversal; NaN if it has none."""
+        return self.shapes.get(self.effect.distance, float("nan"))
 
     def grid(self, motion: Motion, *, coarse: bool) -> list[dict[str, float]]:
         """Shapes to try, the fitted ones first; those that are positions lie where the motion is.

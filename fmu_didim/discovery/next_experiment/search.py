@@ -94,8 +94,7 @@ def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
     """(n,) the smallest distance over which an effect of the joint changes."""
     result = np.full(joints, np.nan)
     for member in members:
-        if "zs" in member.shapes:
-            result[member.joint] = np.fmin(result[member.joint], member.shapes["zs"])
+        result[member.joint] = np.fmin(result[member.joint], member.distance)
     return result
 
 

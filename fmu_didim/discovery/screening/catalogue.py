@@ -12,7 +12,6 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
-from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
@@ -81,10 +80,11 @@ class SignatureCatalogue:
 
     def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
         effect = self.builder.effect(effect_at)
-        if isinstance(effect, NonlinearEffect):
-            if self.builder.can_add(effect_at):
-                yield from self._by_simulation(effect_at, effect)
-        elif isinstance(effect, TorqueEffect) and self._along[0].motion is not None and self.builder.can_add(effect_at):
+        if not self.builder.can_add(effect_at):
+            return
+        if not isinstance(effect, TorqueEffect):
+            yield from self._by_simulation(effect_at, effect)
+        elif self._along[0].motion is not None:
             yield from self._by_regressor(effect_at, effect)
 
     def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
@@ -96,7 +96,7 @@ class SignatureCatalogue:
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
-        tried = _thinned(self.builder.search(effect_at), defaults)
+        tried = _thinned(effect, self.builder.search(effect_at), defaults)
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
@@ -123,7 +123,7 @@ class SignatureCatalogue:
             for v in effect.shapes(kind)  # type: ignore[arg-type]
         }
 
-    def _by_simulation(self, effect_at: EffectAtJoint, effect: NonlinearEffect) -> Iterator[Signature]:
+    def _by_simulation(self, effect_at: EffectAtJoint, effect: Effect) -> Iterator[Signature]:
         """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
         amplitudes, shapes = self.builder.parameters_of(effect_at)
         searched = self.builder.search(effect_at)
@@ -225,18 +225,15 @@ def _trials(variable: Variable, search: Search, size: float, neutral: float) -> 
     return apart or [search.highest]
 
 
-def _mirrored(values: list[float], effect: NonlinearEffect, name: str) -> list[float]:
+def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:
     """The values, and with them those as far on the other side of the neutral one, if the parameter has two sides."""
     off = effect.neutral.get(name, 0.0)
     low, high = effect.limits.get(name, (off, off))
     return [*values, *(2 * off - v for v in values)] if name in effect.signed and low < off < high else values
 
 
-def _thinned(search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
-    grid = list(search_grid(search, defaults))
-    names = list(search)
-    if len(names) == 2 and {"t_on", "t_off"} == set(names):  # a window ends after it begins
-        grid = [g for g in grid if g["t_off"] > g["t_on"]]
+def _thinned(effect: Effect, search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
+    grid = [shapes for shapes in search_grid(search, defaults) if effect.allows(shapes)]
     if len(grid) > GRID_LIMIT:
         grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
     return grid

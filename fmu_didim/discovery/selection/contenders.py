@@ -16,8 +16,6 @@ import numpy as np
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
-from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.effects.structure import StructureEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import Basis
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
@@ -118,7 +116,7 @@ def _best(shapes: Sequence[Screened], builder: LoopModelBuilder) -> Screened:
     """A candidate at its best shapes; one outside the torque balance with others."""
     ordered = sorted(shapes, key=lambda s: -s.gain)
     best = ordered[0]
-    if not isinstance(builder.effect(best.effect_at), NonlinearEffect):
+    if builder.effect(best.effect_at).is_linear:
         return best
     near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
     return replace(best, others=tuple(near))
@@ -152,7 +150,7 @@ def shortlist(screened: Sequence[Screened], builder: LoopModelBuilder, *, size: 
             chosen.append(s)
             classes.add(key)
     # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
-    gears = {s.effect_at.effect for s in chosen if isinstance(builder.effect(s.effect_at), StructureEffect)}
+    gears = {s.effect_at.effect for s in chosen if builder.effect(s.effect_at).shows_on_neighbours}
     return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
 
@@ -291,7 +289,7 @@ def refit(
         give_up_above: see :func:`~fmu_didim.prediction.least_squares.minimise`.
         hold: whether its shapes stay as they are proposed.
     """
-    neutral = getattr(builder.effect(proposal.effect_at), "neutral", {})
+    neutral = builder.effect(proposal.effect_at).neutral
     for part in (1.0, 0.3, 0.03):
         values = dict(proposal.values)
         for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):

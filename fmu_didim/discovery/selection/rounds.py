@@ -11,8 +11,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Contender, Screened, contend, screen, shortlist, with_shapes_held
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
-from fmu_didim.discovery.selection.saturation import NAME as SATURATION
-from fmu_didim.discovery.selection.saturation import saturation
+from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.free_parameter import LOG
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
@@ -20,10 +19,6 @@ from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 
 Say = Callable[[str], None]
-BASIC = frozenset({"motor_inertia", "viscous", "coulomb"})
-"""Effects of the base model, never proposed."""
-COMPOSED = frozenset({"lugre"})
-"""Effects made of others, which are proposed one by one; they are still told as members of their class."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +38,7 @@ class Discovery:
 
 def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Options, say: Say) -> Discovery:
     """Add effects to the base model as long as the data ask for them."""
-    fit, steps = base, []
-    saturated = saturation(builder, base, noise, options, say)
-    if saturated is not None:
-        step, fit = saturated
-        steps.append(step)
+    fit, steps = pre_check(builder, base, noise, options, say)
     candidates = _candidates(builder, options)
     say(f"signatures of {len(candidates)} candidates")
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
@@ -88,11 +79,7 @@ def _shifts_log(fit: Fit) -> bool:
 
 
 def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    names = [
-        name
-        for name in builder.effects
-        if name not in BASIC | COMPOSED and name not in options.forbid and name != SATURATION  # the pre-check's
-    ]
+    names = [name for name, effect in builder.effects.items() if effect.is_proposed and name not in options.forbid]
     present = _present(builder)
     return [EffectAtJoint(name, j) for name in names for j in builder.joints(name) if (name, j) not in present]
 
