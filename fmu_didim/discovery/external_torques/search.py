@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import signal
 
 from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
@@ -151,12 +152,9 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
 
 def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) -> Array:
     """sum_n values_n response(place_n - tick) for every tick, by one transform."""
-    line = np.zeros(ticks)
-    np.add.at(line, shifted.places.astype(np.int64), values)
-    size = 1 << (line.size + response.size).bit_length()
-    product = np.fft.irfft(np.fft.rfft(line, size) * np.conj(np.fft.rfft(response, size)), size)
-    # Index i of the response belongs to i - ahead ticks after the step.
-    return np.asarray(np.roll(product, shifted.ahead)[:ticks])
+    line = np.bincount(shifted.places, values, minlength=ticks)
+    # The response has one row for each tick and those ahead of the step, whose own is row ``ahead``.
+    return np.asarray(signal.correlate(line, response, method="fft")[ticks - 1 : 2 * ticks - 1])
 
 
 def _solved(table: Array, target: Array) -> Array:
