@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.effects import Effect, MeasurementEffect, Surroundings, TorqueEffect
+from fmu_didim.effects import Effect, MeasurementEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.motion import Motion, motion_of
 from fmu_didim.prediction.noise import Noise
@@ -199,7 +198,6 @@ class AmbiguousEffect:
         self._made: TorqueSignature | None = None
         if isinstance(self.effect, TorqueEffect):
             self._made = TorqueSignature(self.effect, self.joint, types, tuple(self.shapes))
-            self._walk = affine_states(self.effect, self.joint, types, tuple(self.shapes))
         elif self.effect.name not in WIRING and self.effect.name not in STRUCTURES:
             raise InputError(
                 f"The effect '{self.effect.name}' shows in closed-loop simulations only, not on a given motion.",
@@ -211,8 +209,7 @@ class AmbiguousEffect:
         if self._made is not None:
             states = None
             if self._made.has_states:
-                walk = self._walk or self._made.states
-                states = np.ascontiguousarray(walk(motion_projection.path, shapes)[motion_projection.ticks])
+                states = self._made.states(motion_projection.path, shapes)[motion_projection.ticks]
             table = self._made.columns(motion_projection.sampled, shapes, states)
         elif self.effect.name in WIRING:
             table = np.zeros((*motion_projection.sampled.q.shape, 1))
@@ -250,39 +247,3 @@ class AmbiguousEffect:
         """Parameters that it counts as when models are compared."""
         search = self.effect.search(self._kind)
         return sum(1.0 for n in self.amplitudes if n not in search) + sum(s.cost for s in search.values())
-
-
-def affine_states(
-    effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]
-) -> Callable[[Motion, Mapping[str, float]], Array] | None:
-    """States of an effect with one state whose rate is affine in it, dz/dt = a + b z; None for all others.
-
-    Stable for any step: with the motion held at the middle of a tick, z+ = z e^(bh) + a h (e^(bh) - 1)/(bh).
-    """
-    n, kind = len(joint_types), joint_types[joint]
-    states = effect.states(kind)  # type: ignore[arg-type]
-    if len(states) != 1:
-        return None
-    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    z, time, s = ca.SX.sym("z"), ca.SX.sym("t"), ca.SX.sym("s", len(shape_names))
-    at = Surroundings(joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, time=time, state=(z,))  # type: ignore[arg-type]
-    rate = effect.rates(at, dict(zip(shape_names, ca.vertsplit(s) if shape_names else (), strict=True)))[0]
-    slope = ca.jacobian(rate, z)
-    if ca.depends_on(slope, z):
-        return None
-    parts = ca.Function("parts", [q, dq, ddq, time, s], [ca.densify(ca.substitute(rate, z, 0)), ca.densify(slope)])
-
-    def walk(motion: Motion, shapes: Mapping[str, float]) -> Array:
-        middle = [(m[1:] + m[:-1]) / 2 for m in (motion.q, motion.dq, motion.ddq)]
-        instants = (motion.time[1:] + motion.time[:-1]) / 2
-        values = np.repeat(np.array([shapes[name] for name in shape_names])[:, None], instants.size, axis=1)
-        a, b = (p.full().ravel() for p in parts(*(m.T for m in middle), instants[None, :], values))
-        x = np.clip(b * motion.step, -700.0, 50.0)
-        safe = np.where(x == 0, 1.0, x)
-        keep, gain = np.exp(x), np.where(x == 0, 1.0, np.expm1(safe) / safe) * a * motion.step
-        result = [float(states[0].start)]
-        for k, g in zip(keep.tolist(), gain.tolist(), strict=True):
-            result.append(k * result[-1] + g)
-        return np.array(result)[:, None]
-
-    return walk
