@@ -16,7 +16,7 @@ from fmu_didim.diagnosis.gap import delta_bic
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.master.sampling import Kind, Window
-from fmu_didim.prediction.base_projection import Basis
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
@@ -85,8 +85,8 @@ def _sampled(
     experiment, step, start = run.problem.experiment, run.problem.system.step_size, model.start
     count = experiment.reference.time.size
     torque = model.logged_torque(model.record(start, all_ticks=True), start)
-    basis = Basis(fit, noise)
-    limit = most * float(basis.residual @ basis.residual)
+    base = BaseProjection.of_fit(fit, noise)
+    limit = most * float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
     found = []
     for kind, window in WAYS:
         try:
@@ -97,8 +97,7 @@ def _sampled(
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
         residual = run.measured - run.problem.filtered(operator.apply(torque[operator.ticks]))
-        rest = basis.project((residual * basis.weight).ravel())
-        size = float(rest @ rest)
+        size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
         if size < limit and not _same(operator, run.operator):
             found.append((size, (kind, window), operator))
     return found

@@ -16,8 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response, what_is_left
+from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import DELAY, FreeParameter, LoopModel
@@ -166,7 +167,7 @@ def _edges_moved(free: Fit, noise: Noise) -> LoopModel | None:
     torques = model.side_by_side([lambda i=i, c=c: shifted(i, c) for i, c in tried])  # type: ignore[misc]
     values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - 1.0)
     for (i, change), torque in zip(tried, torques, strict=True):
-        rest = what_is_left(np.delete(table, i, axis=1), ((measured - torque) * weight).ravel())
+        rest = BaseProjection.of(np.delete(table, i, axis=1)).rest_of(((measured - torque) * weight).ravel())
         cost = float(rest @ rest)
         if cost < best[i]:
             best[i], values[i] = cost, free.values[i] + change

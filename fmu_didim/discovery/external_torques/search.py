@@ -21,6 +21,7 @@ from scipy import signal
 
 from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
@@ -97,14 +98,14 @@ def linear_external_torques(
     shifted = _shifted(fit, response, time.size)
     target, base = fit.residual[:, joint - 1] * weight, fit.jacobian[:, joint - 1] * weight
     chosen: list[int] = []
-    rest = what_is_left(base, target)
+    rest = BaseProjection.of(base).rest_of(target)
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
     floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), 0.05)
     while len(chosen) < 2 * MAXIMUM_EXTERNAL_TORQUES:
         gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
         columns = np.column_stack([base, *(shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain))))])
-        left = what_is_left(columns, target)
+        left = BaseProjection.of(columns).rest_of(target)
         if float(rest @ rest - left @ left) < max(floor, SETTLED * first):
             break
         chosen.append(int(np.argmax(gain)))
@@ -128,7 +129,7 @@ def linear_external_torques(
         * weight
         for p in external_torques
     ]
-    left = what_is_left(np.column_stack([base, *edges]), target)
+    left = BaseProjection.of(np.column_stack([base, *edges])).rest_of(target)
     share = 1 - (float(left @ left) - rest.size) / max(first - rest.size, 1e-300)
     return share, external_torques
 
@@ -161,11 +162,6 @@ def _solved(table: Array, target: Array) -> Array:
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0] = 1.0
     return np.asarray(np.linalg.lstsq(table / scale, target, rcond=1e-9)[0] / scale)
-
-
-def what_is_left(table: Array, target: Array) -> Array:
-    """The part of ``target`` that the columns of ``table`` do not explain."""
-    return np.asarray(target - table @ _solved(table, target))
 
 
 def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[ExternalTorque]:

@@ -13,6 +13,7 @@ from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, MeasurementEffect, TorqueEffect
 from fmu_didim.errors import InputError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.motion import Motion, motion_of
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
@@ -93,7 +94,7 @@ class DesignContext:
 
 
 class ProjectedMotion:
-    """The base model on one motion: projects what it can absorb out of weighted columns.
+    """The base model on one motion, and what it absorbs there.
 
     Args:
         most: largest number of samples looked at; fewer, spread evenly, then stand for all, and shapes are searched
@@ -113,12 +114,13 @@ class ProjectedMotion:
         ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / context.rate_hz) / step).astype(int))
         self.samples = ticks.size * context.noise.factor
         self.ticks = ticks if most is None or ticks.size <= most else _spread(ticks, most)
-        self.weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
         every = observed_along(model, time, *moved, context.chi) if model.observed else np.zeros((time.size, 0))
         q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
         rows = model.regressor_rows(q, dq, ddq, observed=self._observed)
         self.sampled = motion_of(model, context.chi, time[self.ticks], q, dq, ddq, rows @ context.chi)
-        self.q = self._basis(np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2))
+        columns = np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2)
+        weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
+        self.base = BaseProjection.of(columns, weight, tolerance=1e-7, idle=1e-9)
 
     @cached_property
     def motion(self) -> Motion:
@@ -144,21 +146,6 @@ class ProjectedMotion:
             moved[i] += SHAPE_STEP * (abs(value) or 1.0)
             result.append(((torque(moved) - base) / (moved[i] - value))[:, :, None])
         return result
-
-    def _basis(self, columns: Array) -> Array:
-        table = self.weighted(columns)
-        size = np.linalg.norm(table, axis=0)
-        table = table[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
-        left, values, _ = np.linalg.svd(table, full_matrices=False)
-        return np.asarray(left[:, values > 1e-7 * values[0]])
-
-    def weighted(self, columns: Array) -> Array:
-        """(N, n, m) columns at the samples -> (N n, m) in units of the noise."""
-        return np.asarray((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
-
-    def project(self, table: Array) -> Array:
-        """The part of weighted columns that the base cannot absorb."""
-        return np.asarray(table - self.q @ (self.q.T @ table))
 
     def per_joint(self, rest: Array) -> Array:
         """(n,) sums of squares of a weighted residual (N n,)."""
@@ -223,7 +210,7 @@ class AmbiguousEffect:
             ]
         if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
             return None
-        return motion_projection.weighted(table)
+        return motion_projection.base.weighted(table)
 
     def grid(self, motion: Motion, *, coarse: bool) -> list[dict[str, float]]:
         """Shapes to try, the fitted ones first; those that are positions lie where the motion is.
