@@ -112,8 +112,8 @@ def fitted(problem: Problem, names: Sequence[str]) -> dict[str, Contender]:
     """Each effect at joint 1, fitted in the closed loop."""
     base = minimise(with_nuisances(loop_model(problem, {})), NOISE)
     builder = LoopModelBuilder(base.model, arm())
-    library = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = contend(screen(library, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
+    catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
+    found = contend(screen(catalogue, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
     return {c.effect_at.effect: c for c in found}
 
 
