@@ -13,7 +13,9 @@ The initial state is ``start(u, p)``, evaluated once with the first inputs.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -152,3 +154,16 @@ def choose_substeps(rate: float, step: float, *, minimum: int = 4) -> int:
     while count < wanted and count <= MAXIMUM_SUBSTEPS:
         count *= 2
     return count
+
+
+def runge_kutta_step(rate: Callable[[float, Any], Any], time: float, x: Any, h: Any) -> Any:
+    """x(t + h) of dx/dt = rate(t, x) by one step of the classical Runge-Kutta method, x a number, array or expression.
+
+    x + h/6 (k1 + 2 k2 + 2 k3 + k4),  k1 = rate(t, x),  k2 = rate(t + h/2, x + h/2 k1),
+    k3 = rate(t + h/2, x + h/2 k2),  k4 = rate(t + h, x + h k3)
+    """
+    k1 = rate(time, x)
+    k2 = rate(time + h / 2, x + h / 2 * k1)
+    k3 = rate(time + h / 2, x + h / 2 * k2)
+    k4 = rate(time + h, x + h * k3)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

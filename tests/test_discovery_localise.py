@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.localise import BINS, Region, Window, benjamini_hochberg, force_windows, regions
+from fmu_didim.diagnosis.localise import BINS, Region, Window, force_windows, regions
 from fmu_didim.prediction.motion import Motion
 from tests.discovery_helpers import RATE, coloured, known_noise, sines
 
@@ -29,36 +29,6 @@ TICKS = np.arange(0, MOTION.time.size, 2)
 
 def found(residual: np.ndarray, rho: float = 0.0) -> list[Region]:
     return regions(residual, MOTION, TICKS, known_noise(SIGMA, rho), UNITS)
-
-
-# ---- false discoveries -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("rate", [0.01, 0.1])
-def test_uniform_p_values_are_rarely_rejected(rate: float) -> None:
-    """All hypotheses true: any rejection is a false discovery, which comes with probability ``rate``."""
-    rng = np.random.default_rng(0)
-    some = [any(benjamini_hochberg(list(rng.uniform(size=60)), rate)) for _ in range(3000)]
-    assert np.mean(some) == pytest.approx(rate, abs=4 * np.sqrt(rate / 3000))
-
-
-def test_false_part_of_the_rejected_is_controlled() -> None:
-    """20 of 100 effects real: of what is rejected at 10 %, on average 8 % are false (the rate times the true ones)."""
-    rng = np.random.default_rng(1)
-    parts, hits = [], []
-    for _ in range(500):
-        p = np.concatenate([rng.uniform(size=80), rng.uniform(size=20) * 1e-4])
-        kept = np.array(benjamini_hochberg(list(p), 0.1))
-        parts.append(kept[:80].sum() / max(kept.sum(), 1))
-        hits.append(kept[80:].mean())
-    assert np.mean(parts) == pytest.approx(0.08, abs=0.015)
-    assert np.mean(hits) > 0.99
-
-
-def test_step_up_keeps_all_below_the_largest_that_passes() -> None:
-    assert benjamini_hochberg([], 0.05) == []
-    assert benjamini_hochberg([0.9, 0.04, 0.03, 0.02], 0.05) == [False, False, False, False]
-    assert benjamini_hochberg([0.04, 0.03, 0.03, 0.02], 0.05) == [True, True, True, True]
 
 
 # ---- regions ---------------------------------------------------------------------------------------

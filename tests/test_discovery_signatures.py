@@ -134,12 +134,12 @@ def made_up(dq: np.ndarray, step: float = 0.005) -> Motion:
 
 
 def dahl(dq: np.ndarray, step: float, distance: float) -> np.ndarray:
-    """Deflection with the speed held over each tick, exactly: z goes to zs sign(w) with the rate |w| / zs.
+    """Deflection with the mean speed of each tick held, exactly: z goes to zs sign(w) with the rate |w| / zs.
 
     The speed is the effect's own, w = V tanh(dq/V) with V = 5 rad/s.
     """
     z = np.zeros(dq.size)
-    for k, w in enumerate(5.0 * np.tanh(dq[:-1] / 5.0)):
+    for k, w in enumerate(5.0 * np.tanh((dq[1:] + dq[:-1]) / 2 / 5.0)):
         end = distance * np.sign(w)
         z[k + 1] = end + (z[k] - end) * np.exp(-abs(w) * step / distance)
     return z
@@ -166,7 +166,16 @@ def test_states_of_presliding(kind: str, distance: float) -> None:
     z = signature_of("presliding").states(made_up(dq), {"v0": 0.01, "zs": distance})
     assert z.shape == (800, 1)
     assert np.abs(z[:, 0] / distance).max() <= 1 + 1e-9
-    assert z[:, 0] == pytest.approx(dahl(dq, 0.005, distance), abs=0.02 * distance)
+    assert z[:, 0] == pytest.approx(dahl(dq, 0.005, distance), abs=1e-9 * distance)
+
+
+@pytest.mark.parametrize("distance", [1e-4, 0.1])
+def test_states_at_constant_speed_follow_dahls_equation(distance: float) -> None:
+    """z = zs (1 - exp(-v t/zs)), however short the distance."""
+    z = signature_of("presliding").states(made_up(np.full(200, 0.5)), {"v0": 0.01, "zs": distance})
+    held = 5.0 * np.tanh(0.5 / 5.0)  # the speed that the effect itself limits
+    expected = distance * -np.expm1(-held * np.arange(200) * 0.005 / distance)
+    np.testing.assert_allclose(z[:, 0], expected, rtol=1e-9, atol=1e-15)
 
 
 def test_column_of_presliding_is_dahl_minus_coulomb() -> None:
@@ -178,14 +187,14 @@ def test_column_of_presliding_is_dahl_minus_coulomb() -> None:
 
 
 def test_states_do_not_look_ahead() -> None:
-    """The state at a tick follows from the motion before it only."""
+    """The state at a tick follows from the motion up to it only."""
     dq = speeds("sine")
     changed = dq.copy()
     changed[400:] *= -1
     made, shapes = signature_of("presliding"), {"v0": 0.01, "zs": 1e-2}
     first, second = (made.states(made_up(v), shapes) for v in (dq, changed))
-    assert np.array_equal(first[:401], second[:401])
-    assert not np.array_equal(first[401:], second[401:])
+    assert np.array_equal(first[:400], second[:400])
+    assert not np.array_equal(first[400:], second[400:])
 
 
 # ---- the rest --------------------------------------------------------------------------------------

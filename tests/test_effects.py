@@ -21,7 +21,6 @@ from fmu_didim.effects import EFFECTS, UNITS, JointTorque, Surroundings, TorqueE
 from fmu_didim.errors import InputError
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
-from fmu_didim.export.units import base_unit
 from fmu_didim.identification.estimate import Status
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.parameters import RobotParameters
@@ -30,6 +29,7 @@ from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.along import observed_along
 from fmu_didim.robot.description import write_robot
 from fmu_didim.signals import Variable
+from fmu_didim.units import parse_unit
 from tests.helpers import PERIOD, component, drive, law_block, loop, reference
 
 TORQUE = sorted(name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect))
@@ -285,7 +285,7 @@ def test_metadata_is_complete(name: str) -> None:
     for kind in KINDS:
         variables = (*effect.parameters(kind), *effect.shapes(kind))  # type: ignore[arg-type]
         assert len({v.name for v in variables}) == len(variables)
-        assert all(v.description and base_unit(v.unit) is not None for v in variables)
+        assert all(v.description and parse_unit(v.unit) is not None for v in variables)
         assert all(not v.name[-1].isdigit() for v in effect.parameters(kind))  # type: ignore[arg-type]
         for shape, search in effect.search(kind).items():  # type: ignore[arg-type]
             assert shape in {v.name for v in variables}
@@ -349,9 +349,9 @@ def test_units_of_the_amplitudes(name: str, kind: str) -> None:
         assert v.start == 0.0
         exponents: dict[str, int] = {}
         for unit in torque_unit(v, kind, name).split("|"):
-            known = base_unit(unit)
+            known = parse_unit(unit)
             assert known is not None
-            for base, power in known[0].items():
+            for base, power in known.powers.items():
                 exponents[base] = exponents.get(base, 0) + power
         exponents.pop("rad", None)
         expected = {"kg": 1, "m": 2, "s": -2} if kind == "revolute" else {"kg": 1, "m": 1, "s": -2}

@@ -22,8 +22,8 @@ from scipy.integrate import solve_ivp
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
 from fmu_didim.errors import BuildError, InputError
 from fmu_didim.export import build_fmu, compile_shared_library, generate_c, layout
-from fmu_didim.export.units import base_unit
 from fmu_didim.signals import Variable
+from fmu_didim.units import parse_unit
 
 PERIOD = 0.005
 PARAMETERS = {"J": 0.1, "Fv": 0.2, "Fc": 0.3, "k": 2.0, "q_start": 0.5, "dq_start": -0.2}
@@ -223,8 +223,9 @@ def test_layout_is_contiguous() -> None:
         ("N/m.s", None),
     ],
 )
-def test_base_unit(unit: str, expected: object) -> None:
-    assert base_unit(unit) == expected
+def test_base_units(unit: str, expected: object) -> None:
+    known = parse_unit(unit)
+    assert (known and (known.powers, known.factor)) == expected
 
 
 def test_build_is_cached_and_copied(plant_fmu: Path, tmp_path: Path) -> None:

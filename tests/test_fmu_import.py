@@ -20,9 +20,10 @@ import pytest
 
 from fmu_didim.components.fmu import FmuProbe, load_fmu, probe_fmu, read_description
 from fmu_didim.components.fmu.component import FmuComponent
-from fmu_didim.components.fmu.units import UnitDefinition, conversion, parse_unit
+from fmu_didim.components.fmu.units import conversion
 from fmu_didim.errors import FmuDidimError, FmuError, InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
+from fmu_didim.units import UnitDefinition, parse_unit
 from tests.awkward.build import ARRAYS, DEFAULTS, EVENTS, SLAVE, awkward_fmu, library, pack
 from tests.helpers import PERIOD, advance, begin, component, drive, scara, scara_cascade, scara_pd
 

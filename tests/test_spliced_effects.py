@@ -21,7 +21,6 @@ from fmu_didim.effects import EFFECTS, Effect, NonlinearEffect, SplicedEffect, S
 from fmu_didim.errors import InputError
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
-from fmu_didim.export.units import base_unit
 from fmu_didim.identification.estimate import Status
 from fmu_didim.master import Connection, System, logged_torque, sample_operator, simulate, splice_effect
 from fmu_didim.prediction.parameters import RobotParameters
@@ -30,6 +29,7 @@ from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.description import write_robot
 from fmu_didim.robot.tilt import horizontal_axes
 from fmu_didim.signals import Trajectory, trajectory, write_csv
+from fmu_didim.units import parse_unit
 from fmu_didim.workflow import identify, simulate_case
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, reference, scara, scara_pd
 
@@ -77,7 +77,7 @@ class TestWhatTheySay:
         assert {v.name for v in effect.parameters(kind)} & set(effect.search(kind))
         assert set(effect.search(kind)) <= set(known)
         for variable in known.values():
-            assert base_unit(variable.unit) is not None
+            assert parse_unit(variable.unit) is not None
             assert variable.description
             low, high = effect.limits[variable.name]
             assert low <= variable.start <= high

@@ -20,7 +20,7 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import Limits, Search, SplittingExperiment, design_experiment, limits_of
-from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion, affine_states
+from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Space, motion_table
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
@@ -227,24 +227,6 @@ def test_a_member_without_amplitudes_gets_those_of_its_likeness() -> None:
     both = np.column_stack([base, dq**3])
     expected = np.linalg.lstsq(both, 0.7 * dq * np.abs(dq), rcond=None)[0][-1]
     np.testing.assert_allclose([*found[0], *found[1]], [0.7, expected], rtol=1e-6)
-
-
-def test_presliding_states_follow_dahls_equation() -> None:
-    """At constant speed z = zs (1 - exp(-v t/zs)), however short the distance."""
-    speed, distance = 0.5, 1e-4
-    walk = affine_states(EFFECTS["presliding"], 0, ("revolute",), ("v0", "zs"))  # type: ignore[arg-type]
-    assert walk is not None
-    time = np.arange(200) * PERIOD
-    q, dq = speed * time[:, None], np.full((200, 1), speed)
-    model = RobotModel(arm())
-    motion_projection = ProjectedMotion(
-        DesignContext(arm(), model.parameter_values, NOISE, 100.0, EFFECTS), model, motion(**QUICK)
-    )
-    path = replace(motion_projection.path, time=time, q=q, dq=dq, ddq=np.zeros_like(q))
-    for zs in (distance, 0.1):
-        held = 5.0 * np.tanh(speed / 5.0)  # the speed that the effect itself limits
-        expected = zs * -np.expm1(-held * time / zs)
-        np.testing.assert_allclose(walk(path, {"v0": 0.01, "zs": zs})[:, 0], expected, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
+from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
@@ -180,12 +180,7 @@ class _ControlInstance(Instance):
             )
         h, x, u, update = size / count, self._x, self._held, self._update
         for i in range(count):
-            t = time + i * h
-            k1 = update(t, x, u)
-            k2 = update(t + h / 2, x + h / 2 * k1, u)
-            k3 = update(t + h / 2, x + h / 2 * k2, u)
-            k4 = update(t + h, x + h * k3, u)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            x = runge_kutta_step(lambda t, stage: update(t, stage, u), time + i * h, x, h)
         self._x = x
 
     def _choose(self, size: float) -> int:

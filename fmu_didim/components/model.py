@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps
+from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers
 from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.errors import SimulationError
@@ -182,9 +182,5 @@ def _runge_kutta(block: Block) -> ca.Function:
     u = ca.SX.sym("u", len(block.inputs))
     p = ca.SX.sym("p", len(block.parameters))
     h = ca.SX.sym("h")
-    k1 = block.update(x, u, p)
-    k2 = block.update(x + h / 2 * k1, u, p)
-    k3 = block.update(x + h / 2 * k2, u, p)
-    k4 = block.update(x + h * k3, u, p)
-    following = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    following = runge_kutta_step(lambda _, stage: block.update(stage, u, p), 0.0, x, h)
     return ca.Function("substep", [x, u, p, h], [ca.densify(following)])

@@ -1,7 +1,8 @@
 """Where simulation and measurement disagree: joint, and region of velocity, position, load, time.
 
 For each joint the mean residual in bins of each quantity is compared with the noise; the false-discovery rate over
-all bins of all joints is controlled. Intervals of time with a force of their own are found one by one.
+all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own are
+found one by one.
 """
 
 from __future__ import annotations
@@ -89,8 +90,9 @@ def regions(
                 for i in range(edges.size - 1)
                 if counts[i] > 0
             ]
-    kept = benjamini_hochberg([region.p_value for region in found], FALSE_DISCOVERIES)
-    return sorted((r for r, keep in zip(found, kept, strict=True) if keep), key=lambda r: (-r.share, r.p_value))
+    adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
+    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
+    return sorted(kept, key=lambda r: (-r.share, r.p_value))
 
 
 def _quantities(motion: Motion, j: int, turn: str) -> Mapping[str, tuple[str, Array]]:
@@ -110,20 +112,6 @@ def _quantities(motion: Motion, j: int, turn: str) -> Mapping[str, tuple[str, Ar
     }
 
 
-def benjamini_hochberg(p_values: list[float], rate: float) -> list[bool]:
-    """Which hypotheses are rejected at this false-discovery rate.
-
-    Source: Benjamini and Hochberg, Journal of the Royal Statistical Society B 57 (1995).
-    """
-    if not p_values:
-        return []
-    p = np.array(p_values)
-    order = np.argsort(p)
-    below = np.flatnonzero(p[order] <= rate * np.arange(1, p.size + 1) / p.size)
-    limit = p[order[below[-1]]] if below.size else -1.0
-    return [bool(value <= limit) for value in p]
-
-
 def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
     """Intervals in which the residual of a joint has a mean that stands out, by decreasing score.
 
@@ -134,7 +122,7 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
     factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j] - np.median(residual[:, j])
-        spread = max(1.4826 * float(np.median(np.abs(r))), float(noise.deviation[j]))
+        spread = max(float(stats.median_abs_deviation(r, scale="normal")), float(noise.deviation[j]))
         rest = r.copy()
         for _ in range(MAXIMUM_WINDOWS):
             a, b = _best_window(rest)

@@ -17,7 +17,7 @@ from fmu_didim.diagnosis.gap import delta_bic
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.master.sampling import Kind, Window
-from fmu_didim.prediction.base_projection import Basis
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
@@ -88,8 +88,8 @@ def _sampled(
     commands = {
         label: model.logged_torque(model.record(start, label, all_ticks=True), start, label) for label in labels
     }
-    basis = Basis(fit, noise)
-    limit = most * float(basis.residual @ basis.residual)
+    base = BaseProjection.of_fit(fit, noise)
+    limit = most * float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
     found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
     for kind, window in WAYS:
         try:
@@ -100,8 +100,8 @@ def _sampled(
             model.filtered(operator.apply(commands[label][operator.ticks]), label)
             for label, operator in operators.items()
         ]
-        rest = basis.project(((model.measured - np.concatenate(simulated)) * basis.weight).ravel())
-        size = float(rest @ rest)
+        residual = model.measured - np.concatenate(simulated)
+        size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
         if size < limit and not all(_same(o, model.experiments[label].operator) for label, o in operators.items()):
             found.append((size, (kind, window), operators))
     return found

@@ -11,9 +11,9 @@ from xml.etree import ElementTree as ET
 from fmu_didim.block import Block
 from fmu_didim.export.c_code import SUBSTEPS_DESCRIPTION, SUBSTEPS_NAME, check_exportable, layout
 from fmu_didim.export.structure import model_structure
-from fmu_didim.export.units import add_units, derivative_unit
-from fmu_didim.export.xml_file import document
-from fmu_didim.signals import Variable
+from fmu_didim.export.units import add_units
+from fmu_didim.export.variables import exported_variables
+from fmu_didim.export.xml_file import document, stated
 
 
 def model_description(block: Block, *, guid: str, generation_tool: str, source_files: Sequence[str]) -> str:
@@ -80,33 +80,12 @@ def model_description(block: Block, *, guid: str, generation_tool: str, source_f
 
 
 def _add_variables(parent: ET.Element, block: Block) -> None:
+    for v in exported_variables(block):
+        named = stated(name=v.own.name, valueReference=str(v.reference), description=v.own.description, **v.attributes)
+        link = None if v.state is None else str(v.state + 1)  # indices of variables count from 1
+        element = ET.SubElement(parent, "ScalarVariable", named)
+        ET.SubElement(element, "Real", stated(unit=v.own.unit, start=v.start, derivative=link))
     refs = layout(block)
-    sampled = block.sample_time is not None
-
-    def add(reference: int, variable: Variable, real: dict[str, str], **attributes: str) -> None:
-        named = {"name": variable.name, "valueReference": str(reference)}
-        if variable.description:
-            named["description"] = variable.description
-        element = ET.SubElement(parent, "ScalarVariable", named | attributes)
-        ET.SubElement(element, "Real", ({"unit": variable.unit} if variable.unit else {}) | real)
-
-    calculated = "discrete" if sampled else "continuous"
-    for reference, v in zip(refs.inputs, block.inputs, strict=True):
-        # Inputs of a sampled block are continuous too: they may change at any time, and are seen at the samples.
-        add(reference, v, {"start": repr(float(v.start))}, causality="input", variability="continuous")
-    for reference, v in zip(refs.outputs, block.outputs, strict=True):
-        add(reference, v, {}, causality="output", variability=calculated, initial="calculated")
-    for reference, v in zip(refs.states, block.states, strict=True):
-        add(reference, v, {}, causality="local", variability=calculated, initial="calculated")
-    for reference, v in zip(refs.parameters, block.parameters, strict=True):
-        variability = "fixed" if v.name in block.fixed else "tunable"
-        start = {"start": repr(float(v.start))}
-        add(reference, v, start, causality="parameter", variability=variability, initial="exact")
-    for index, reference in enumerate(refs.derivatives):
-        state = block.states[index]
-        derivative = Variable(f"der({state.name})", derivative_unit(state.unit), "local")
-        link = {"derivative": str(refs.states[index] + 1)}  # indices of variables count from 1
-        add(reference, derivative, link, causality="local", variability="continuous", initial="calculated")
     if refs.substeps is not None:
         element = ET.SubElement(
             parent,

@@ -11,9 +11,9 @@ from xml.etree import ElementTree as ET
 from fmu_didim.block import Block
 from fmu_didim.export.c_code import SUBSTEPS_DESCRIPTION, SUBSTEPS_NAME, TIME_NAME, check_exportable, layout
 from fmu_didim.export.structure import model_structure
-from fmu_didim.export.units import add_units, derivative_unit
-from fmu_didim.export.xml_file import document
-from fmu_didim.signals import Variable
+from fmu_didim.export.units import add_units
+from fmu_didim.export.variables import exported_variables
+from fmu_didim.export.xml_file import document, stated
 
 
 def model_description(block: Block, *, token: str, generation_tool: str) -> str:
@@ -77,32 +77,10 @@ def build_description(block: Block, *, source_files: Sequence[str]) -> str:
 
 def _add_variables(parent: ET.Element, block: Block) -> None:
     refs = layout(block)
-    calculated = "continuous" if block.sample_time is None else "discrete"
-
-    def add(reference: int, variable: Variable, **attributes: str) -> None:
-        element = ET.SubElement(parent, "Float64", name=variable.name, valueReference=str(reference))
-        if variable.description:
-            element.set("description", variable.description)
-        element.attrib.update(attributes)
-        if variable.unit:
-            element.set("unit", variable.unit)
-
-    for reference, v in zip(refs.inputs, block.inputs, strict=True):
-        # Inputs of a sampled block are continuous too: they may change at any time, and are seen at the samples.
-        add(reference, v, causality="input", variability="continuous", start=repr(float(v.start)))
-    for reference, v in zip(refs.outputs, block.outputs, strict=True):
-        add(reference, v, causality="output", variability=calculated, initial="calculated")
-    for reference, v in zip(refs.states, block.states, strict=True):
-        add(reference, v, causality="local", variability=calculated, initial="calculated")
-    for reference, v in zip(refs.parameters, block.parameters, strict=True):
-        variability = "fixed" if v.name in block.fixed else "tunable"
-        start = repr(float(v.start))
-        add(reference, v, causality="parameter", variability=variability, initial="exact", start=start)
-    for index, reference in enumerate(refs.derivatives):
-        state = block.states[index]
-        rate = Variable(f"der({state.name})", derivative_unit(state.unit), "local")
-        link = str(refs.states[index])
-        add(reference, rate, causality="local", variability="continuous", initial="calculated", derivative=link)
+    for v in exported_variables(block):
+        named = stated(name=v.own.name, valueReference=str(v.reference), description=v.own.description, **v.attributes)
+        link = None if v.state is None else str(v.state)
+        ET.SubElement(parent, "Float64", named | stated(start=v.start, derivative=link, unit=v.own.unit))
     if refs.substeps is not None:
         ET.SubElement(
             parent,
@@ -116,4 +94,5 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
             start="0",
             min="0",
         )
-    add(refs.time, Variable(TIME_NAME, "s"), causality="independent", variability="continuous")
+    time = {"causality": "independent", "variability": "continuous", "unit": "s"}
+    ET.SubElement(parent, "Float64", {"name": TIME_NAME, "valueReference": str(refs.time), **time})

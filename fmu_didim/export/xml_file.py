@@ -17,3 +17,8 @@ def document(root: ET.Element) -> str:
     """The text of a file, indented."""
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def stated(**attributes: str | None) -> dict[str, str]:
+    """The attributes that hold a text."""
+    return {name: text for name, text in attributes.items() if text}

@@ -1,33 +1,58 @@
-"""What a fitted model can absorb of a change of the torque, and what is left of it."""
+"""What a base model can absorb of a change of the torque, and what is left of it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy import linalg
 
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
 
+UNWEIGHTED = np.ones(1)
 
-class Basis:
-    """Orthonormal basis of the weighted sensitivities of a model, and its weighted residual."""
 
-    def __init__(self, fit: Fit, noise: Noise) -> None:
+@dataclass(frozen=True)
+class BaseProjection:
+    """Orthonormal basis of the weighted columns of a base model, such as its regressor or its sensitivities.
+
+    Attributes:
+        weight: (n,) of each joint; basis: (N n, r).
+    """
+
+    weight: Array
+    basis: Array
+
+    @classmethod
+    def of(
+        cls, columns: Array, weight: Array = UNWEIGHTED, *, tolerance: float = 1e-9, idle: float = 0.0
+    ) -> BaseProjection:
+        """The projection by columns (N, n, p), or (N, p) of a single joint.
+
+        Args:
+            tolerance: singular value, relative to the largest one, of columns of length one that depend on others.
+            idle: length of a column, relative to the longest one, at which it is nothing but rounding.
+        """
+        count = columns.shape[-1]
+        table = (columns.reshape(columns.shape[0], -1, count) * weight[:, None]).reshape(-1, count)
+        size = np.linalg.norm(table, axis=0)
+        kept = size > idle * size.max(initial=0.0)
+        return cls(weight, linalg.orth(table[:, kept] / size[kept], rcond=tolerance))
+
+    @classmethod
+    def of_fit(cls, fit: Fit, noise: Noise) -> BaseProjection:
+        """The projection by the sensitivities of a fit."""
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        self.weight = np.sqrt(effective_fraction(fit.residual)) / np.maximum(
-            noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * 0.5
-        )
-        table = (fit.jacobian * self.weight[:, None]).reshape(-1, fit.jacobian.shape[2])
-        scale = np.linalg.norm(table, axis=0)
-        q, r = np.linalg.qr(table[:, scale > 0] / scale[scale > 0])
-        self.q = q[:, np.abs(np.diag(r)) > 1e-10]
-        self.residual = self.project((fit.residual * self.weight).ravel())
-        self.count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
+        size = np.maximum(noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * 0.5)
+        return cls.of(fit.jacobian, np.sqrt(effective_fraction(fit.residual)) / size)
 
-    def project(self, table: Array) -> Array:
-        """The part of the columns that the model cannot absorb."""
-        return np.asarray(table - self.q @ (self.q.T @ table))
+    def weighted(self, values: Array) -> Array:
+        """(N n,) or (N n, m) of values (N, n) or (N, n, m)."""
+        weight = self.weight.reshape(-1, *(1,) * (values.ndim - 2))
+        return np.asarray((values * weight).reshape(-1, *values.shape[2:]))
 
-    def weighted(self, columns: Array) -> Array:
-        """(N, n, m) columns weighted and flattened, (N n, m)."""
-        return np.asarray((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
+    def rest_of(self, weighted: Array) -> Array:
+        """What the base cannot absorb of weighted values, (N n,) or (N n, m)."""
+        return np.asarray(weighted - self.basis @ (self.basis.T @ weighted))

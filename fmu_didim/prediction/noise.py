@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from fmu_didim.signals import Array, Trajectory
 
@@ -71,8 +72,7 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     values = (reference.values[:, moving] - reference.values[:, moving].mean(axis=0)) / spread[moving]
     count = values.shape[0]
     # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
-    size = 1 << (2 * count - 1).bit_length()
-    products = np.fft.irfft(np.abs(np.fft.rfft(values, size, axis=0)) ** 2, axis=0)[:count].sum(axis=1)
+    products = sum(signal.correlate(v, v, method="fft")[count - 1 :] for v in values.T)
     squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
     lags = np.arange(SHORTEST_PERIOD, count - count // 4)
     both = squares[count - lags] + squares[count] - squares[lags]
@@ -178,8 +178,6 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
     Args:
         motion_hz: highest frequency of the motion.
     """
-    from scipy import signal
-
     n = residual.shape[1]
     cut = min(4 * motion_hz, 0.3 * rate_hz)
     # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.

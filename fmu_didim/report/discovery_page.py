@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -36,7 +35,7 @@ from fmu_didim.report.discovery_words import (
 )
 from fmu_didim.report.figures import points_per_trace
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
-from fmu_didim.report.page import Table, _aligned
+from fmu_didim.report.page import Table, aligned, write_page
 from fmu_didim.signals import Trajectory, read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
@@ -79,12 +78,10 @@ def write_discovery_report(folder: Path | str) -> Path:
     """
     folder = Path(folder)
     document = load_findings(folder)
-    environment = Environment(
-        loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     joints = sorted({r.joint for r in document.regions})
-    text = environment.get_template(TEMPLATE).render(
+    return write_page(
+        folder / DISCOVERY_FILE,
+        TEMPLATE,
         document=document,
         verdict=verdict_of(document),
         cards=_headline(document),
@@ -102,9 +99,6 @@ def write_discovery_report(folder: Path | str) -> Path:
         files=[(FILES.get(key, key), name, _link(name)) for key, name in document.files.items()],
         plotly=Markup(get_plotlyjs()),
     )
-    path = folder / DISCOVERY_FILE
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
@@ -145,7 +139,7 @@ def _values(values: list[ValueFound]) -> Table | None:
     shown = [value_text(v) for v in values]
     rows = tuple((t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in shown)
     heads = ("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit")
-    return _aligned(Table(heads, rows, (0, 6)))
+    return aligned(Table(heads, rows, (0, 6)))
 
 
 def _rounds(document: FindingsDocument) -> Table | None:
@@ -211,7 +205,7 @@ def _regions(document: FindingsDocument) -> Table | None:
         for r in document.regions
     )  # fmt: skip
     heads = ("", "quantity", "from", "to", "unit", "mean residual", "unit", "share of the quantity (%)", "p-value")
-    return _aligned(Table(heads, rows, (0, 1, 4, 6, 8)))
+    return aligned(Table(heads, rows, (0, 1, 4, 6, 8)))
 
 
 def _noise(document: FindingsDocument) -> Table | None:
@@ -225,7 +219,7 @@ def _noise(document: FindingsDocument) -> Table | None:
         )
         for j, std in enumerate(noise.std)
     )  # fmt: skip
-    return _aligned(Table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2)))
+    return aligned(Table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2)))
 
 
 def _link(name: str) -> str | None:

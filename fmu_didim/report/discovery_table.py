@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
@@ -24,8 +23,8 @@ from fmu_didim.report.discovery_words import (
     window_line,
 )
 from fmu_didim.report.numbers import significant
+from fmu_didim.report.table import listing, wrapped
 
-WIDTH = 100
 BAR = 14
 """Characters of the longest bar."""
 NAME_WIDTH = 36
@@ -38,34 +37,24 @@ def discovery_table(document: FindingsDocument) -> str:
     """The text shown after a discovery; begins with what is missing in the model."""
     end = verdict_of(document)
     sections = [
-        [*_wrapped(f"{end.head}: {end.text}", "", "  "), *_wrapped(document.name)],
+        [*wrapped(f"{end.head}: {end.text}", "", "  "), *wrapped(document.name)],
         *(_finding(number, finding) for number, finding in enumerate(document.findings, start=1)),
         _gaps(document),
-        _listing("Where the base model disagrees", _regions(document)),
-        _listing("Windows of time with a torque of their own", _windows(document)),
+        listing("Where the base model disagrees", _regions(document)),
+        listing("Windows of time with a torque of their own", _windows(document)),
         _facts(document),
-        _listing("Not accepted", _refused(document)),
-        _listing("Notes", document.notes),
-        _listing("Files", [f"{FILES.get(key, key)}: {name}" for key, name in document.files.items()]),
+        listing("Not accepted", _refused(document)),
+        listing("Notes", document.notes),
+        listing("Files", [f"{FILES.get(key, key)}: {name}" for key, name in document.files.items()]),
     ]
     return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
-
-
-def _wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str]:
-    further = indent if hanging is None else hanging
-    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=further, break_on_hyphens=False)
-
-
-def _listing(head: str, items: Iterable[str]) -> list[str]:
-    lines = [line for item in items for line in _wrapped(item, "  ", "    ")]
-    return [head, *lines] if lines else []
 
 
 def _entries(entries: Sequence[tuple[str, str]], indent: str) -> list[str]:
     """Heads and texts in two columns, wrapped."""
     width = max((len(head) for head, _ in entries), default=0)
     space = indent + " " * (width + 2)
-    return [line for head, text in entries for line in _wrapped(text, f"{indent}{head.ljust(width)}  ", space)]
+    return [line for head, text in entries for line in wrapped(text, f"{indent}{head.ljust(width)}  ", space)]
 
 
 def _finding(number: int, finding: FindingResult) -> list[str]:
@@ -77,7 +66,7 @@ def _finding(number: int, finding: FindingResult) -> list[str]:
         entries.append(("held-out RMS", f"{interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
     rivals = "; ".join(rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
     entries += [("cannot be told from", rivals), (experiment_head(finding), finding.experiment)]
-    return [*_wrapped(head, "", "   "), *_entries(entries, "     ")]
+    return [*wrapped(head, "", "   "), *_entries(entries, "     ")]
 
 
 def _gaps(document: FindingsDocument) -> list[str]:

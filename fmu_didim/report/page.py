@@ -77,14 +77,12 @@ def write_report(directory: Path) -> Path:
         InputError: there is no result, or a table of torques that it names is missing.
     """
     document = load_result(directory)
-    environment = Environment(
-        loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     plots = _torque_plots(document, directory)
     history = Markup(history_figure(document.history)) if document.history else None
     loop = loop_parameters(document)
-    text = environment.get_template(TEMPLATE).render(
+    return write_page(
+        directory / REPORT_FILE,
+        TEMPLATE,
         document=document,
         verdict=verdict(document),
         cards=_cards(document),
@@ -107,8 +105,15 @@ def write_report(directory: Path) -> Path:
         other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
         plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
-    path = directory / REPORT_FILE
-    path.write_text(text, encoding="utf-8")
+
+
+def write_page(path: Path, template: str, **values: Any) -> Path:
+    """Write the page that a template of this folder gives with these values, and return its path."""
+    environment = Environment(
+        loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    path.write_text(environment.get_template(template).render(**values), encoding="utf-8")
     return path
 
 
@@ -188,7 +193,7 @@ def _error_table(document: ResultDocument) -> Table | None:
         shares = (significant(e.per_joint[j] if j < len(e.per_joint) else None) for e in errors.values())
         noise = significant(document.noise_std[j] if j < len(document.noise_std) else None, 2)
         rows.append((f"joint {j + 1}", *shares, noise, pretty_unit(unit)))
-    return _aligned(Table(heads, tuple(rows), (0, len(heads) - 1)))
+    return aligned(Table(heads, tuple(rows), (0, len(heads) - 1)))
 
 
 def _stage_table(document: ResultDocument) -> Table | None:
@@ -208,7 +213,7 @@ def _stage_table(document: ResultDocument) -> Table | None:
     heads.append("unit")
     columns.append([pretty_unit(p.unit) or MISSING for p in document.parameters.values()])
     rows = tuple(zip(document.parameters, *columns, strict=True))
-    return _aligned(Table(tuple(heads), rows, (0, len(heads) - 1)))
+    return aligned(Table(tuple(heads), rows, (0, len(heads) - 1)))
 
 
 def _deviation(digits: Rounding | None, std: float | None) -> str:
@@ -227,7 +232,7 @@ def _history_table(document: ResultDocument) -> Table:
         for it in document.history
     )
     heads = ("iteration", "torque error (%)", "relative change", "condition number", "note")
-    return _aligned(Table(heads, rows, (0, 4)))
+    return aligned(Table(heads, rows, (0, 4)))
 
 
 def _history_values(document: ResultDocument) -> Table:
@@ -260,7 +265,7 @@ def _column_table(document: ResultDocument) -> Table | None:
     return Table(heads, rows)
 
 
-def _aligned(table: Table) -> Table:
+def aligned(table: Table) -> Table:
     """Decimal points below each other in the columns of numbers."""
     columns = [
         column if k in table.text_columns else decimal_aligned(column)

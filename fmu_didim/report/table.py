@@ -31,26 +31,28 @@ def result_table(document: ResultDocument) -> str:
     count = len(document.parameters)
     title = document.name + (f" ({document.estimator}, {count} parameters)" if count else f" ({document.estimator})")
     sections = [
-        [*_wrapped(title), *_wrapped(document.description)],
+        [*wrapped(title), *wrapped(document.description)],
         _parameters(document),
         _torque(document),
         _figures(document),
-        _listing("Regrouping", document.regrouping),
-        _listing("Notes of the iterations", _notes(document)),
-        _listing("Plant against robot description", _plant_warnings(document)),
-        _listing("Remarks", document.remarks),
+        listing("Regrouping", document.regrouping),
+        listing("Notes of the iterations", _notes(document)),
+        listing("Plant against robot description", _plant_warnings(document)),
+        listing("Remarks", document.remarks),
         _validity(document),
     ]
     return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
 
 
-def _wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str]:
+def wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str]:
+    """A text in lines of at most :data:`WIDTH`; all but the first are indented by ``hanging``."""
     further = indent if hanging is None else hanging
     return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=further, break_on_hyphens=False)
 
 
-def _listing(head: str, items: Iterable[str]) -> list[str]:
-    lines = [line for item in items for line in _wrapped(item, "  ", "    ")]
+def listing(head: str, items: Iterable[str]) -> list[str]:
+    """A head and the items below it, wrapped; nothing without items."""
+    lines = [line for item in items for line in wrapped(item, "  ", "    ")]
     return [head, *lines] if lines else []
 
 
@@ -70,7 +72,7 @@ def _parameters(document: ResultDocument) -> list[str]:
     if any(row.insignificant for row in rows):
         lines.append("* not significantly different from zero")
     for name in loop:
-        lines += _wrapped(loop_line(document, name))
+        lines += wrapped(loop_line(document, name))
     return lines
 
 
@@ -141,7 +143,7 @@ def _figures(document: ResultDocument) -> list[str]:
     if document.consistency is not None and document.consistency.agrees:
         lines.append(("Plant's equations", consistency_line(document)))
     width = max(len(head) for head, _ in lines)
-    return [line for head, text in lines for line in _wrapped(text, head.ljust(width) + GAP, " " * (width + 2))]
+    return [line for head, text in lines for line in wrapped(text, head.ljust(width) + GAP, " " * (width + 2))]
 
 
 def _plant_warnings(document: ResultDocument) -> list[str]:
@@ -162,5 +164,5 @@ def _notes(document: ResultDocument) -> list[str]:
 def _validity(document: ResultDocument) -> list[str]:
     end = verdict(document)
     first, *others = end.text.splitlines() or [""]
-    lines = _wrapped(f"{end.head}: {first}", "", "  ")
-    return lines + [line for other in others for line in _wrapped(other.strip(), "  ", "    ")]
+    lines = wrapped(f"{end.head}: {first}", "", "  ")
+    return lines + [line for other in others for line in wrapped(other.strip(), "  ", "    ")]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
 from fmu_didim.robot.model import RobotModel
 from fmu_didim.signals import Array
 
-RESOLUTION = 1.0
-"""Product of substep and fastest rate of the states; RK4 is stable to 2.78."""
-MOST_SUBSTEPS = 1024
+LARGEST_EXPONENT = 50.0
+"""Largest growth of a state within a tick that is computed, as a power of e; larger ones would overflow."""
 
 
 def following_links(model: RobotModel, q: Array, dq: Array, ddq: Array) -> Array:
@@ -29,7 +30,7 @@ def following_links(model: RobotModel, q: Array, dq: Array, ddq: Array) -> Array
 def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Array, chi: Array | None = None) -> Array:
     """Values (N, no) of ``model.observed`` along a motion (N, n).
 
-    States start at their start values and are integrated by RK4 with the motion interpolated linearly.
+    States start at their start values, see :func:`states_along`.
 
     Args:
         time: (N,) in s; chi: (ns,) parameters from which loads follow; loads are zero without them.
@@ -37,9 +38,11 @@ def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Arr
     count, extra = time.size, len(model.extra) - len(model.links)
     result = following_links(model, q, dq, ddq)
     names = [v.name for v in model.extra[:extra]]
-    states = [i for i, name in enumerate(names) if name != "clock"]
-    if states:
-        result[:, :extra] = _integrated(model, time, q, dq)
+    if extra:
+        n, s = model.joint_count, ca.DM(model.shape_values)
+        start = np.array([time[0] if v.name == "clock" else v.start for v in model.extra[:extra]])
+        moved = np.column_stack([q, dq])
+        result[:, :extra] = states_along(lambda z, x: model.rates(x[:n], x[n:], z, s), start, time, moved)
     if "clock" in names:
         result[:, names.index("clock")] = time
     found = [i for i, v in enumerate(model.observed) if i >= extra and v.name.startswith("load")]
@@ -50,29 +53,24 @@ def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Arr
     return result
 
 
-def _integrated(model: RobotModel, time: Array, q: Array, dq: Array) -> Array:
-    n, s, h = model.joint_count, ca.DM(model.shape_values), np.diff(time)
-    first = np.array([time[0] if v.name == "clock" else v.start for v in model.extra if v not in model.links])
-    e = ca.SX.sym("e", first.size)
-    begin, end, length = ca.SX.sym("begin", 2 * n), ca.SX.sym("end", 2 * n), ca.SX.sym("h")
-    # The rate at which a state forgets, met along the motion.
-    slope = ca.Function("slope", [begin, e], [ca.norm_inf(ca.jacobian(model.rates(begin[:n], begin[n:], e, s), e))])
-    motion = np.column_stack([q, dq]).T
-    fastest = float(slope(motion, np.repeat(first[:, None], time.size, axis=1)).full().max())
-    steps = int(np.clip(np.ceil(fastest * h.max() / RESOLUTION), 1, MOST_SUBSTEPS))
+def states_along(rates: Callable[[ca.SX, ca.SX], ca.SX], start: Array, time: Array, motion: Array) -> Array:
+    """States (K, nz) of effects along a motion, which is held at the middle of each tick:
 
-    def rate(state: ca.SX, part: float) -> ca.SX:
-        here = begin + part * (end - begin)
-        return model.rates(here[:n], here[n:], state, s)
+        z(t + h) = z + h phi(h d) f,  f = rates(z, motion),  d = diag(df/dz),  phi(x) = (e^x - 1)/x
 
-    state = e
-    for k in range(steps):
-        at, half, until = k / steps, (k + 0.5) / steps, (k + 1) / steps
-        k1 = rate(state, at)
-        k2 = rate(state + length / steps / 2 * k1, half)
-        k3 = rate(state + length / steps / 2 * k2, half)
-        k4 = rate(state + length / steps * k3, until)
-        state = state + length / steps / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    walk = ca.Function("walk", [e, begin, end, length], [state]).mapaccum(h.size)
-    after = walk(first, motion[:, :-1], motion[:, 1:], h[None, :]).full().T
-    return np.vstack([first, after])
+    Exact, and stable for any tick, where the rate of a state is affine in that state alone, as of a bristle; of first
+    order where states drive each other.
+
+    Args:
+        rates: (z, row of the motion) -> dz/dt, (nz,); start: (nz,) states at the first instant.
+        time: (K,) in s; motion: (K, m) what the rates depend on.
+
+    Source: Hochbruck and Ostermann, Acta Numerica 19 (2010): the exponential Rosenbrock-Euler method.
+    """
+    z, held, h = ca.SX.sym("z", start.size), ca.SX.sym("held", motion.shape[1]), ca.SX.sym("h")
+    rate = rates(z, held)
+    x = ca.fmin(h * ca.diag(ca.jacobian(rate, z)), LARGEST_EXPONENT)
+    growth = ca.if_else(x == 0, 1, ca.expm1(x) / x)
+    walk = ca.Function("walk", [z, held, h], [ca.densify(z + h * growth * rate)]).mapaccum(time.size - 1)
+    after = walk(start, (motion[1:] + motion[:-1]).T / 2, np.diff(time)[None]).full().T
+    return np.vstack([start, after])

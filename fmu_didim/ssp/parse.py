@@ -30,7 +30,8 @@ from fmu_didim.ssp.document import (
     SystemElement,
     Value,
 )
-from fmu_didim.ssp.transform import BASE_UNITS, Affine, Unit
+from fmu_didim.ssp.transform import Affine, Unit
+from fmu_didim.units import BASE_UNITS
 
 MAXIMUM_DEPTH = 20
 PARAMETER_SET = "application/x-ssp-parameter-set"

@@ -14,7 +14,6 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Variable
 
-BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 SPLICE = "linear_transformation"
 """Name of the block that :func:`splice` makes, by which the writer knows it again."""
 

@@ -13,7 +13,8 @@ from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.master import System
 from fmu_didim.ssp.compose import Part, Route
 from fmu_didim.ssp.document import FMU_TYPE, LOOP, LOOP_TYPE, SSC, SSD, SSV
-from fmu_didim.ssp.transform import BASE_UNITS, Unit
+from fmu_didim.ssp.transform import Unit
+from fmu_didim.units import BASE_UNITS
 
 
 def parameter_set(name: str, part: Part) -> str:

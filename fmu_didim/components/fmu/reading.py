@@ -18,8 +18,8 @@ from fmu_didim.components.fmu.description import (
     FmuVariable,
     Interface,
 )
-from fmu_didim.components.fmu.units import BASE_UNITS, UnitDefinition
 from fmu_didim.errors import FmuError
+from fmu_didim.units import BASE_UNITS, UnitDefinition
 
 _TRUE = ("true", "1")
 

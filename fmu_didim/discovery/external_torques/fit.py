@@ -16,8 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response, what_is_left
+from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.differences import STEP
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
@@ -171,7 +172,7 @@ def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
     torques = side_by_side(tasks, model.allowed_workers(free.values))
     values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - 1.0)
     for (i, change), torque in zip(tried, torques, strict=True):
-        rest = what_is_left(np.delete(table, i, axis=1), ((measured - torque) * weight).ravel())
+        rest = BaseProjection.of(np.delete(table, i, axis=1)).rest_of(((measured - torque) * weight).ravel())
         cost = float(rest @ rest)
         if cost < best[i]:
             best[i], values[i] = cost, free.values[i] + change

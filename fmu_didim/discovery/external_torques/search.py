@@ -17,10 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import SampleOperator
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
@@ -96,14 +98,14 @@ def linear_external_torques(
     shifted = _shifted(experiment.operator, response, time.size)
     target, base = fit.residual[rows, joint - 1] * weight, fit.jacobian[rows, joint - 1] * weight
     chosen: list[int] = []
-    rest = what_is_left(base, target)
+    rest = BaseProjection.of(base).rest_of(target)
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
     floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), 0.05)
     while len(chosen) < 2 * MAXIMUM_EXTERNAL_TORQUES:
         gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
         columns = np.column_stack([base, *(shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain))))])
-        left = what_is_left(columns, target)
+        left = BaseProjection.of(columns).rest_of(target)
         if float(rest @ rest - left @ left) < max(floor, SETTLED * first):
             break
         chosen.append(int(np.argmax(gain)))
@@ -127,7 +129,7 @@ def linear_external_torques(
         * weight
         for p in external_torques
     ]
-    left = what_is_left(np.column_stack([base, *edges]), target)
+    left = BaseProjection.of(np.column_stack([base, *edges])).rest_of(target)
     share = 1 - (float(left @ left) - rest.size) / max(first - rest.size, 1e-300)
     return share, external_torques
 
@@ -151,23 +153,15 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
 
 def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) -> Array:
     """sum_n values_n response(place_n - tick) for every tick, by one transform."""
-    line = np.zeros(ticks)
-    np.add.at(line, shifted.places.astype(np.int64), values)
-    size = 1 << (line.size + response.size).bit_length()
-    product = np.fft.irfft(np.fft.rfft(line, size) * np.conj(np.fft.rfft(response, size)), size)
-    # Index i of the response belongs to i - ahead ticks after the step.
-    return np.asarray(np.roll(product, shifted.ahead)[:ticks])
+    line = np.bincount(shifted.places, values, minlength=ticks)
+    # The response has one row for each tick and those ahead of the step, whose own is row ``ahead``.
+    return np.asarray(signal.correlate(line, response, method="fft")[ticks - 1 : 2 * ticks - 1])
 
 
 def _solved(table: Array, target: Array) -> Array:
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0] = 1.0
     return np.asarray(np.linalg.lstsq(table / scale, target, rcond=1e-9)[0] / scale)
-
-
-def what_is_left(table: Array, target: Array) -> Array:
-    """The part of ``target`` that the columns of ``table`` do not explain."""
-    return np.asarray(target - table @ _solved(table, target))
 
 
 def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[ExternalTorque]:

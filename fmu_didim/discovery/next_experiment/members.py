@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.effects import Effect, JointTorque, Surroundings, TorqueEffect
+from fmu_didim.effects import Effect, JointTorque, TorqueEffect
 from fmu_didim.errors import InputError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.motion import Motion, motion_of
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
@@ -67,7 +67,7 @@ class DesignContext:
 
 
 class ProjectedMotion:
-    """The base model on one motion: projects what it can absorb out of weighted columns.
+    """The base model on one motion, and what it absorbs there.
 
     Args:
         most: largest number of samples looked at; fewer, spread evenly, then stand for all, and shapes are searched
@@ -87,12 +87,13 @@ class ProjectedMotion:
         ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / context.rate_hz) / step).astype(int))
         self.samples = ticks.size * context.noise.factor
         self.ticks = ticks if most is None or ticks.size <= most else _spread(ticks, most)
-        self.weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
         every = observed_along(model, time, *moved, context.chi) if model.observed else np.zeros((time.size, 0))
         q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
         rows = model.regressor_rows(q, dq, ddq, observed=self._observed)
         self.sampled = motion_of(model, context.chi, time[self.ticks], q, dq, ddq, rows @ context.chi)
-        self.q = self._basis(np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2))
+        columns = np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2)
+        weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
+        self.base = BaseProjection.of(columns, weight, tolerance=1e-7, idle=1e-9)
 
     @cached_property
     def motion(self) -> Motion:
@@ -118,21 +119,6 @@ class ProjectedMotion:
             moved[i] += SHAPE_STEP * (abs(value) or 1.0)
             result.append(((torque(moved) - base) / (moved[i] - value))[:, :, None])
         return result
-
-    def _basis(self, columns: Array) -> Array:
-        table = self.weighted(columns)
-        size = np.linalg.norm(table, axis=0)
-        table = table[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
-        left, values, _ = np.linalg.svd(table, full_matrices=False)
-        return np.asarray(left[:, values > 1e-7 * values[0]])
-
-    def weighted(self, columns: Array) -> Array:
-        """(N, n, m) columns at the samples -> (N n, m) in units of the noise."""
-        return np.asarray((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
-
-    def project(self, table: Array) -> Array:
-        """The part of weighted columns that the base cannot absorb."""
-        return np.asarray(table - self.q @ (self.q.T @ table))
 
     def per_joint(self, rest: Array) -> Array:
         """(n,) sums of squares of a weighted residual (N n,)."""
@@ -173,7 +159,6 @@ class AmbiguousEffect:
         self._made: TorqueSignature | None = None
         if isinstance(self.effect, TorqueEffect):
             self._made = TorqueSignature(self.effect, self.joint, types, tuple(self.shapes))
-            self._walk = affine_states(self.effect, self.joint, types, tuple(self.shapes))
         elif first_order is None:
             raise InputError(
                 f"The effect '{self.effect.name}' shows in closed-loop simulations only, not on a given motion.",
@@ -185,14 +170,13 @@ class AmbiguousEffect:
         if self._made is not None:
             states = None
             if self._made.has_states:
-                walk = self._walk or self._made.states
-                states = np.ascontiguousarray(walk(motion_projection.path, shapes)[motion_projection.ticks])
+                states = self._made.states(motion_projection.path, shapes)[motion_projection.ticks]
             table = self._made.columns(motion_projection.sampled, shapes, states)
         else:
             table = self._by_first_order(motion_projection.motion)[motion_projection.ticks]
         if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
             return None
-        return motion_projection.weighted(table)
+        return motion_projection.base.weighted(table)
 
     def _by_first_order(self, motion: Motion) -> Array:
         """(K, n, 1) column of an effect outside the torque balance, at all ticks."""
@@ -233,39 +217,3 @@ class AmbiguousEffect:
         """Parameters that it counts as when models are compared."""
         search = self.effect.search(self._kind)
         return sum(1.0 for n in self.amplitudes if n not in search) + sum(s.cost for s in search.values())
-
-
-def affine_states(
-    effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]
-) -> Callable[[Motion, Mapping[str, float]], Array] | None:
-    """States of an effect with one state whose rate is affine in it, dz/dt = a + b z; None for all others.
-
-    Stable for any step: with the motion held at the middle of a tick, z+ = z e^(bh) + a h (e^(bh) - 1)/(bh).
-    """
-    n, kind = len(joint_types), joint_types[joint]
-    states = effect.states(kind)  # type: ignore[arg-type]
-    if len(states) != 1:
-        return None
-    q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-    z, time, s = ca.SX.sym("z"), ca.SX.sym("t"), ca.SX.sym("s", len(shape_names))
-    at = Surroundings(joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, time=time, state=(z,))  # type: ignore[arg-type]
-    rate = effect.rates(at, dict(zip(shape_names, ca.vertsplit(s) if shape_names else (), strict=True)))[0]
-    slope = ca.jacobian(rate, z)
-    if ca.depends_on(slope, z):
-        return None
-    parts = ca.Function("parts", [q, dq, ddq, time, s], [ca.densify(ca.substitute(rate, z, 0)), ca.densify(slope)])
-
-    def walk(motion: Motion, shapes: Mapping[str, float]) -> Array:
-        middle = [(m[1:] + m[:-1]) / 2 for m in (motion.q, motion.dq, motion.ddq)]
-        instants = (motion.time[1:] + motion.time[:-1]) / 2
-        values = np.repeat(np.array([shapes[name] for name in shape_names])[:, None], instants.size, axis=1)
-        a, b = (p.full().ravel() for p in parts(*(m.T for m in middle), instants[None, :], values))
-        x = np.clip(b * motion.step, -700.0, 50.0)
-        safe = np.where(x == 0, 1.0, x)
-        keep, gain = np.exp(x), np.where(x == 0, 1.0, np.expm1(safe) / safe) * a * motion.step
-        result = [float(states[0].start)]
-        for k, g in zip(keep.tolist(), gain.tolist(), strict=True):
-            result.append(k * result[-1] + g)
-        return np.array(result)[:, None]
-
-    return walk

@@ -19,6 +19,7 @@ import numpy as np
 from fmu_didim.discovery.augmentation.builder import shape_limits
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
 from fmu_didim.errors import InputError
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.signals import Array
 
 REFINEMENTS = 6
@@ -102,7 +103,7 @@ class _Columns:
             table = self._member.columns(self._scene, shapes)
             if table is not None:
                 size = np.linalg.norm(table, axis=0)
-                table = self._scene.project(table)
+                table = self._scene.base.rest_of(table)
                 # What the base absorbs to rounding explains nothing more.
                 table[:, np.linalg.norm(table, axis=0) <= ABSORBED * size] = 0.0
             self._made[key] = table
@@ -156,4 +157,4 @@ class _Columns:
         table = self.at(shapes)
         if table is None:
             return target
-        return np.asarray(target - table @ np.linalg.lstsq(table, target, rcond=1e-8)[0])
+        return BaseProjection.of(table).rest_of(target)

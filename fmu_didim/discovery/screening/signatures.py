@@ -16,9 +16,8 @@ import numpy as np
 from fmu_didim.discovery.screening.vectorised import Vectorised
 from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
 from fmu_didim.prediction.motion import Motion
+from fmu_didim.robot.along import states_along
 from fmu_didim.signals import Array
-
-MAXIMUM_STATE_STEPS = 160
 
 
 def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:
@@ -66,7 +65,7 @@ class TorqueSignature:
         )
         rates = effect.rates(at, by_name)
         self._rates = (
-            ca.Function("rates", [z, q, dq, ddq, time, shapes], [ca.densify(ca.vertcat(*rates))]) if rates else None
+            ca.Function("rates", [z, q, dq, time, shapes], [ca.densify(ca.vertcat(*rates))]) if rates else None
         )
 
     def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
@@ -85,41 +84,12 @@ class TorqueSignature:
         return self._rates is not None
 
     def states(self, motion: Motion, shapes: Mapping[str, float]) -> Array:
-        """(K, nz) states along a motion at all ticks, by RK4 with the motion held over each tick."""
+        """(K, nz) states along a motion at all ticks."""
         assert self._rates is not None
-        speed = float(np.abs(motion.dq[:, self.joint]).max())
-        rate = self._rate_along(motion, shapes, speed)
-        steps = int(np.clip(np.ceil(rate * motion.step / 1.0), 1, MAXIMUM_STATE_STEPS))
-        n, size = motion.joint_count, len(self._states)
-        z, held = ca.SX.sym("z", size), ca.SX.sym("held", 3 * n + 1)
-        s = ca.DM([shapes[name] for name in self._shape_names])
-        q, dq, ddq, t = held[:n], held[n : 2 * n], held[2 * n : 3 * n], held[3 * n]
-        h, x = motion.step / steps, z
-        for _ in range(steps):
-            k1 = self._rates(x, q, dq, ddq, t, s)
-            k2 = self._rates(x + h / 2 * k1, q, dq, ddq, t, s)
-            k3 = self._rates(x + h / 2 * k2, q, dq, ddq, t, s)
-            k4 = self._rates(x + h * k3, q, dq, ddq, t, s)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        count = motion.q.shape[0]
-        walk = ca.Function("step", [z, held], [x]).mapaccum(count)
-        table = np.column_stack([motion.q, motion.dq, motion.ddq, motion.time]).T
-        first = np.array([v.start for v in self._states])
-        after = walk(first, table).full().T
-        return np.vstack([first, after[:-1]])
-
-    def _rate_along(self, motion: Motion, shapes: Mapping[str, float], speed: float) -> float:
-        """Largest |d rate / d state| met at the highest speed of the motion, in 1/s, by differences."""
-        assert self._rates is not None
-        i = int(np.argmax(np.abs(motion.dq[:, self.joint])))
-        s = [shapes[name] for name in self._shape_names]
-        size = len(self._states)
-        point = (motion.q[i], motion.dq[i], motion.ddq[i], motion.time[i], s)
-        zero = np.array([v.start for v in self._states])
-        slope = 0.0
-        for k in range(size):
-            moved = zero.copy()
-            moved[k] += 1e-6
-            change = (self._rates(moved, *point) - self._rates(zero, *point)).full().ravel() / 1e-6
-            slope = max(slope, float(np.abs(change).sum()))
-        return slope
+        n, rates, s = motion.joint_count, self._rates, ca.DM([shapes[name] for name in self._shape_names])
+        return states_along(
+            lambda z, x: rates(z, x[:n], x[n : 2 * n], x[2 * n], s),
+            np.array([v.start for v in self._states]),
+            motion.time,
+            np.column_stack([motion.q, motion.dq, motion.time]),
+        )

@@ -17,11 +17,11 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.base_projection import Basis
+from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -92,22 +92,24 @@ class Contender:
 
 def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> list[Screened]:
     """All candidates that are not in the model yet, each at its best shapes, the best first."""
-    basis = Basis(fit, noise)
+    base = BaseProjection.of_fit(fit, noise)
+    residual = base.rest_of(base.weighted(fit.residual))
+    count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
     found: dict[EffectAtJoint, list[Screened]] = {}
     # A class is named once on a joint: a second member of it would only mend the form of the first.
     named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
     for signature in catalogue:
         if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
             continue
-        table = basis.weighted(signature.columns)
-        rest = basis.project(table)
+        table = base.weighted(signature.columns)
+        rest = base.rest_of(table)
         size = float(np.linalg.norm(table))
         surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
         if surviving < SURVIVING:
             continue
-        coefficients = _coefficients(rest, basis.residual)
+        coefficients = _coefficients(rest, residual)
         cost = builder.cost(signature.effect_at) - _idle(table)
-        gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(basis.count)
+        gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
         found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
     return sorted((_best(shapes, builder) for shapes in found.values()), key=lambda s: -s.gain)
 
@@ -161,13 +163,13 @@ def contend(
 
     best = [fit.chi_square - LEAST]
     leading = LEADING * max((s.gain for s in chosen), default=0.0)
-    basis = Basis(fit, noise)
+    base = BaseProjection.of_fit(fit, noise)
 
     def one(candidate: Screened) -> Contender | None:
         found = None
         starts = [candidate.signature.proposal(candidate.coefficients)]
         if candidate.others is not None and candidate.gain >= leading:
-            starts = _scanned(candidate, builder, fit, basis)
+            starts = _scanned(candidate, builder, fit, base)
         for start in starts:
             fitted = refit(start, builder, fit, noise, give_up_above=best[0])
             if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
@@ -207,7 +209,7 @@ def _shapes_held(model: LoopModel, first: int) -> LoopModel:
     return replace(model, free_parameters=free_parameters)
 
 
-def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, basis: Basis) -> list[Proposal]:
+def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, base: BaseProjection) -> list[Proposal]:
     """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted to
     first order, the best ones first."""
     tried: list[tuple[float, int, Proposal]] = []
@@ -220,7 +222,7 @@ def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, basis: Ba
                 residual = model.residual(np.clip(model.start, low, high))
             except SimulationError:
                 continue
-            cost = float(np.sum(basis.project((residual * basis.weight).ravel()) ** 2))
+            cost = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
             tried.append((cost, len(tried), proposal))
     found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
     return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones

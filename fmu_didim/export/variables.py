@@ -1,0 +1,48 @@
+"""The variables of an exported block, as FMI 2.0 and 3.0 describe them alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fmu_didim.block import Block
+from fmu_didim.export.c_code import layout
+from fmu_didim.export.units import derivative_unit
+from fmu_didim.signals import Variable
+
+
+@dataclass(frozen=True)
+class ExportedVariable:
+    """A variable of type Real, or Float64.
+
+    Attributes:
+        reference: its value reference; own: its name, unit and description.
+        attributes: causality and variability, and how its start is found.
+        start: start value; state: value reference of the state whose derivative it is; None where there is none.
+    """
+
+    reference: int
+    own: Variable
+    attributes: dict[str, str]
+    start: str | None = None
+    state: int | None = None
+
+
+def exported_variables(block: Block) -> Iterator[ExportedVariable]:
+    """All variables of a block in the order of their value references, derivatives included."""
+    refs = layout(block)
+    calculated = {"variability": "continuous" if block.sample_time is None else "discrete", "initial": "calculated"}
+    for reference, v in zip(refs.inputs, block.inputs, strict=True):
+        # Inputs of a sampled block are continuous too: they may change at any time, and are seen at the samples.
+        given = {"causality": "input", "variability": "continuous"}
+        yield ExportedVariable(reference, v, given, repr(float(v.start)))
+    for causality, places, variables in (("output", refs.outputs, block.outputs), ("local", refs.states, block.states)):
+        for reference, v in zip(places, variables, strict=True):
+            yield ExportedVariable(reference, v, {"causality": causality, **calculated})
+    for reference, v in zip(refs.parameters, block.parameters, strict=True):
+        variability = "fixed" if v.name in block.fixed else "tunable"
+        given = {"causality": "parameter", "variability": variability, "initial": "exact"}
+        yield ExportedVariable(reference, v, given, repr(float(v.start)))
+    for reference, v, state in zip(refs.derivatives, block.states, refs.states, strict=False):
+        rate = Variable(f"der({v.name})", derivative_unit(v.unit), "local")
+        yield ExportedVariable(reference, rate, {"causality": "local", **calculated}, state=state)
