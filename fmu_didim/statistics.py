@@ -21,6 +21,8 @@ from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
 
 CONDITION_LIMIT = 1e12
+LEADING = 0.1
+"""Fraction of the largest component of a direction from which a parameter takes part in it."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,12 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
     singular = np.linalg.svd(r, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     if condition > CONDITION_LIMIT:
+        direction = np.abs(np.linalg.svd(r)[2][-1])
+        found = [names[i] if names else str(i) for i in np.flatnonzero(direction > LEADING * direction.max())]
         raise IdentificationError(
-            "The motion cannot tell the parameters apart.", got=f"condition number {condition:.3g}",
-            next_step="Use a richer trajectory, or identify fewer parameters.",
+            "The data cannot tell some parameters apart.", got=", ".join(found),
+            next_step="Leave one of them out (its value is then taken as known), use a richer trajectory, or identify "
+            "fewer parameters.",
         )  # fmt: skip
     solution = np.linalg.solve(r, q.T @ target) / norms
     return LeastSquares(solution, target - matrix @ solution, condition, np.einsum("ij,ij->i", q, q))

@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
+from fmu_didim.statistics import LEADING
 
 COLLINEAR = 1e-6
 """Singular value, of columns of length one over the square root of their number, below which errors of the derivatives
@@ -25,8 +26,6 @@ by more than this fraction of it: that many a small parameter is not significant
 INFLATION = 10.0
 """Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
-LEADING = 0.1
-"""Fraction of the largest component of a direction from which a parameter takes part in it."""
 
 
 def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class SampleOperator:
         flat = values.reshape(values.shape[0], -1)
         return np.asarray(self.matrix @ flat).reshape(self.count, *values.shape[1:])
 
-    def stamped_later(self, periods: float, tick_count: int) -> SampleOperator:
+    def stamped_later(self, periods: float, tick_count: int, *, between: bool = False) -> SampleOperator:
         """The operator of the same log with its stamps later by so many control periods; negative: earlier.
 
         What a sample took at the position x then comes from x - p, between two ticks on the straight line
@@ -85,11 +85,12 @@ class SampleOperator:
         those of the ticks in its window. Before the first tick and after the last one the command is taken as there.
 
         Args:
-            periods: p, added to the lag that there is. With none in all the command is held again.
+            periods: p, added to the lag that there is. With none in all the command is held again, unless ``between``
+                asks for the straight line there too, as a fit of p does, which needs a slope.
             tick_count: number of ticks of the reference.
         """
         origin, lag = self.origin or self, self.lag + periods
-        if lag == 0:
+        if lag == 0 and not between:
             return origin
         if origin.positions is not None:
             ticks, matrix = _lines(origin.positions - lag, tick_count)

@@ -354,7 +354,8 @@ class LoopModel:
         label = label or self.first
         experiment, step = self.experiments[label], self.systems[label].step_size
         shift = self.log_shift_s(values, label) / step
-        return experiment.operator.stamped_later(shift, experiment.reference.time.size)
+        is_free = any(parameter.owner == LOG for parameter in self.free_parameters)
+        return experiment.operator.stamped_later(shift, experiment.reference.time.size, between=is_free)
 
     def record(
         self,

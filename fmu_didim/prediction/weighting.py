@@ -62,7 +62,8 @@ def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
         return np.full(residual.shape[1], max(float(np.sqrt((residual**2).mean())), float(floor.max())))
     deviation = noise_deviation(residual, np.zeros_like(residual), floor=floor)
     scaled = whitened(columns, deviation)
-    leverage = least_squares(scaled, np.zeros(scaled.shape[0])).leverage.reshape(residual.shape)
+    names = model.names[: columns.shape[2]]
+    leverage = least_squares(scaled, np.zeros(scaled.shape[0]), names=names).leverage.reshape(residual.shape)
     return noise_deviation(residual, leverage, floor=floor)
 
 
