@@ -12,7 +12,7 @@ from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Fit, integrated, minimise
+from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import (
     Noise,
@@ -33,6 +33,10 @@ SLOW = 0.25
 """So do those whose difference is that correlated over a time in which noise is not."""
 TRANSIENT = 0.1
 """Part of a period that is left out when periods are compared: the first one may begin with a transient."""
+
+BASE_FIT = Stopping(exact=True)
+"""The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
+sensitivities."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,8 @@ def prepare(model: LoopModel) -> Prepared:
     notes += [note for _, further in found.values() for note in further]
     repeated = {label: noise for label, (noise, _) in found.items() if noise is not None}
     if repeated:
-        fit = minimise(model, pooled(list(repeated.values()), [_samples(model, label) for label in repeated]))
+        first = pooled(list(repeated.values()), [_samples(model, label) for label in repeated])
+        fit = minimise(model, first, stopping=BASE_FIT)
         checked = []
         for label, noise in repeated.items():
             noise, further = _without_events(noise, fit, label)
@@ -73,13 +78,13 @@ def prepare(model: LoopModel) -> Prepared:
         return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(model.measured, axis=0)
-    fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"))
+    fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"), stopping=BASE_FIT)
     noise = residual_noise(fit)
     notes.append(
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
         "motion, an upper bound."
     )
-    fit = minimise(fit.model, noise, jacobian=fit.jacobian, torque=fit.torque)
+    fit = minimise(fit.model, noise, stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
     return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
 
 

@@ -182,6 +182,8 @@ class Effect(ABC):
         pre_check: how it is looked for before all others, if linear screening is blind to it.
         first_order: outside the torque balance: its change to first order; None if only simulations of the closed
             loop show it.
+        is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
+            they are neutral, which then is its signature; else simulations with some values are.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
     """
 
@@ -212,6 +214,7 @@ class Effect(ABC):
     sets_ticks: ClassVar[bool] = False
     pre_check: ClassVar[PreCheck | None] = None
     first_order: ClassVar[FirstOrder | None] = None
+    is_smooth: ClassVar[bool] = False
     distance: ClassVar[str] = ""
 
     @abstractmethod

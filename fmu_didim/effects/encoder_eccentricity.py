@@ -28,6 +28,7 @@ class EncoderEccentricity(SplicedEffect):
     signature = "Residual periodic in position, growing with the square of the velocity."
     experiment = "The same path at two speeds: a ripple of torque does not grow."
     source = "geometry of a code disc whose centre lies beside the axis, to first order"
+    is_smooth = True
     neutral: ClassVar[Mapping[str, float]] = {"eccentricity_cosine": 0.0, "eccentricity_sine": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "eccentricity_cosine": (-1.0, 1.0),

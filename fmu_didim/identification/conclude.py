@@ -60,7 +60,7 @@ def efficient_finish(
     """
     iterations: list[Iteration] = []
     remarks: list[str] = []
-    stopping = Stopping(maximum_iterations, tolerance=tolerance, updates=None, check_all=False, exact=True)
+    stopping = Stopping(maximum_iterations, tolerance=tolerance, updates=None, check_all=False, exact=True, whole=True)
     fit, model = start, start.model
     refuse_confounded(
         whitened(fit.jacobian, fit.deviation), fit.values, model.names,

@@ -65,6 +65,7 @@ class Stopping:
         give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
         check_all: whether each step must leave all experiments simulable, not only those that are fitted.
         exact: whether sensitivities are the best ones that there are, and the last one is taken at the minimum.
+        whole: whether they follow an experiment to its end even where its motion and torque repeat.
     """
 
     iterations: int = 8
@@ -74,6 +75,7 @@ class Stopping:
     give_up_above: float = np.inf
     check_all: bool = True
     exact: bool = False
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,9 @@ class _Solver:
         return at
 
     def _differentiate(self, at: _State) -> None:
-        at.jacobian = sensitivity(self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact)
+        at.jacobian = sensitivity(
+            self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact, whole=self._stopping.whole
+        )
         at.differentiated, at.fresh = at.values, True
         at.updates -= 1
         at.simulations += at.values.size

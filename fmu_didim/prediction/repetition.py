@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import period_in_ticks
 from fmu_didim.signals import Array
 
@@ -15,6 +16,8 @@ REPEATS_TORQUE = 1e-5
 """Two periods of a torque are the same when they differ by less than this part of its root mean square."""
 OVERLAP = 0.1
 """Part of a period that is simulated twice, to see whether a column of sensitivities repeats like the torque."""
+MARGIN = 0.1
+"""Fraction of a period after which a column of sensitivities repeats, once the torque does."""
 REPEATS_COLUMN = 1e-3
 """The same for columns, which are differences."""
 
@@ -34,17 +37,73 @@ class Repetition:
     operator: SampleOperator
     count: int
 
-    def continued(self, begin: Array) -> Array | None:
-        """(count, n) from the first samples (N', n); None if these do not repeat."""
+    def continued(self, begin: Array, *, tolerance: float = REPEATS_COLUMN) -> Array | None:
+        """(count, ...) from the first samples (N', ...); None if these do not repeat."""
         again = self.settled + self.period
         twice = begin[again:] - begin[self.settled : begin.shape[0] - self.period]
-        size = np.sqrt(np.mean(begin**2))
-        if not np.abs(twice).max() <= REPEATS_COLUMN * size:
+        size = np.sqrt(np.mean(begin**2, axis=(0, 1)))
+        if not (np.abs(twice).max(axis=(0, 1)) <= tolerance * size).all():
             return None
         place = np.arange(self.count)
         late = place >= again
         place[late] = self.settled + (place[late] - self.settled) % self.period
         return np.asarray(begin[place])
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The first part of an experiment, from which all of a change of its torque follows where that repeats.
+
+    Attributes:
+        repetition: how the log repeats; label: of the experiment.
+        torque: (N, n) simulated, of all of it.
+    """
+
+    repetition: Repetition
+    label: str
+    torque: Array
+
+    @staticmethod
+    def of(model: LoopModel, label: str, torque: Array) -> Beginning | None:
+        """The first part of an experiment; None where its torque (N, n) does not repeat early enough."""
+        if model.low_pass is not None or "t_start" in {v.name for v in model.plant.parameters}:
+            return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
+        experiment = model.experiments[label]
+        found = repetition(experiment, experiment.operator, model.systems[label].step_size, torque)
+        return None if found is None else Beginning(found, label, torque)
+
+    def cut(self, model: LoopModel) -> LoopModel:
+        """A model with the first samples of this experiment alone."""
+        experiment = replace(model.experiments[self.label], operator=self.repetition.operator)
+        return model.with_experiment(self.label, experiment)
+
+    @property
+    def first(self) -> Array:
+        """(N', n) torque of the first samples."""
+        return self.torque[: self.repetition.operator.count]
+
+
+def change_of_torque(
+    model: LoopModel,
+    values: Array,
+    label: str,
+    torque: Array,
+    beginning: Beginning | None,
+    *,
+    tolerance: float = REPEATS_COLUMN,
+) -> Array:
+    """(N, n) torque of a model in an experiment minus ``torque``, from its beginning alone where the change repeats.
+
+    Args:
+        beginning: None where all of the experiment has to be simulated.
+        tolerance: largest difference of two periods of the change, relative to its root mean square.
+    """
+    if beginning is not None:
+        begun = beginning.cut(model).torque(values, label) - beginning.first
+        change = beginning.repetition.continued(begun, tolerance=tolerance)
+        if change is not None:
+            return change
+    return np.asarray(model.torque(values, label) - torque)
 
 
 def repetition(experiment: Experiment, operator: SampleOperator, step: float, torque: Array) -> Repetition | None:
@@ -60,7 +119,8 @@ def repetition(experiment: Experiment, operator: SampleOperator, step: float, to
         return None
     change = np.abs(torque[period:] - torque[:-period]) > REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
     restless = np.flatnonzero(change.any(axis=1))
-    settled = int(restless[-1]) + 1 if restless.size else 0
+    # Slopes take longer to forget the start than the torque itself.
+    settled = (int(restless[-1]) + 1 if restless.size else 0) + round(MARGIN * period)
     simulated = settled + period + round(OVERLAP * period)
     if simulated > 0.8 * count:
         return None

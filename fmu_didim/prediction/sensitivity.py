@@ -13,24 +13,21 @@ Where compiled code runs the loop, simulations run side by side.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.components.varied import derivative_name
 from fmu_didim.errors import SimulationError
+from fmu_didim.master import System
 from fmu_didim.master.variation import with_derivatives
 from fmu_didim.prediction.differences import SMOOTH_STEP, STEP, central
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction
-from fmu_didim.prediction.repetition import Repetition, repetition
+from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
-
-_First = tuple[Repetition, LoopModel]
-"""How a log repeats, and the model of its first part alone."""
 
 
 def sensitivity(
@@ -41,14 +38,15 @@ def sensitivity(
     only: Sequence[int] = (),
     sizes: Array | None = None,
     exact: bool = True,
+    whole: bool = True,
 ) -> Array:
     """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
 
     Args:
         torque: (N, n) at the values.
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
-        exact: False where a search compares many models: forward differences, and where motion and torque repeat, base
-            parameters are moved for the first period alone.
+        exact: False where a search compares many models, for which forward differences do.
+        whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
     """
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
@@ -56,12 +54,13 @@ def sensitivity(
     for label, rows in model.rows.items():
         table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
         missing = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        beginning = None if whole else Beginning.of(model, label, torque[rows])
         if exact:
-            varied = _by_variation(model, values, label, [chosen[k] for k in missing])
+            varied = by_variation(model, values, label, [chosen[k] for k in missing], beginning)
             for k in [k for k in missing if chosen[k] in varied]:
                 table[:, :, k] = varied[chosen[k]]
             missing = [k for k in missing if chosen[k] not in varied]
-        one = _Experiment(model, values, label, torque[rows], sizes, exact)
+        one = _Experiment(model, values, label, torque[rows], sizes, exact, beginning)
         tasks += [(label, k, one.column(chosen[k])) for k in missing]
     found = side_by_side([task for _, _, task in tasks], model.allowed_workers(values) if len(tasks) > 1 else 1)
     for (label, k, _), column in zip(tasks, found, strict=True):
@@ -78,27 +77,53 @@ def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> 
     return np.where(size > 0, size, 1.0)
 
 
-def _by_variation(model: LoopModel, values: Array, label: str, wanted: Sequence[int]) -> Mapping[int, Array]:
-    """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot."""
+def by_variation(
+    model: LoopModel,
+    values: Array,
+    label: str,
+    wanted: Sequence[int],
+    beginning: Beginning | None = None,
+    *,
+    lasting: bool = False,
+) -> Mapping[int, Array]:
+    """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
+
+    Args:
+        beginning: of the experiment, where columns that repeat need not be followed to its end.
+        lasting: whether all these parameters are known to act all the time.
+    """
     places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
     if not places:
         return {}
     varied = with_derivatives(model.simulated(values, label), list(places.values()))
     if varied is None:
         return {}
+    table = None
+    late = not lasting and any(not _lasts(model.free_parameters[i]) for i in places)
+    if beginning is not None and not late:
+        first = _followed(beginning.cut(model), values, label, varied, len(places))
+        table = None if first is None else beginning.repetition.continued(first)
+    if table is None:
+        table = _followed(model, values, label, varied, len(places))
+    return {} if table is None else {i: table[:, :, lane] for lane, i in enumerate(places)}
+
+
+def _followed(model: LoopModel, values: Array, label: str, varied: System, count: int) -> Array | None:
+    """(N, n, count) derivatives of the torque at the samples; None where Python would run the loop."""
     recording = model.record(values, label, system=varied)
     if not recording.compiled:
-        return {}
-    operator = model.operator(values, label)
-    columns = np.stack(
-        [
-            np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(len(places))])
-            for name in model.logged
-        ],
-        axis=1,
-    )
-    sampled = model.filtered(operator.apply(columns), label)
-    return {i: sampled[:, :, lane] for lane, i in enumerate(places)}
+        return None
+    columns = [
+        np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
+        for name in model.logged
+    ]
+    return model.filtered(model.operator(values, label).apply(np.stack(columns, axis=1)), label)
+
+
+def _lasts(parameter: FreeParameter) -> bool:
+    """Whether a parameter acts all the time: one of an effect may begin late, of which the first period shows
+    nothing."""
+    return parameter.effect is None and parameter.owner != EXTERNAL_TORQUE
 
 
 def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
@@ -114,12 +139,18 @@ class _Experiment:
     """Columns of one experiment by differences."""
 
     def __init__(
-        self, model: LoopModel, values: Array, label: str, torque: Array, sizes: Array | None, exact: bool
+        self,
+        model: LoopModel,
+        values: Array,
+        label: str,
+        torque: Array,
+        sizes: Array | None,
+        exact: bool,
+        beginning: Beginning | None,
     ) -> None:
         self._model, self._values, self._label, self._torque = model, values, label, torque
-        self._sizes, self._exact = sizes, exact
+        self._sizes, self._exact, self._beginning = sizes, exact, beginning
         self._smooth = model.can_refine or model.plant.equations() is not None
-        self._first = None if exact else self._first_part()
 
     def column(self, i: int) -> Callable[[], Array]:
         """What simulates the column (N, n) of a parameter."""
@@ -141,31 +172,13 @@ class _Experiment:
             moved[i] += size
             if not parameter.lowest <= moved[i] <= parameter.highest:
                 continue
+            beginning = self._beginning if _lasts(parameter) else None
             try:
-                change = self._change(moved, lasts=parameter.effect is None and parameter.owner != EXTERNAL_TORQUE)
+                change = change_of_torque(self._model, moved, self._label, self._torque, beginning)
                 return np.asarray(change / (moved[i] - self._values[i]))
             except SimulationError:
                 continue
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
 
-    def _change(self, moved: Array, *, lasts: bool) -> Array:
-        """Change of the torque (N, n); that of an effect may begin late, of which its first period shows nothing."""
-        if self._first is not None and lasts:
-            found, beginning = self._first
-            change = found.continued(beginning.torque(moved, self._label) - self._torque[: found.operator.count])
-            if change is not None:
-                return change
-        return np.asarray(self._model.torque(moved, self._label) - self._torque)
 
-    def _first_part(self) -> _First | None:
-        model, label = self._model, self._label
-        if model.low_pass is not None or "t_start" in {v.name for v in model.plant.parameters}:
-            return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
-        experiment = model.experiments[label]
-        found = repetition(experiment, experiment.operator, model.systems[label].step_size, self._torque)
-        if found is None:
-            return None
-        return found, model.with_experiment(label, replace(experiment, operator=found.operator))
-
-
-__all__ = ["STEP", "parameter_sizes", "sensitivity"]
+__all__ = ["STEP", "by_variation", "parameter_sizes", "sensitivity"]

@@ -16,6 +16,8 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
+from fmu_didim.prediction.repetition import Beginning, change_of_torque
+from fmu_didim.prediction.sensitivity import by_variation
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
@@ -29,6 +31,9 @@ LARGEST = 1e12
 """A column larger than this comes from states that the offline integration could not follow."""
 
 
+REPEATS = 0.05
+"""Two periods of the change that an effect makes are the same, for its signature, when they differ by less than this
+fraction of the root mean square of that change: elastic gears ring for a while."""
 TOGETHER = 32
 """Shapes whose loads the closed loop answers in one go."""
 
@@ -72,8 +77,12 @@ class SignatureCatalogue:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
+        torque, rows = fit.torque, fit.model.rows
+        self._beginnings = {label: Beginning.of(fit.model, label, torque[part]) for label, part in rows.items()}
+        smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
+        derived = self._by_derivatives(smooth) if smooth else {}
         for effect_at in candidates:
-            self._signatures += list(self._make(effect_at))
+            self._signatures += derived[effect_at] if effect_at in derived else list(self._make(effect_at))
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
@@ -161,13 +170,68 @@ class SignatureCatalogue:
                 table = np.stack([together[i] for i in seen], axis=2)
                 yield Signature(effect_at, tried[first][0], names, table, neutral)
 
+    def _by_derivatives(self, smooth: Sequence[EffectAtJoint]) -> dict[EffectAtJoint, list[Signature]]:
+        """Derivatives by the parameters of effects that are smooth where they are neutral, at a few shapes: those of
+        all joints from one run of the loop; nothing where its equations are not known."""
+        found: dict[EffectAtJoint, list[Signature]] = {effect_at: [] for effect_at in smooth}
+        shapes = {
+            effect_at: _one_at_a_time(
+                {v.name: self.builder.search(effect_at)[v.name] for v in self.builder.parameters_of(effect_at)[1]}
+            )
+            for effect_at in smooth
+        }
+        for place in range(max(len(tried) for tried in shapes.values())):
+            here = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
+            columns = self._derivatives(here)
+            if columns is None:
+                return {}
+            for effect_at, (names, table) in columns.items():
+                neutral = self.builder.effect(effect_at).neutral
+                found[effect_at].append(Signature(effect_at, here[effect_at], names, table, neutral))
+        return found
+
+    def _derivatives(
+        self, here: Mapping[EffectAtJoint, Mapping[str, float]]
+    ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:
+        """Names of the parameters of each effect and the derivatives (N, n, m) by them, at these shapes."""
+        proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in here.items()]
+        model = self.builder.build(self.fit.model, proposals)
+        first = len(self.fit.model.free_parameters)
+        own: dict[EffectAtJoint, list[int]] = {effect_at: [] for effect_at in here}
+        for i, parameter in enumerate(model.free_parameters[first:], start=first):
+            if parameter.effect is not None and not parameter.is_shape:
+                own[model.added_effects[parameter.effect]].append(i)
+        wanted = [i for places in own.values() for i in places]
+        pinned, parts = model.integrated_as(model.start), []
+        for label in model.estimation_labels:
+            varied = by_variation(pinned, model.start, label, wanted, self._beginnings[label], lasting=True)
+            if len(varied) < len(wanted):
+                return None
+            parts.append(np.stack([varied[i] for i in wanted], axis=2))
+        table = np.concatenate(parts)
+        return {
+            effect_at: (
+                tuple(model.free_parameters[i].key for i in places),
+                table[:, :, [wanted.index(i) for i in places]],
+            )
+            for effect_at, places in own.items()
+        }
+
     def _task(self, effect_at: EffectAtJoint, values: Mapping[str, float]) -> Callable[[], Array]:
+        torque, rows = self.fit.torque, self.fit.model.rows
+
         def difference() -> Array:
             model = self.builder.build(self.fit.model, [Proposal(effect_at, values)])
             try:
-                return model.torque(model.start) - self.fit.torque
+                parts = [
+                    change_of_torque(
+                        model, model.start, label, torque[part], self._beginnings[label], tolerance=REPEATS
+                    )
+                    for label, part in rows.items()
+                ]
             except SimulationError:
-                return np.zeros_like(self.fit.torque)
+                return np.zeros_like(torque)
+            return np.concatenate(parts)
 
         return difference
 

@@ -310,7 +310,7 @@ def refit(
         try:
             torque = model.torque(start)
             added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
-            slopes = sensitivity(model, start, torque, only=added, exact=False)
+            slopes = sensitivity(model, start, torque, only=added, exact=False, whole=False)
         except SimulationError:
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
