@@ -19,15 +19,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.equations import Equations
+from fmu_didim.prediction.fit import Fit, point, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.prediction import Prediction, predict
-from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
-from fmu_didim.prediction.weighting import KnownNoise, Weighting, whitened
+from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient, relative_error_percent
+from fmu_didim.statistics import relative_error_percent
 
 DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Tried one after the other, for columns of the Jacobian of length one."""
@@ -76,70 +77,6 @@ class Stopping:
     check_all: bool = True
     exact: bool = False
     whole: bool = False
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A point of the closed loop, usually a minimum.
-
-    Attributes:
-        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
-        deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
-        settled: whether the steps became small, by the tolerance.
-        iterations: the history, where it was asked for; simulations: how many it took.
-        prediction: torque with the regressor, where it is known.
-    """
-
-    model: LoopModel
-    values: Array
-    torque: Array
-    jacobian: Array
-    deviation: Array
-    chi_square: float
-    settled: bool = False
-    iterations: tuple[Iteration, ...] = ()
-    simulations: int = 0
-    prediction: Prediction | None = None
-
-    @property
-    def residual(self) -> Array:
-        """(N, n) measured minus simulated torque."""
-        return self.model.measured - self.torque
-
-    def covariance(self, noise: Noise) -> Array:
-        """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
-        weighted = (self.jacobian * noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
-        scale = np.linalg.norm(weighted, axis=0)
-        scale[scale == 0] = np.inf
-        return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
-
-    @property
-    def condition_number(self) -> float:
-        """Of the weighted sensitivity with columns of length one."""
-        return _Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
-
-    @property
-    def bound(self) -> Array:
-        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
-        return covariance_efficient(whitened(self.jacobian, self.deviation))
-
-
-def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:
-    """The closed loop at the values of a model: torque and exact sensitivity.
-
-    Args:
-        prediction: saves the first simulation where it is known.
-
-    Raises:
-        SimulationError: the values cannot be simulated.
-    """
-    values = model.start
-    prediction = prediction or predict(model, values)
-    sizes = parameter_sizes(model, values, prediction)
-    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes)
-    residual = model.measured - prediction.torque
-    deviation = weighting.deviation(residual, jacobian)
-    return Fit(model, values, prediction.torque, jacobian, deviation, _cost(residual, deviation), prediction=prediction)
 
 
 def minimise(
@@ -310,7 +247,7 @@ class _Solver:
             tried += 1
             try:
                 torque = model.torque(trial)
-                reached = _cost(self._measured - torque, step.deviation)
+                reached = sum_of_squares(self._measured - torque, step.deviation)
                 if reached < step.cost:
                     for label in others:  # what was measured there is not looked at
                         model.torque(trial, label)
@@ -332,7 +269,7 @@ class _Solver:
         if self._stopping.exact and not at.fresh and self._stopping.tolerance is None:
             self._differentiate(at)
         deviation = self._deviation(at)
-        cost = _cost(self._measured - at.torque, deviation)
+        cost = sum_of_squares(self._measured - at.torque, deviation)
         model = self._model.with_values(at.values)
         history = tuple(self._history)
         return Fit(model, at.values, at.torque, at.jacobian, deviation, cost, settled, history, at.simulations)
@@ -358,7 +295,7 @@ class _Step:
         scale: (p,) standard deviations; size: (p,) at which each parameter makes up the whole torque.
     """
 
-    equations: _Equations
+    equations: Equations
     deviation: Array
     cost: float
     promised: float
@@ -370,14 +307,14 @@ class _Step:
     def of(at: _State, deviation: Array, measured: Array, low: Array, high: Array) -> _Step:
         residual = measured - at.torque
         table = at.jacobian / deviation[:, None]
-        equations = _Equations.of(table, residual / deviation)
+        equations = Equations.of(table, residual / deviation)
         _, promised = equations.step(at.values, low, high, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length
         return _Step(
             equations,
             deviation,
-            _cost(residual, deviation),
+            sum_of_squares(residual, deviation),
             promised,
             equations.deviations(),
             size,
@@ -385,59 +322,4 @@ class _Step:
         )
 
 
-@dataclass(frozen=True)
-class _Equations:
-    """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
-
-    Attributes:
-        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle parameters.
-    """
-
-    table: Array
-    right: Array
-    scale: Array
-
-    @staticmethod
-    def of(jacobian: Array, residual: Array) -> _Equations:
-        """From (N, n, p) and (N, n), both weighted."""
-        flat = jacobian.reshape(-1, jacobian.shape[2])
-        scale = np.linalg.norm(flat, axis=0)
-        q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
-        return _Equations(r, q.T @ residual.ravel(), scale)
-
-    def deviations(self) -> Array:
-        """(p,) standard deviations by (S'S)^-1; those of idle parameters, or of such as cannot be told apart, are
-        those that the others would leave them."""
-        free = self.scale > 0
-        result = np.full(self.scale.size, np.inf)
-        inverse = np.linalg.pinv(self.table[:, free], rcond=1e-14)
-        result[free] = np.linalg.norm(inverse, axis=1) / self.scale[free]
-        return result
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the columns of length one."""
-        singular = np.linalg.svd(self.table[:, self.scale > 0], compute_uv=False)
-        return float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else np.inf
-
-    def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
-        """The step with parameters at a limit held there, and how much it promises to lower the cost."""
-        size = self.scale.size
-        free = self.scale > 0
-        step = np.zeros(size)
-        for _ in range(size):
-            step = np.zeros(size)
-            table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
-            right = np.concatenate([self.right, np.zeros(int(free.sum()))])
-            step[free] = np.linalg.lstsq(table, right, rcond=1e-10)[0] / self.scale[free]
-            # At a limit and pushed outwards: held.
-            stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
-            if not stuck.any():
-                break
-            free &= ~stuck
-        promised = self.right @ self.right - np.sum((self.right - self.table @ (step * self.scale)) ** 2)
-        return step, float(promised)
-
-
-def _cost(residual: Array, deviation: Array) -> float:
-    return float(np.sum((residual / deviation) ** 2))
+__all__ = ["Fit", "Stopping", "integrated", "minimise", "point"]

@@ -1,0 +1,94 @@
+"""A point of the closed loop with its sensitivity: what a fit starts from and comes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.prediction.equations import Equations
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.prediction import Prediction, predict
+from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
+from fmu_didim.prediction.weighting import Weighting, whitened
+from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_efficient
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A point of the closed loop, usually a minimum.
+
+    Attributes:
+        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
+        settled: whether the steps became small, by the tolerance.
+        iterations: the history, where it was asked for; simulations: how many it took.
+        prediction: torque with the regressor, where it is known.
+    """
+
+    model: LoopModel
+    values: Array
+    torque: Array
+    jacobian: Array
+    deviation: Array
+    chi_square: float
+    settled: bool = False
+    iterations: tuple[Iteration, ...] = ()
+    simulations: int = 0
+    prediction: Prediction | None = None
+
+    @property
+    def residual(self) -> Array:
+        """(N, n) measured minus simulated torque."""
+        return self.model.measured - self.torque
+
+    def covariance(self, noise: Noise) -> Array:
+        """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
+        weighted = (self.jacobian * noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
+        scale = np.linalg.norm(weighted, axis=0)
+        scale[scale == 0] = np.inf
+        return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
+
+    @property
+    def condition_number(self) -> float:
+        """Of the weighted sensitivity with columns of length one."""
+        return Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
+
+    @property
+    def bound(self) -> Array:
+        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
+        return covariance_efficient(whitened(self.jacobian, self.deviation))
+
+
+def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:
+    """The closed loop at the values of a model: torque and exact sensitivity.
+
+    Args:
+        prediction: saves the first simulation where it is known.
+
+    Raises:
+        SimulationError: the values cannot be simulated.
+    """
+    values = model.start
+    prediction = prediction or predict(model, values)
+    sizes = parameter_sizes(model, values, prediction)
+    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes)
+    residual = model.measured - prediction.torque
+    deviation = weighting.deviation(residual, jacobian)
+    return Fit(
+        model,
+        values,
+        prediction.torque,
+        jacobian,
+        deviation,
+        sum_of_squares(residual, deviation),
+        prediction=prediction,
+    )
+
+
+def sum_of_squares(residual: Array, deviation: Array) -> float:
+    """Of a residual (N, n) divided by deviations (n,)."""
+    return float(np.sum((residual / deviation) ** 2))
