@@ -119,9 +119,7 @@ def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) ->
     values, corrected, paper = [], [], []
     for seed in range(40):
         measured = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
-        estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(
-            with_torque(loose, measured)
-        )
+        estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(with_torque(loose, measured))
         values.append(estimate.value)
         corrected.append(estimate.standard_deviation)
         paper.append(estimate.stages["didim"].formulas["paper"])
