@@ -103,7 +103,7 @@ def test_at_the_minimum_the_gradient_vanishes(model: LoopModel) -> None:
 def test_steps_that_keep_nothing_of_their_promise_have_not_settled(
     model: LoopModel, monkeypatch: pytest.MonkeyPatch, updates: int | None
 ) -> None:
-    """Slopes that the loop does not have, as of a simulation that is unstable; an old sensitivity is looked at again."""
+    """Slopes that the loop does not have, as of an unstable simulation; an old sensitivity is looked at again."""
     start, taken = at(model, NEAR), []
 
     def wrong(*arguments: Any, **options: Any) -> np.ndarray:
