@@ -16,8 +16,11 @@ from fmu_didim.components import Component, Instance, ModelComponent, block_as_c
 from fmu_didim.controllers import LAWS
 from fmu_didim.documents import validate
 from fmu_didim.export import build_fmu
-from fmu_didim.master import System, closed_loop
+from fmu_didim.master import System, closed_loop, sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.free_parameter import base_free_parameters
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Trajectory, Variable, trajectory
 
@@ -120,6 +123,18 @@ def model_of(case: Path | str) -> LoopModel:
     model = load_case(case).model
     assert model is not None
     return model
+
+
+def model_on(system: System, parameters: Parameters, motion: Trajectory, times: np.ndarray) -> LoopModel:
+    """A loop along a motion, whose base parameters are free; its torque log at these times is still empty."""
+    operator = sample_operator(
+        times, start=float(motion.time[0]), step=system.step_size, tick_count=motion.time.size
+    )  # fmt: skip
+    empty = Experiment(motion, times, np.zeros((times.size, parameters.joint_count)), operator)
+    return LoopModel(
+        {"estimation": system}, {"estimation": empty}, parameters, system.components["plant"],
+        free_parameters=base_free_parameters(parameters),
+    )  # fmt: skip
 
 
 def with_torque(model: LoopModel, torque: np.ndarray, label: str | None = None) -> LoopModel:
