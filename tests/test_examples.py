@@ -76,9 +76,9 @@ def test_emps_torque_rates() -> None:
     script = load("examples/emps/torque_rates.py")
     case = load_case("examples/emps/identify.yaml")
     full = script["full_rate"](case)  # type: ignore[operator]
-    assert full.experiment.time.size == 24841
+    assert full.experiments["estimation"].time.size == 24841
     estimate = Didim().estimate(script["thinned"](full, 10.0, 0.05))  # type: ignore[operator]
-    direct, cross = script["errors"](case, full, estimate)  # type: ignore[operator]
+    direct, cross = script["errors"](full, estimate)  # type: ignore[operator]
     assert direct <= 4.6
     assert cross <= 5.4
 

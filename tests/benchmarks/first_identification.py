@@ -46,17 +46,16 @@ class _Stopwatch:
 def _measure() -> dict[str, float]:
     """Seconds by phase in this process."""
     begin = time.perf_counter()
-    import fmu_didim.prediction.problem as problem
-
     import fmu_didim.export.build as build
     import fmu_didim.export.fmu as export
+    import fmu_didim.prediction.loop_model as loop_model
     import fmu_didim.report as report
     from fmu_didim import workflow
 
     watch = _Stopwatch()
     watch.seconds["imports"] = time.perf_counter() - begin
     targets = [
-        ("compile", build, "_run"), ("code generation", export, "generate_c"), ("simulation", problem, "simulate"),
+        ("compile", build, "_run"), ("code generation", export, "generate_c"), ("simulation", loop_model, "simulate"),
         ("report", report, "write_report"), ("reading and building the case", workflow, "load_case"),
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as out:
