@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from tests.benchmarks.cheap_fmus import Slaves, reference, system
 from tests.benchmarks.figure import Figure, Settings, interleaved
 from tests.benchmarks.scara_loop import ours
 from tests.benchmarks.tx40_simulation import model, pinocchio
+from tests.helpers import ROOT
 
 SCHEMA = {
     "type": "array",
@@ -116,6 +119,19 @@ def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: p
         assert figure["name"] in shown
         assert figure["ratio"] is not None or "absent" in figure["note"]
         assert all(np.isfinite(value) for value in figure["medians"].values())
+
+
+def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.benchmarks.first_identification"], cwd=ROOT, check=True, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    found = json.loads(done.stdout.splitlines()[-1])
+    # What is compiled depends on what was before.
+    assert set(found) - {"compile", "code generation"} == {
+        "imports", "reading and building the case", "simulation", "report", "the rest",
+    }  # fmt: skip
+    assert all(seconds > 0 for seconds in found.values())
 
 
 def test_every_benchmark_can_be_chosen() -> None:

@@ -111,7 +111,7 @@ def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
     lag = next(p for f in document.findings for p in f.parameters if p.name == "T_2")
     assert lag.std is not None
     assert abs(lag.value - script["LAG"]) < 3 * lag.std
-    gap = document.gap["test"]
+    gap = document.gap["validation"]
     assert gap.before is not None and gap.after is not None
     assert gap.after < 0.4 * gap.before
     assert (tmp_path / document.files["plant_fmu"]).is_file()

@@ -5,6 +5,7 @@ python -m tests.benchmarks.first_identification
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -50,7 +51,8 @@ def _measure() -> dict[str, float]:
     import fmu_didim.export.fmu as export
     import fmu_didim.prediction.loop_model as loop_model
     import fmu_didim.report as report
-    from fmu_didim import workflow
+
+    workflow = importlib.import_module("fmu_didim.workflow.identify")  # not the verb of the same name
 
     watch = _Stopwatch()
     watch.seconds["imports"] = time.perf_counter() - begin
