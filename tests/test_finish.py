@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim.errors import DivergedError
 from fmu_didim.identification.conclude import Minimum, efficient_finish
@@ -18,6 +20,7 @@ from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.weighting import NoiseOfResidual
 from tests.helpers import model_of
+from tests.test_case import scara as scara_case
 
 NEAR = np.array([3.41, 0.04, 0.81, 0.0637, 0.2455, 0.0145, 0.0127, 0.1373])
 FAR = NEAR * np.array([1, 100, 10, 1, 1, 1, 100, 10])
@@ -129,6 +132,31 @@ def test_a_step_to_an_impossible_arm_is_damped(model: LoopModel) -> None:
     assert any(it.note.startswith("step damped: the inertia matrix is not positive definite") for it in seen)
     sigma = np.sqrt(np.diag(fit.bound))
     assert (np.abs(fit.values - finished(at(model, NEAR)).fit.values) <= 2e-5 * sigma).all()
+
+
+def test_a_gain_that_noise_nearly_hides_settles(tmp_path: Path) -> None:
+    """Second derivatives times the residual are as large here as the slopes squared: whole steps go to and fro around
+    the minimum for long."""
+    path = scara_case(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["identify"] = {"gain": {"of": "controller", "parameter": "Kp1", "start": 3000.0}}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    model = model_of(path)
+    assert model.names[-1] == "gain"
+    seen: list[Iteration] = []
+    start = model.with_values(np.append(NEAR, 3000.0))
+    known = noise_of(model)
+    fit = minimise(start, known, stopping=replace(SETTLE, iterations=10), progress=seen.append)
+    assert fit.settled
+    assert any(it.note == "step shortened" for it in seen)
+    sigma = np.sqrt(np.diag(fit.covariance(known)))
+    for i in range(fit.values.size):
+        step = np.zeros(fit.values.size)
+        step[i] = 0.1 * sigma[i]
+        costs = [cost(model, fit.values + s * step) for s in (1, -1)]
+        # Of a parabola through both the least value is no farther away than STALE.
+        curvature = (sum(costs) - 2 * fit.chi_square) / 0.1**2
+        assert abs(costs[0] - costs[1]) / 0.2 <= STALE * curvature
 
 
 def test_no_step_leads_uphill_and_the_last_point_is_the_best(model: LoopModel) -> None:
