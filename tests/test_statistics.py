@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from fmu_didim.errors import IdentificationError
 from fmu_didim.statistics import (
@@ -14,6 +13,7 @@ from fmu_didim.statistics import (
     covariance_paper,
     covariance_sandwich,
     least_squares,
+    leverage,
     noise_deviation,
     relative_deviation_percent,
     relative_error_percent,
@@ -63,6 +63,16 @@ def test_dependent_columns_are_refused() -> None:
 def test_too_few_rows_are_refused(rows: int) -> None:
     with pytest.raises(IdentificationError, match=rf"{rows} samples, 3 parameters"):
         least_squares(regressor(rows), np.ones(rows))
+    with pytest.raises(IdentificationError, match=rf"{rows} samples, 3 parameters"):
+        leverage(regressor(rows))
+
+
+def test_leverage_is_that_of_the_space_of_the_columns() -> None:
+    a = regressor(columns=3)
+    expected = np.diag(a @ np.linalg.pinv(a))
+    np.testing.assert_allclose(leverage(a), expected, rtol=1e-10)
+    dependent = np.column_stack([a, a[:, 0] - 1e3 * a[:, 1], np.zeros(60)])
+    np.testing.assert_allclose(leverage(dependent), expected, rtol=1e-8)
 
 
 def test_values_that_are_not_finite_are_refused() -> None:
@@ -72,6 +82,8 @@ def test_values_that_are_not_finite_are_refused() -> None:
         changed[3, 1] = bad
         with pytest.raises(IdentificationError, match="not finite"):
             least_squares(changed, b)
+        with pytest.raises(IdentificationError, match="not finite"):
+            leverage(changed)
         target = b.copy()
         target[3] = bad
         with pytest.raises(IdentificationError, match="not finite"):
@@ -135,10 +147,11 @@ def test_noise_deviation_has_a_floor() -> None:
 
 def test_confidence_interval_is_students() -> None:
     value, deviation = np.array([1.0, -2.0]), np.array([0.1, 3.0])
-    for freedom, level in ((4.0, 0.95), (500.0, 0.99)):
-        low, high = stats.t.interval(level, freedom, loc=value, scale=deviation)
+    # From tables of Student's distribution.
+    for freedom, level, quantile in ((4.0, 0.95, 2.776445), (10.0, 0.9, 1.812461), (500.0, 0.99, 2.585698)):
         got = confidence_interval(value, deviation, freedom, level)
-        np.testing.assert_allclose(got, np.column_stack([low, high]), rtol=1e-12)
+        expected = np.column_stack([value - quantile * deviation, value + quantile * deviation])
+        np.testing.assert_allclose(got, expected, rtol=1e-6)
     assert confidence_interval(value, deviation, 1e9)[0, 1] == pytest.approx(1.0 + 0.1 * 1.959964, rel=1e-6)
 
 
