@@ -21,7 +21,6 @@ from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
 
 CONDITION_LIMIT = 1e12
-NOT_FINITE = "The least squares problem holds values that are not finite."
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,15 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
     Raises:
         IdentificationError: too few rows, not finite, or columns that depend on each other.
     """
-    norms = _checked_norms(matrix)
-    if not np.isfinite(target).all():
-        raise IdentificationError(NOT_FINITE)
+    rows, count = matrix.shape
+    if rows <= count:
+        raise IdentificationError(
+            "There are not more samples than parameters.", got=f"{rows} samples, {count} parameters",
+            next_step="Record longer, at a higher rate, or identify fewer parameters.",
+        )  # fmt: skip
+    norms = np.linalg.norm(matrix, axis=0)
+    if not (np.isfinite(norms).all() and np.isfinite(target).all()):
+        raise IdentificationError("The least squares problem holds values that are not finite.")
     if (norms == 0).any():
         unexcited = [names[i] if names else str(i) for i in np.flatnonzero(norms == 0)]
         raise IdentificationError(
@@ -69,34 +74,6 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
         )  # fmt: skip
     solution = np.linalg.solve(r, q.T @ target) / norms
     return LeastSquares(solution, target - matrix @ solution, condition, np.einsum("ij,ij->i", q, q))
-
-
-def leverage(matrix: Array) -> Array:
-    """(r,) diagonal of the projection on the columns of a matrix (r, p), which may depend on each other.
-
-    Raises:
-        IdentificationError: too few rows, or not finite.
-    """
-    norms = _checked_norms(matrix)
-    q, r = np.linalg.qr(matrix / np.where(norms > 0, norms, 1.0))
-    left, singular, _ = np.linalg.svd(r)
-    kept = singular * CONDITION_LIMIT > singular[0]
-    basis = q if kept.all() else q @ left[:, kept]
-    return np.asarray(np.einsum("ij,ij->i", basis, basis))
-
-
-def _checked_norms(matrix: Array) -> Array:
-    """(p,) lengths of the columns; raises IdentificationError for too few rows and for what is not finite."""
-    rows, count = matrix.shape
-    if rows <= count:
-        raise IdentificationError(
-            "There are not more samples than parameters.", got=f"{rows} samples, {count} parameters",
-            next_step="Record longer, at a higher rate, or identify fewer parameters.",
-        )  # fmt: skip
-    norms = np.linalg.norm(matrix, axis=0)
-    if not np.isfinite(norms).all():
-        raise IdentificationError(NOT_FINITE)
-    return np.asarray(norms)
 
 
 def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:

@@ -13,7 +13,6 @@ from fmu_didim.statistics import (
     covariance_paper,
     covariance_sandwich,
     least_squares,
-    leverage,
     noise_deviation,
     relative_deviation_percent,
     relative_error_percent,
@@ -63,16 +62,6 @@ def test_dependent_columns_are_refused() -> None:
 def test_too_few_rows_are_refused(rows: int) -> None:
     with pytest.raises(IdentificationError, match=rf"{rows} samples, 3 parameters"):
         least_squares(regressor(rows), np.ones(rows))
-    with pytest.raises(IdentificationError, match=rf"{rows} samples, 3 parameters"):
-        leverage(regressor(rows))
-
-
-def test_leverage_is_that_of_the_space_of_the_columns() -> None:
-    a = regressor(columns=3)
-    expected = np.diag(a @ np.linalg.pinv(a))
-    np.testing.assert_allclose(leverage(a), expected, rtol=1e-10)
-    dependent = np.column_stack([a, a[:, 0] - 1e3 * a[:, 1], np.zeros(60)])
-    np.testing.assert_allclose(leverage(dependent), expected, rtol=1e-8)
 
 
 def test_values_that_are_not_finite_are_refused() -> None:
@@ -82,8 +71,6 @@ def test_values_that_are_not_finite_are_refused() -> None:
         changed[3, 1] = bad
         with pytest.raises(IdentificationError, match="not finite"):
             least_squares(changed, b)
-        with pytest.raises(IdentificationError, match="not finite"):
-            leverage(changed)
         target = b.copy()
         target[3] = bad
         with pytest.raises(IdentificationError, match="not finite"):

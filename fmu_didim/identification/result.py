@@ -231,10 +231,8 @@ def result_document(
 
 
 def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
-    intervals, carriers = (
-        estimate.interval(),
-        dict(zip(model.parameters.names, model.parameters.plant_names, strict=True)),
-    )
+    intervals = estimate.interval()
+    carriers = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
     standard = [carriers[p.key] if p.owner == BASE else "" for p in model.free_parameters]
     return {
         parameter: ParameterResult(

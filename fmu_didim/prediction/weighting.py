@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
-from fmu_didim.statistics import LeastSquares, least_squares, leverage, noise_deviation
+from fmu_didim.statistics import LeastSquares, least_squares, noise_deviation
 
 
 def noise_floor(measured: Array) -> Array:
@@ -62,8 +62,8 @@ def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
         return np.full(residual.shape[1], max(float(np.sqrt((residual**2).mean())), float(floor.max())))
     deviation = noise_deviation(residual, np.zeros_like(residual), floor=floor)
     scaled = whitened(columns, deviation)
-    # Columns that cannot be told apart are refused elsewhere, by name.
-    return noise_deviation(residual, leverage(scaled).reshape(residual.shape), floor=floor)
+    leverage = least_squares(scaled, np.zeros(scaled.shape[0])).leverage.reshape(residual.shape)
+    return noise_deviation(residual, leverage, floor=floor)
 
 
 def weighted_solution(
