@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.block import Block
+from fmu_didim.case import load_case
 from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
 from fmu_didim.controllers import LAWS
 from fmu_didim.documents import validate
 from fmu_didim.export import build_fmu
-from fmu_didim.master import System, closed_loop
+from fmu_didim.master import System, closed_loop, sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.free_parameter import base_free_parameters
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Trajectory, Variable, trajectory
 
@@ -111,6 +116,43 @@ def loop(plant: Component, controller: Component, motion: Trajectory, *, joints:
         on_reference(plant, motion, joints), controller,
         joint_count=joints, step_size=PERIOD, reference_names=motion.names, **options,
     )  # fmt: skip
+
+
+def model_of(case: Path | str) -> LoopModel:
+    """The loop of a case file with its data."""
+    model = load_case(case).model
+    assert model is not None
+    return model
+
+
+def model_on(system: System, parameters: Parameters, motion: Trajectory, times: np.ndarray) -> LoopModel:
+    """A loop along a motion, whose base parameters are free; its torque log at these times is still empty."""
+    operator = sample_operator(
+        times, start=float(motion.time[0]), step=system.step_size, tick_count=motion.time.size
+    )  # fmt: skip
+    empty = Experiment(motion, times, np.zeros((times.size, parameters.joint_count)), operator)
+    return LoopModel(
+        {"estimation": system}, {"estimation": empty}, parameters, system.components["plant"],
+        free_parameters=base_free_parameters(parameters),
+    )  # fmt: skip
+
+
+def with_torque(model: LoopModel, torque: np.ndarray, label: str | None = None) -> LoopModel:
+    """The model with another measured torque in an experiment, by default in the first one."""
+    label = label or model.first
+    return model.with_experiment(label, replace(model.experiments[label], torque=torque))
+
+
+def with_delay(model: LoopModel, samples: float) -> LoopModel:
+    """The model with a delay of the command, in control periods, that is known."""
+    systems = {label: system.with_delay(model.plant_name, samples) for label, system in model.systems.items()}
+    return replace(model, systems=systems)
+
+
+def with_component(model: LoopModel, name: str, part: Component) -> LoopModel:
+    """The model with another component in all its loops; the plant included."""
+    systems = {label: system.replace(name, part) for label, system in model.systems.items()}
+    return replace(model, systems=systems, plant=part if name == model.plant_name else model.plant)
 
 
 def drive(part: Component, inputs: np.ndarray, period: float, start: float = 0.0) -> np.ndarray:

@@ -19,23 +19,21 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.prediction.finish import evaluate
-from fmu_didim.prediction.problem import Problem, predict_torque
-from fmu_didim.prediction.weighting import whitened
-from fmu_didim.statistics import covariance_efficient
+from fmu_didim.prediction.least_squares import point
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.weighting import NoiseOfResidual
+from tests.helpers import ROOT, model_of, with_torque
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
 CASES = {10: "identify.yaml", 200: "identify_200hz.yaml"}
 NOISE = 0.05
 
 
 @dataclass(frozen=True)
 class DesignContext:
-    """The problem with noise-free torque, the truth, the noise and the Cramer-Rao bound of the parameters."""
+    """The model with noise-free torque, the truth, the noise and the Cramer-Rao bound of the parameters."""
 
-    problem: Problem
+    model: LoopModel
     truth: np.ndarray
     torque: np.ndarray
     noise: np.ndarray
@@ -45,22 +43,20 @@ class DesignContext:
 @lru_cache
 def context(rate_hz: int) -> DesignContext:
     """The SCARA example with torque at ``rate_hz``."""
-    problem = load_case(EXAMPLES / "scara" / CASES[rate_hz]).problem
-    assert problem is not None
-    truth = problem.parameters.nominal()
-    torque = predict_torque(problem, truth)[0]
+    model = model_of(ROOT / "examples/scara" / CASES[rate_hz])
+    torque = model.torque(model.start)
     noise = NOISE * np.sqrt((torque**2).mean(axis=0))
-    clean = problem.on(replace(problem.experiment, torque=torque))
-    bound = covariance_efficient(whitened(evaluate(clean, truth).sensitivity, noise))
-    return DesignContext(clean, truth, torque, noise, np.sqrt(np.diag(bound)))
+    clean = with_torque(model, torque)
+    known = replace(clean, torque_deviation=noise)
+    bound = point(known, NoiseOfResidual(known)).bound
+    return DesignContext(clean, model.start, torque, noise, np.sqrt(np.diag(bound)))
 
 
 def one_seed(rate_hz: int, seed: int) -> dict[str, list[float]]:
     """Values and standard deviations of one identification."""
     here = context(rate_hz)
     measured = here.torque + here.noise * np.random.default_rng(seed).normal(size=here.torque.shape)
-    problem = here.problem.on(replace(here.problem.experiment, torque=measured))
-    estimate = Didim(start="reference", tolerance=1e-5).estimate(problem)
+    estimate = Didim(start="reference", tolerance=1e-5).estimate(with_torque(here.model, measured))
     didim = estimate.stages["didim"]
     return {
         "value": estimate.value.tolist(),
@@ -110,7 +106,7 @@ def summarise(rate_hz: int, runs: list[dict[str, list[float]]]) -> Summary:
         return 100 * (np.abs(table[value] - here.truth) <= half * table[std]).mean(axis=0)
 
     return Summary(
-        names=here.problem.parameters.names,
+        names=here.model.names,
         coverage=coverage("value", "std"),
         coverage_didim=coverage("didim_value", "didim_std"),
         coverage_paper=coverage("didim_value", "paper_std"),

@@ -14,11 +14,11 @@ import yaml
 from fmu_didim.components import load_fmu, rename
 from fmu_didim.estimators import Clie
 from fmu_didim.export import compile_shared_library
-from fmu_didim.master import closed_loop, decimated_times, sample_operator
+from fmu_didim.master import closed_loop, decimated_times
 from fmu_didim.prediction.parameters import NamedParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict_torque
 from fmu_didim.signals import trajectory
 from fmu_didim.workflow import identify, simulate_case
+from tests.helpers import model_on, with_torque
 from tests.test_case import scara
 
 SCARA = "examples/scara/identify.yaml"
@@ -137,12 +137,10 @@ def test_dymola_pair_is_identified_from_torque(rate_hz: float) -> None:
         lowest=(0.0,) * 4, highest=(np.inf,) * 4,
     )  # fmt: skip
     times = decimated_times(time, rate_hz)
-    operator = sample_operator(times, start=0.0, step=step, tick_count=time.size)
-    problem = Problem(system, parameters, Experiment(reference, times, np.zeros((times.size, 1)), operator))
-    torque = predict_torque(problem, truth)[0]
+    model = model_on(system, parameters, reference, times)
+    torque = model.torque(truth)
     noise = 0.01 * torque.std() * np.random.default_rng(0).normal(size=torque.shape)
-    data = Experiment(reference, times, torque + noise, operator)
-    estimate = Clie(start={"J1": 0.7, "J2": 2.6, "c": 7e3, "d": 140.0}).estimate(problem.on(data))
+    estimate = Clie(start={"J1": 0.7, "J2": 2.6, "c": 7e3, "d": 140.0}).estimate(with_torque(model, torque + noise))
     assert (np.abs(estimate.value - truth) <= 3 * estimate.standard_deviation).all()
     certain = estimate.standard_deviation <= 0.01 * truth
     assert (np.abs(estimate.value - truth)[certain] <= 0.02 * truth[certain]).all()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,13 +13,14 @@ import numpy as np
 import pytest
 
 from fmu_didim.master import simulate
-from fmu_didim.prediction.problem import drive_torque, joint_signals
+from fmu_didim.prediction.prediction import drive_torque
 from tests.benchmarks import scara, tx40
 from tests.benchmarks.__main__ import BENCHMARKS, main
 from tests.benchmarks.cheap_fmus import Slaves, reference, system
 from tests.benchmarks.figure import Figure, Settings, interleaved
 from tests.benchmarks.scara_loop import ours
-from tests.benchmarks.tx40_simulation import pinocchio, problem
+from tests.benchmarks.tx40_simulation import model, pinocchio
+from tests.helpers import ROOT
 
 SCHEMA = {
     "type": "array",
@@ -60,26 +63,26 @@ def test_c_loop_of_fmi_calls_gives_our_trajectory() -> None:
 
 
 def test_c_program_of_the_scara_gives_our_trajectory() -> None:
-    here = scara.problem()
+    here = scara.model()
     # Not at the nominal values, where a parameter that never arrives would not be seen.
-    theta = here.parameters.nominal() * np.linspace(0.9, 1.1, here.parameters.count)
-    ticks = np.arange(here.experiment.reference.time.size)
+    theta = here.start * np.linspace(0.9, 1.1, here.start.size)
+    ticks = np.arange(here.experiments[here.first].reference.time.size)
     recording = ours(here, theta, ticks)
-    motion = [recording.table(joint_signals(here, name)) for name in ("q", "dq", "ddq")]
+    motion = [recording.table(here.joint_signals(name)) for name in ("q", "dq", "ddq")]
     found = np.hstack([drive_torque(here, recording), *motion])
     assert relative(found, scara.program(theta).runner(ticks)()) <= 1e-12
 
 
 def test_c_program_of_the_tx40_gives_our_trajectory_and_that_of_pinocchio() -> None:
-    here, _ = problem(1.0)
-    ticks = np.arange(500)
-    recording = simulate(here.system_with(here.parameters.nominal()), here.experiment.reference, ticks=ticks)
-    motion = [recording.table(joint_signals(here, name)) for name in ("q", "dq", "ddq")]
+    here, _ = model(1.0)
+    wanted, ticks = here.experiments[here.first].reference, np.arange(500)
+    recording = simulate(here.system(here.start), wanted, ticks=ticks)
+    motion = [recording.table(here.joint_signals(name)) for name in ("q", "dq", "ddq")]
     found = np.hstack([drive_torque(here, recording), *motion])
     expected = tx40.program(tx40.excitation(duration_s=1.0)).runner(ticks)()
-    # The regrouped parameters of the problem act like the description's only to rounding.
+    # The regrouped parameters of the model act like the description's only to rounding.
     assert relative(found, expected) <= 1e-9
-    theirs = np.hstack(pinocchio().run(here.experiment.reference, ticks.size))
+    theirs = np.hstack(pinocchio().run(wanted, ticks.size))
     assert relative(theirs, expected) <= 1e-9
 
 
@@ -116,6 +119,19 @@ def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: p
         assert figure["name"] in shown
         assert figure["ratio"] is not None or "absent" in figure["note"]
         assert all(np.isfinite(value) for value in figure["medians"].values())
+
+
+def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.benchmarks.first_identification"], cwd=ROOT, check=True, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    found = json.loads(done.stdout.splitlines()[-1])
+    # What is compiled depends on what was before.
+    assert set(found) - {"compile", "code generation"} == {
+        "imports", "reading and building the case", "simulation", "report", "the rest",
+    }  # fmt: skip
+    assert all(seconds > 0 for seconds in found.values())
 
 
 def test_every_benchmark_can_be_chosen() -> None:

@@ -9,26 +9,25 @@ import pytest
 
 from fmu_didim.case import load_case
 from fmu_didim.master import InstancePool, simulate
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import trajectory
 from tests.benchmarks.counting import simulated
+from tests.helpers import model_of
 
 CASE = "examples/scara/identify.yaml"
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
-    found = load_case(CASE).problem
-    assert found is not None
-    return found
+def model() -> LoopModel:
+    return model_of(CASE)
 
 
-def python_calls(problem: Problem, ticks: int, pool: InstancePool) -> int:
+def python_calls(model: LoopModel, ticks: int, pool: InstancePool) -> int:
     """Calls of Python and C functions in one warm run of the loop over so many ticks, the last one recorded."""
-    reference = problem.experiment.reference
+    reference, system = model.experiments[model.first].reference, model.systems[model.first]
     part = trajectory(reference.time[:ticks], {n: reference.select([n])[:ticks, 0] for n in reference.names})
     recorded = np.array([ticks - 1])
-    run = lambda: simulate(problem.system, part, ticks=recorded, pool=pool)  # noqa: E731
+    run = lambda: simulate(system, part, ticks=recorded, pool=pool)  # noqa: E731
     run()
     calls = 0
 
@@ -45,32 +44,33 @@ def python_calls(problem: Problem, ticks: int, pool: InstancePool) -> int:
     return calls
 
 
-def test_calls_of_a_run_do_not_grow_with_its_ticks(problem: Problem) -> None:
+def test_calls_of_a_run_do_not_grow_with_its_ticks(model: LoopModel) -> None:
     pool = InstancePool()
-    short, long = (python_calls(problem, ticks, pool) for ticks in (200, 2000))
+    short, long = (python_calls(model, ticks, pool) for ticks in (200, 2000))
     assert long <= short + 5
     assert long < 1500
 
 
 def test_an_identification_takes_few_runs_of_the_loop() -> None:
     case = load_case(CASE)
-    assert case.problem is not None
-    estimate, runs = simulated(case.problem, case.estimator)
+    assert case.model is not None
+    estimate, runs = simulated(case.model, case.estimator)
     assert estimate.status.name == "CONVERGED"
     assert len(runs.plain) <= 8  # one an iteration, and one to check the integration
     assert len(runs.varied) <= 2
 
 
-def test_a_second_run_opens_no_file(problem: Problem) -> None:
-    reference, pool, watching, opened = problem.experiment.reference, InstancePool(), False, []
+def test_a_second_run_opens_no_file(model: LoopModel) -> None:
+    reference, system = model.experiments[model.first].reference, model.systems[model.first]
+    pool, watching, opened = InstancePool(), False, []
 
     def audit(event: str, arguments: tuple[object, ...]) -> None:
         if watching and event in ("open", "ctypes.dlopen", "subprocess.Popen"):
             opened.append(f"{event} {arguments[0]}")
 
     sys.addaudithook(audit)
-    simulate(problem.system, reference, pool=pool)
+    simulate(system, reference, pool=pool)
     watching = True
-    simulate(problem.system, reference, pool=pool)
+    simulate(system, reference, pool=pool)
     watching = False
     assert opened == []

@@ -16,6 +16,7 @@ from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_summary
 from fmu_didim.signals import read_trajectory, trajectory, write_csv
 from fmu_didim.workflow import identify, simulate_case
+from tests.helpers import model_of
 
 SCARA = Path("examples/scara/identify.yaml")
 
@@ -108,7 +109,7 @@ def test_averages_and_points_are_told_apart(tmp_path: Path) -> None:
     truth = [3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137]
     assert (np.abs(outcome.estimate.value - truth) <= 3 * outcome.estimate.standard_deviation).all()
     # Twenty samples make an average, so its noise is smaller than that of a point.
-    assert outcome.document.relative_error_percent["train"].total < 2.0  # type: ignore[operator]
+    assert outcome.document.relative_error_percent["estimation"].total < 2.0  # type: ignore[operator]
 
 
 def test_a_log_with_gaps_is_not_brought_to_another_rate(tmp_path: Path) -> None:
@@ -119,7 +120,7 @@ def test_a_log_with_gaps_is_not_brought_to_another_rate(tmp_path: Path) -> None:
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["train"]["torque"] = {"file": "gaps.csv"}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    assert load_case(path).problem.measured.shape == (len(rows) - 1 - 4, 2)
+    assert model_of(path).measured.shape == (len(rows) - 1 - 4, 2)
     content["train"]["torque"]["rate_hz"] = 20
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     with pytest.raises(InputError, match=r"lacks samples[\s\S]*2 gaps, the first one after t = 1.49 s[\s\S]*rate_hz"):

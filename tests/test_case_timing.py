@@ -29,7 +29,7 @@ def recorded(tmp_path: Path, change: Any) -> tuple[Any, Recording]:
     path = tmp_path / "case.yaml"
     path.write_text(yaml.safe_dump(document))
     case = load_case(path, require_torque=False)
-    reference = case.reference()
+    reference = case.reference("estimation")
     system = case.system(reference)
     return system, simulate(system, reference, ticks=np.arange(0, 400, 4))
 

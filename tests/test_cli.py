@@ -25,7 +25,7 @@ def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.Captur
     assert "kg.m2" in printed or "kg·m²" in printed
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     jsonschema.validate(document, result_schema())
-    assert document["schema_version"] == 1
+    assert document["schema_version"] == 2
     assert document["status"] == "converged"
     assert document["iterations"] <= 5
     zz1 = document["parameters"]["ZZ1R"]
@@ -33,8 +33,12 @@ def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.Captur
     assert zz1["interval"][0] < 3.43 < zz1["interval"][1]
     assert zz1["unit"] == "kg.m2"
     errors = document["relative_error_percent"]
-    assert len(errors["train"]["per_joint"]) == 2
+    assert len(errors["estimation"]["per_joint"]) == 2
     assert 4 < errors["validation"]["total"] < 6
+    roles = {label: experiment["role"] for label, experiment in document["experiments"].items()}
+    assert roles == {"estimation": "estimation", "validation": "validation"}
+    assert document["experiments"]["estimation"]["samples"] == 100
+    assert document["experiments"]["validation"]["relative_error_percent"] == errors["validation"]
     assert document["loop"]["order"] == ["controller", "plant"]
     provenance = document["provenance"]
     assert len(provenance["files"]["train_10hz.csv"]) == 64

@@ -16,6 +16,7 @@ from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import RefusedError, Status
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.workflow import identify
+from tests.helpers import model_of
 from tests.test_case import scara
 
 TRUTH = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])
@@ -40,10 +41,9 @@ ENTRIES = {
 
 
 def test_same_minimum_as_the_finish_of_didim() -> None:
-    problem = load_case("examples/scara/identify.yaml").problem
-    assert problem is not None
-    didim = Didim().estimate(problem)
-    clie = Clie(start="reference").estimate(problem)
+    model = model_of("examples/scara/identify.yaml")
+    didim = Didim().estimate(model)
+    clie = Clie(start="reference").estimate(model)
     assert clie.status is Status.CONVERGED
     np.testing.assert_allclose(clie.value, didim.value, rtol=1e-5)
     np.testing.assert_allclose(clie.standard_deviation, didim.standard_deviation, rtol=1e-4)

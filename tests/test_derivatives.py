@@ -14,14 +14,26 @@ from fmu_didim.components import Component, ModelComponent, block_as_control, lo
 from fmu_didim.documents import validate
 from fmu_didim.effects import EFFECTS
 from fmu_didim.export import build_fmu
+from fmu_didim.identification.start import with_free_delay
 from fmu_didim.master import System, simulate, splice_effect
 from fmu_didim.master.variation import with_derivatives
-from fmu_didim.prediction.plant_sensitivity import sensitivity
-from fmu_didim.prediction.problem import Problem, predict
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import RobotDescription, RobotModel
 from tests.benchmarks.counting import simulated
-from tests.helpers import PERIOD, law_block, loop, reference, scara, scara_cascade, scara_pd
+from tests.helpers import (
+    PERIOD,
+    law_block,
+    loop,
+    model_of,
+    reference,
+    scara,
+    scara_cascade,
+    scara_pd,
+    with_component,
+)
 
+EXAMPLE = "examples/scara/identify.yaml"
 MOTION = reference(1.0)
 IDENTIFIED = ("ZZ1", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2")
 TRUTH = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])
@@ -62,7 +74,7 @@ def differences(system: System, names: tuple[str, ...]) -> np.ndarray:
 
 def derivatives(system: System, names: tuple[str, ...]) -> np.ndarray:
     """(K, 2, p) from one run."""
-    varied = with_derivatives(system, "plant", names)
+    varied = with_derivatives(system, [("plant", name) for name in names])
     assert varied is not None
     recording = simulate(varied, reference(1.0, period=system.step_size))
     assert recording.compiled
@@ -110,57 +122,58 @@ def check(system: System, names: tuple[str, ...]) -> None:
 
 
 def test_a_component_without_known_equations_has_no_derivatives() -> None:
+    identified = [("plant", name) for name in IDENTIFIED]
     file = load_fmu(build_fmu(scara().block()))
-    assert with_derivatives(loop(file, ModelComponent(scara_pd()), MOTION), "plant", IDENTIFIED) is None
+    assert with_derivatives(loop(file, ModelComponent(scara_pd()), MOTION), identified) is None
     known = replace(file, block=scara().block())
-    assert with_derivatives(loop(known, ModelComponent(scara_pd()), MOTION), "plant", IDENTIFIED) is not None
-    assert with_derivatives(closed(), "plant", ("ZZ1", "unknown")) is None
+    assert with_derivatives(loop(known, ModelComponent(scara_pd()), MOTION), identified) is not None
+    assert with_derivatives(closed(), [("plant", "ZZ1"), ("plant", "unknown")]) is None
+    assert with_derivatives(closed(), [("plant", "ZZ1"), ("nowhere", "ZZ1")]) is None
 
 
 @pytest.fixture(scope="module")
-def problem() -> Problem:
-    found = load_case("examples/scara/identify.yaml").problem
-    assert found is not None
-    return found
+def model() -> LoopModel:
+    return model_of(EXAMPLE)
 
 
-def without_equations(problem: Problem) -> Problem:
+def without_equations(model: LoopModel) -> LoopModel:
     """The same with a plant FMU that might be another tool's."""
-    plant = replace(problem.system.components["plant"], block=None)  # type: ignore[type-var]
-    return replace(problem, system=problem.system.replace("plant", plant))
+    return with_component(model, "plant", replace(model.plant, block=None))  # type: ignore[call-arg]
 
 
-def test_both_ways_give_the_same_sensitivity(problem: Problem) -> None:
-    """Within the truncation error of the forward differences."""
-    prediction = predict(problem, TRUTH)
-    found = sensitivity(problem, TRUTH, prediction, with_delay=True)
-    expected = sensitivity(without_equations(problem), TRUTH, prediction, with_delay=True)
+def test_both_ways_give_the_same_sensitivity(model: LoopModel) -> None:
+    """Within the truncation error of the forward differences; the delay is a difference in both."""
+    model = with_free_delay(model)
+    values = np.append(TRUTH, 0.0)
+    torque = model.torque(values)
+    found = sensitivity(model, values, torque)
+    expected = sensitivity(without_equations(model), values, torque)
     size = np.linalg.norm(expected, axis=(0, 1))
     assert (np.linalg.norm(found - expected, axis=(0, 1)) <= 1e-4 * size).all()
     np.testing.assert_array_equal(found[:, :, -1], expected[:, :, -1])
 
 
-def test_both_ways_give_the_same_estimate(problem: Problem) -> None:
-    estimator = load_case("examples/scara/identify.yaml").estimator
-    found, runs = simulated(problem, estimator)
-    expected, before = simulated(without_equations(problem), estimator)
+def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
+    estimator = load_case(EXAMPLE).estimator
+    found, runs = simulated(model, estimator)
+    expected, before = simulated(without_equations(model), estimator)
     assert (np.abs(found.value - expected.value) <= 1e-3 * expected.standard_deviation).all()
     # Two sensitivities: at the end of DIDIM and near the minimum; the last run checks the integration.
     assert (len(runs.plain), len(runs.varied)) == (7, 2)
     assert (len(before.plain), len(before.varied)) == (23, 0)
 
 
-def test_stated_substeps_are_raised_where_they_would_be_unstable(problem: Problem) -> None:
+def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopModel) -> None:
     """Explicit integration of friction that is too fast for its step wanders about: an error surface without slope."""
-    plant = problem.system.components["plant"].with_substeps(4)
+    plant = model.plant.with_substeps(4)
     assert plant is not None
-    stated = replace(problem, system=problem.system.replace("plant", plant))
+    stated = replace(model, plant=plant)
     light = TRUTH * np.array([1, 1, 1, 0.02, 0.02, 0.02, 1, 20])
 
-    def substeps(problem: Problem, theta: np.ndarray) -> int | None:
-        return problem.system_with(theta).components["plant"].stated_substeps
+    def substeps(model: LoopModel, values: np.ndarray) -> int | None:
+        return model.system(values).components["plant"].stated_substeps
 
     assert substeps(stated, TRUTH) == 4
     assert substeps(stated, light) > 8
     assert substeps(replace(stated, substep_factor=2), TRUTH) == 8
-    assert substeps(problem, light) is None  # chosen by the plant itself
+    assert substeps(model, light) is None  # chosen by the plant itself

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +22,15 @@ from fmu_didim.errors import InputError
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import Status
-from fmu_didim.master import sample_operator
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict
+from fmu_didim.prediction.prediction import predict
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.along import observed_along
 from fmu_didim.robot.description import write_robot
 from fmu_didim.signals import Variable
 from fmu_didim.units import parse_unit
-from tests.helpers import PERIOD, component, drive, law_block, loop, reference
+from tests.helpers import PERIOD, component, drive, law_block, loop, model_on, reference, with_torque
 
 TORQUE = sorted(name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect))
 KINDS = ("revolute", "prismatic")
@@ -524,7 +524,7 @@ IDENTIFIED = {
 }
 
 
-def arm_problem(name: str, kind: str = "model") -> tuple[Problem, np.ndarray]:
+def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
     """A vertical arm under PD control at 200 Hz, the effect at joint 1 (payload: 2), torque without noise at 50 Hz."""
     described = read_robot("fmus/arm2r/robot.yaml").model_copy(update={"identified": "computed"})
     joints = list(described.joints)
@@ -533,24 +533,20 @@ def arm_problem(name: str, kind: str = "model") -> tuple[Problem, np.ndarray]:
         "effects": (*joints[at].effects, name), "parameters": {**joints[at].parameters, **IDENTIFIED[name]},
     })  # fmt: skip
     content = described.model_copy(update={"joints": tuple(joints)}).model_dump(mode="json", by_alias=True)
-    model = RobotModel(validate(RobotDescription, content, where="robot.yaml"))
-    parameters = RobotParameters(model, base_parameters(model))
+    robot_model = RobotModel(validate(RobotDescription, content, where="robot.yaml"))
+    parameters = RobotParameters(robot_model, base_parameters(robot_model))
     motion = reference(3.0, start=0.0)
     gains = law_block(law="pd", joints=["revolute"] * 2, Kp=[4000, 900], Kd=[250, 50])
-    system = loop(component(kind, model.block()), component(kind, gains), motion)
+    system = loop(component(kind, robot_model.block()), component(kind, gains), motion)
     time = np.arange(0, 3.0, 0.02)
-    operator = sample_operator(time, start=0.0, step=PERIOD, tick_count=motion.time.size)
-    empty = Experiment(motion, time, np.zeros((time.size, 2)), operator)
-    problem = Problem(system, parameters, empty)
-    truth = parameters.nominal()
-    torque = predict(problem, truth).torque
-    return problem.on(replace(empty, torque=torque)), truth
+    empty, truth = model_on(system, parameters, motion, time), parameters.nominal()
+    return with_torque(empty, empty.torque(truth)), truth
 
 
 @pytest.mark.parametrize("name", sorted(IDENTIFIED))
 def test_closed_loop_torque_is_regressor_times_parameters(name: str) -> None:
-    problem, truth = arm_problem(name)
-    prediction = predict(problem, truth)
+    model, truth = arm_model(name)
+    prediction = predict(model, truth)
     assert prediction.regressor is not None
     assert prediction.known is not None
     rebuilt = prediction.regressor @ truth + prediction.known
@@ -559,8 +555,8 @@ def test_closed_loop_torque_is_regressor_times_parameters(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(IDENTIFIED))
 def test_amplitudes_are_identified_from_the_reference(name: str) -> None:
-    problem, truth = arm_problem(name)
-    estimate = Didim(start="reference").estimate(problem)
+    model, truth = arm_model(name)
+    estimate = Didim(start="reference").estimate(model)
     assert estimate.status is Status.CONVERGED
     own = [v.name for v in EFFECTS[name].parameters("revolute") if v.name in IDENTIFIED[name]]
     at = 2 if name == "payload_change" else 1
@@ -570,12 +566,12 @@ def test_amplitudes_are_identified_from_the_reference(name: str) -> None:
 
 def test_states_along_a_motion_are_those_of_the_simulation() -> None:
     """For the start of an estimation: states integrated along a table of positions and velocities."""
-    problem, truth = arm_problem("presliding")
-    every = sample_operator(np.arange(601) * PERIOD, start=0.0, step=PERIOD, tick_count=601)
-    recording = predict(problem.on(replace(problem.experiment, operator=every)), truth).recording
+    model, truth = arm_model("presliding")
+    recording = model.record(truth, all_ticks=True)
+    assert recording.time.size == 601
     q, dq, ddq = (recording.table([f"plant.{n}{j}" for j in (1, 2)]) for n in ("q", "dq", "ddq"))
-    assert isinstance(problem.parameters, RobotParameters)
-    got = observed_along(problem.parameters.model, recording.time, q, dq, ddq)
+    assert isinstance(model.parameters, RobotParameters)
+    got = observed_along(model.parameters.model, recording.time, q, dq, ddq)
     expected = recording.table(["plant.z_presliding1"])
     # Velocity is taken for a straight line between samples 5 ms apart.
     assert np.abs(got - expected).max() <= 0.02 * np.abs(expected).max()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from fmu_didim.estimators import Didim, OutputError
 from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.workflow import identify
 from tests.conftest import needs_emps
+from tests.helpers import with_delay
 
 pytestmark = needs_emps
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
@@ -48,32 +48,28 @@ def _data() -> Path:
     return data_folder(Path(__file__).parent).resolve()
 
 
-def full_rate_errors(case: Case, estimate: Estimate, folder: Path) -> tuple[float, float]:
+def full_rate_errors(estimate: Estimate, folder: Path) -> tuple[float, float]:
     """Simulated force error in % on the estimation and the validation set, both at 1 kHz."""
-    full = emps_case(folder, None)
-    assert full.problem is not None
-    assert full.validation is not None
-    direct = validate(full.problem, estimate.base_value, full.problem.experiment, label="train")
-    cross = validate(
-        replace(full.problem, system=full.system(full.validation.reference)),
-        estimate.base_value, full.validation, label="validation",
-    )  # fmt: skip
-    return direct.total_percent, cross.total_percent
+    full = emps_case(folder, None).model
+    assert full is not None
+    found = [validate(full, estimate.base_value, label) for label in ("estimation", "validation")]
+    assert [v.role for v in found] == ["estimation", "validation"]
+    return found[0].total_percent, found[1].total_percent
 
 
 @pytest.mark.parametrize("rate_hz", [None, 100, 10, 4], ids=["1 kHz", "100 Hz", "10 Hz", "4 Hz"])
 def test_every_start_gives_the_published_values(tmp_path: Path, rate_hz: float | None) -> None:
     case = emps_case(tmp_path, rate_hz)
-    assert case.problem is not None
+    assert case.model is not None
     first: Estimate | None = None
     for mass in (20, 60, 120, 250, 500):
-        estimate = Didim(start={"M": mass}).estimate(case.problem)
+        estimate = Didim(start={"M": mass}).estimate(case.model)
         assert estimate.status is Status.CONVERGED
         assert estimate.iteration_count <= 6, f"start M = {mass}"
         first = first or estimate
         np.testing.assert_allclose(estimate.value, first.value, rtol=1e-4)
     assert first is not None
-    direct, cross = full_rate_errors(case, first, tmp_path)
+    direct, cross = full_rate_errors(first, tmp_path)
     assert direct <= (4.6 if rate_hz != 4 else 4.7)
     assert cross <= 5.4
     if rate_hz != 4:
@@ -83,21 +79,21 @@ def test_every_start_gives_the_published_values(tmp_path: Path, rate_hz: float |
 def test_far_start_is_recovered(tmp_path: Path) -> None:
     """[1000, 1000, 100, 20] leads unguarded to no mass and negative friction."""
     case = emps_case(tmp_path, 100)
-    assert case.problem is not None
+    assert case.model is not None
     start = {"M": 1000.0, "Fv": 1000.0, "Fc": 100.0, "offset": 20.0}
-    estimate = Didim(start=start).estimate(case.problem)
+    estimate = Didim(start=start).estimate(case.model)
     assert any("restarted from the reference trajectory" in it.note for it in estimate.iterations)
     assert (np.abs(estimate.value / PUBLISHED - 1) <= WITHIN).all()
 
 
 def test_delay_moves_the_mass_and_can_be_estimated(tmp_path: Path) -> None:
     case = emps_case(tmp_path, 100)
-    assert case.problem is not None
-    by_delay = {d: Didim().estimate(case.problem.with_delay(d)) for d in (0.0, 0.5, 1.0)}
+    assert case.model is not None
+    by_delay = {d: Didim().estimate(with_delay(case.model, d)) for d in (0.0, 0.5, 1.0)}
     errors = [np.linalg.norm(e.residual) for e in by_delay.values()]
     assert errors[0] < errors[1] < errors[2]
     assert abs(by_delay[1.0].value[0] - by_delay[0.0].value[0]) > 2 * by_delay[0.0].standard_deviation[0]
-    estimate = Didim(estimate_delay=True).estimate(case.problem.with_delay(0.5))
+    estimate = Didim(estimate_delay=True).estimate(with_delay(case.model, 0.5))
     assert estimate.names[-1] == "delay"
     assert 0 <= estimate.value[-1] < 0.2
     assert estimate.standard_deviation[-1] < 0.1
@@ -114,7 +110,7 @@ def test_idim_ls_gives_the_published_values() -> None:
 
 def test_output_error_on_positions_agrees() -> None:
     case = load_case("examples/emps/identify_idim_ls.yaml")
-    assert case.problem is not None
-    estimate = OutputError(start={"M": 80.0, "Fv": 150.0, "Fc": 15.0}).estimate(case.problem)
+    assert case.model is not None
+    estimate = OutputError(start={"M": 80.0, "Fv": 150.0, "Fc": 15.0}).estimate(case.model)
     assert estimate.status is Status.CONVERGED
     np.testing.assert_allclose(estimate.value, PUBLISHED, rtol=0.01)

@@ -76,9 +76,9 @@ def test_emps_torque_rates() -> None:
     script = load("examples/emps/torque_rates.py")
     case = load_case("examples/emps/identify.yaml")
     full = script["full_rate"](case)  # type: ignore[operator]
-    assert full.experiment.time.size == 24841
+    assert full.experiments["estimation"].time.size == 24841
     estimate = Didim().estimate(script["thinned"](full, 10.0, 0.05))  # type: ignore[operator]
-    direct, cross = script["errors"](case, full, estimate)  # type: ignore[operator]
+    direct, cross = script["errors"](full, estimate)  # type: ignore[operator]
     assert direct <= 4.6
     assert cross <= 5.4
 
@@ -111,7 +111,7 @@ def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
     lag = next(p for f in document.findings for p in f.parameters if p.name == "T_2")
     assert lag.std is not None
     assert abs(lag.value - script["LAG"]) < 3 * lag.std
-    gap = document.gap["test"]
+    gap = document.gap["validation"]
     assert gap.before is not None and gap.after is not None
     assert gap.after < 0.4 * gap.before
     assert (tmp_path / document.files["plant_fmu"]).is_file()

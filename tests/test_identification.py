@@ -14,9 +14,11 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import RefusedError, Status
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.plant_sensitivity import sensitivity
-from fmu_didim.prediction.problem import Problem, predict, predict_torque
+from fmu_didim.prediction.prediction import predict
+from fmu_didim.prediction.sensitivity import sensitivity
+from tests.helpers import with_component, with_delay, with_torque
 
 PAPER_TABLE_1 = {
     "ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137,
@@ -37,10 +39,10 @@ def cases() -> dict[int, Case]:
     }
 
 
-def problem_of(cases: dict[int, Case], rate: int) -> Problem:
-    problem = cases[rate].problem
-    assert problem is not None
-    return problem
+def model_at(cases: dict[int, Case], rate: int) -> LoopModel:
+    model = cases[rate].model
+    assert model is not None
+    return model
 
 
 @pytest.mark.parametrize("rate", [200, 10])
@@ -51,7 +53,7 @@ def problem_of(cases: dict[int, Case], rate: int) -> Problem:
 )
 def test_paper_starts(cases: dict[int, Case], rate: int, start: object, most: int) -> None:
     """Tables 1, 2 and 3: iterations, and every parameter within 3 sigma of the truth."""
-    estimate = Didim(start=start).estimate(problem_of(cases, rate))
+    estimate = Didim(start=start).estimate(model_at(cases, rate))
     assert estimate.status is Status.CONVERGED
     assert estimate.iteration_count <= (most if rate == 200 or start == PAPER_TABLE_1 else 5)
     assert (np.abs(estimate.value - TRUTH) <= 3 * estimate.standard_deviation).all()
@@ -63,10 +65,8 @@ def test_paper_starts(cases: dict[int, Case], rate: int, start: object, most: in
 
 @pytest.mark.parametrize("rate", [200, 10])
 def test_noise_free_data_give_the_parameters(cases: dict[int, Case], rate: int) -> None:
-    problem = problem_of(cases, rate)
-    torque = predict_torque(problem, TRUTH)[0]
-    clean = problem.on(replace(problem.experiment, torque=torque))
-    estimate = Didim(start=start_divided_by(100)).estimate(clean)
+    model = model_at(cases, rate)
+    estimate = Didim(start=start_divided_by(100)).estimate(with_torque(model, model.torque(TRUTH)))
     assert estimate.status is Status.CONVERGED
     np.testing.assert_allclose(estimate.value, TRUTH, rtol=1e-6)
 
@@ -82,46 +82,44 @@ def test_noise_free_data_of_another_simulator(cases: dict[int, Case], rate: int)
     content = Path("examples/scara/identify.yaml").read_text(encoding="utf-8")
     series = yaml.safe_load(content)["train"]["reference"]
     torque = maker["closed_loop"](series)[1][:: 200 // rate]
-    problem = problem_of(cases, rate)
-    estimate = Didim(start="reference").estimate(problem.on(replace(problem.experiment, torque=torque)))
+    model = model_at(cases, rate)
+    estimate = Didim(start="reference").estimate(with_torque(model, torque))
     np.testing.assert_allclose(estimate.value, TRUTH, rtol=1e-6)
 
 
 def test_torque_is_regressor_times_parameters(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
+    model = model_at(cases, 10)
     for delay in (0.0, 0.5, 1.0):
-        prediction = predict(problem.with_delay(delay), TRUTH)
+        prediction = predict(with_delay(model, delay), TRUTH)
         rebuilt = prediction.regressor @ TRUTH + prediction.known
         np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-12 * np.abs(prediction.torque).max())
 
 
 def test_sensitivity_agrees_with_central_differences(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
-    prediction = predict(problem, TRUTH)
-    forward = sensitivity(problem, TRUTH, prediction)
+    model = model_at(cases, 10)
+    prediction = predict(model, TRUTH)
+    found = sensitivity(model, TRUTH, prediction.torque)
     for i in range(TRUTH.size):
         step = np.zeros(TRUTH.size)
         step[i] = 1e-4 * np.linalg.norm(prediction.torque) / np.linalg.norm(prediction.regressor[:, :, i])
-        central = (predict_torque(problem, TRUTH + step)[0] - predict_torque(problem, TRUTH - step)[0]) / (2 * step[i])
+        central = (model.torque(TRUTH + step) - model.torque(TRUTH - step)) / (2 * step[i])
         size = np.linalg.norm(central)
-        assert np.linalg.norm(forward[:, :, i] - central) <= 1e-4 * size
+        assert np.linalg.norm(found[:, :, i] - central) <= 1e-4 * size
 
 
 def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) -> None:
     """With weak gains W is not the sensitivity: eq. (8) claims too little, the corrected formula does not."""
-    problem = problem_of(cases, 200)
+    model = model_at(cases, 200)
     soft = ModelComponent(read_controller("controllers/scara_pd.yaml")).with_parameters(
         {"Kp1": 150.0, "Kd1": 40.0, "Kp2": 3.0, "Kd2": 0.8}
     )
-    loose = replace(problem, system=problem.system.replace("controller", soft))
-    torque = predict_torque(loose, TRUTH)[0]
+    loose = with_component(model, "controller", soft)
+    torque = loose.torque(TRUTH)
     noise = 0.05 * np.sqrt((torque**2).mean(axis=0))
     values, corrected, paper = [], [], []
     for seed in range(40):
         measured = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
-        estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(
-            loose.on(replace(loose.experiment, torque=measured))
-        )
+        estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(with_torque(loose, measured))
         values.append(estimate.value)
         corrected.append(estimate.standard_deviation)
         paper.append(estimate.stages["didim"].formulas["paper"])
@@ -133,43 +131,41 @@ def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) ->
 
 
 def test_known_noise_and_equal_weights_are_used(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
-    free = Didim().estimate(problem)
-    known = Didim().estimate(replace(problem, torque_deviation=10 * free.noise))
+    model = model_at(cases, 10)
+    free = Didim().estimate(model)
+    known = Didim().estimate(replace(model, torque_deviation=10 * free.noise))
     np.testing.assert_allclose(known.value, free.value, rtol=1e-5)
     np.testing.assert_allclose(known.standard_deviation, 10 * free.standard_deviation, rtol=1e-4)
-    equal = Didim().estimate(replace(problem, joint_weights="equal"))
+    equal = Didim().estimate(replace(model, joint_weights="equal"))
     # The second joint, ten times weaker, then counts for less.
     assert equal.standard_deviation[4] > 1.5 * free.standard_deviation[4]
 
 
 def test_low_pass_filters_torque_and_regressor_alike(cases: dict[int, Case]) -> None:
-    problem = replace(problem_of(cases, 200), low_pass=LowPass(cutoff_hz=4.0))
-    prediction = predict(problem, TRUTH)
+    model = replace(model_at(cases, 200), low_pass=LowPass(cutoff_hz=4.0))
+    prediction = predict(model, TRUTH)
     rebuilt = prediction.regressor @ TRUTH + prediction.known
     np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-9)
-    estimate = Didim().estimate(problem)
+    estimate = Didim().estimate(model)
     error = 100 * np.linalg.norm(estimate.residual) / np.linalg.norm(estimate.measured)
     assert error < 2.0  # most of the white noise is gone
     assert (np.abs(estimate.value - TRUTH) <= 0.15 * np.abs(TRUTH) + 0.03).all()
     with pytest.raises(InputError, match="below half the torque rate"):
-        Didim().estimate(replace(problem_of(cases, 10), low_pass=LowPass(cutoff_hz=40.0)))
+        Didim().estimate(replace(model_at(cases, 10), low_pass=LowPass(cutoff_hz=40.0)))
 
 
 def test_delay_is_estimated(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 200)
-    truth = problem.with_delay(0.4)
-    torque = predict_torque(truth, TRUTH)[0]
+    model = model_at(cases, 200)
+    torque = with_delay(model, 0.4).torque(TRUTH)
     noise = 0.02 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(5).normal(size=torque.shape)
-    measured = problem.on(replace(problem.experiment, torque=torque + noise))
-    estimate = Didim(estimate_delay=True).estimate(measured)
+    estimate = Didim(estimate_delay=True).estimate(with_torque(model, torque + noise))
     assert estimate.names[-1] == "delay"
     assert abs(estimate.value[-1] - 0.4) <= 3 * estimate.standard_deviation[-1]
     assert (np.abs(estimate.base_value - TRUTH) <= 3.5 * estimate.standard_deviation[:-1]).all()
 
 
 def test_diverging_start_is_recovered_and_named(cases: dict[int, Case]) -> None:
-    estimate = Didim(start=start_divided_by(100)).estimate(problem_of(cases, 200))
+    estimate = Didim(start=start_divided_by(100)).estimate(model_at(cases, 200))
     first = estimate.iterations[0]
     assert np.isnan(first.relative_error_percent)
     assert "diverged" in first.note
@@ -177,35 +173,34 @@ def test_diverging_start_is_recovered_and_named(cases: dict[int, Case]) -> None:
 
 
 def test_start_with_impossible_inertia_is_recovered_and_named(cases: dict[int, Case]) -> None:
-    estimate = Didim(start={"ZZ1R": -1.0, "ZZ2": 0.06}).estimate(problem_of(cases, 10))
+    estimate = Didim(start={"ZZ1R": -1.0, "ZZ2": 0.06}).estimate(model_at(cases, 10))
     assert "not positive definite" in estimate.iterations[0].note
     assert (np.abs(estimate.value - TRUTH) <= 3 * estimate.standard_deviation).all()
 
 
 def test_torque_of_the_wrong_sign_is_refused_with_advice(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
-    turned = problem.on(replace(problem.experiment, torque=-problem.experiment.torque))
+    model = model_at(cases, 10)
     with pytest.raises(RefusedError) as caught:
-        Didim().estimate(turned)
+        Didim().estimate(with_torque(model, -model.measured))
     assert "check the sign" in str(caught.value)
     assert caught.value.iterations
 
 
 def test_exchanged_joints_are_not_returned_as_an_answer(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
-    exchanged = problem.on(replace(problem.experiment, torque=problem.experiment.torque[:, ::-1].copy()))
+    model = model_at(cases, 10)
+    exchanged = with_torque(model, model.measured[:, ::-1].copy())
     with pytest.raises(RefusedError):
         Didim().estimate(exchanged)
 
 
 def test_unknown_starts_are_refused(cases: dict[int, Case]) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'ZZ1R'"):
-        Didim(start={"ZZ1": 3.0}).estimate(problem_of(cases, 10))
+        Didim(start={"ZZ1": 3.0}).estimate(model_at(cases, 10))
     with pytest.raises(InputError, match="reference, description"):
-        Didim(start="cad").estimate(problem_of(cases, 10))
+        Didim(start="cad").estimate(model_at(cases, 10))
 
 
 def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
-    problem = problem_of(cases, 10)
-    estimate = Didim().estimate(problem)
+    model = model_at(cases, 10)
+    estimate = Didim().estimate(model)
     assert 0 < estimate.integration_error < 1e-6

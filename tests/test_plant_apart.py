@@ -21,12 +21,11 @@ from fmu_didim.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import RefusedError
 from fmu_didim.identification.result import load_result
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.report import result_table, write_report
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.workflow import identify, simulate_case
 from tests.awkward.build import awkward_fmu
-from tests.helpers import drive
+from tests.helpers import drive, model_of, with_component
 from tests.test_case import SCARA, scara
 from tests.test_clie import plant_case
 
@@ -84,14 +83,8 @@ def case_with(folder: Path, own: Block, **plant: Any) -> Path:
     return scara(folder, plant={"kind": "fmu", "source": str(build_fmu(own, directory=folder)), **plant})
 
 
-def problem_of(path: Path) -> Problem:
-    problem = load_case(path).problem
-    assert problem is not None
-    return problem
-
-
 def compared(path: Path) -> Consistency:
-    return check_consistency(problem_of(path))
+    return check_consistency(model_of(path))
 
 
 # Consistency
@@ -126,11 +119,9 @@ def test_parameters_fixed_in_a_run_are_compared_by_simulating_again(tmp_path: Pa
     """An FMU without derivatives, whose parameters act from the initialisation only."""
 
     def again(own: Block) -> Consistency:
-        problem = problem_of(case_with(tmp_path, with_fixed(own, {v.name for v in own.parameters})))
-        plant = problem.system.components["plant"]
-        assert isinstance(plant, FmuComponent)
-        plain = replace(plant, has_derivatives=False)
-        return check_consistency(replace(problem, system=problem.system.replace("plant", plain)))
+        model = model_of(case_with(tmp_path, with_fixed(own, {v.name for v in own.parameters})))
+        assert isinstance(model.plant, FmuComponent)
+        return check_consistency(with_component(model, "plant", replace(model.plant, has_derivatives=False)))
 
     found = again(block())
     assert found.method == "simulated again"
@@ -315,15 +306,14 @@ def test_start_value_of_a_state_gets_a_name(tmp_path: Path) -> None:
 
 def test_plant_that_starts_elsewhere_is_told(tmp_path: Path) -> None:
     own = renamed(block(), {"q_start1": "phi", "dq_start2": "w"}).with_parameters({"phi": 0.1})
-    warnings = start_warnings(problem_of(case_with(tmp_path, own)))
+    warnings = start_warnings(model_of(case_with(tmp_path, own)))
     assert len(warnings) == 2
-    first = float(load_case(SCARA).reference().values[0, 0])
+    first = float(load_case(SCARA).reference("estimation").values[0, 0])
     assert warnings[0].startswith(f"The plant starts at q1 = 0.1 while the reference starts at {first:.4g}.")
     assert "parameter_names: {q_start1: name in the plant}" in warnings[0]
     assert "dq2" in warnings[1]
     assert (
-        start_warnings(problem_of(case_with(tmp_path, own, parameter_names={"q_start1": "phi", "dq_start2": "w"})))
-        == []
+        start_warnings(model_of(case_with(tmp_path, own, parameter_names={"q_start1": "phi", "dq_start2": "w"}))) == []
     )
 
 
@@ -380,7 +370,7 @@ def test_fmu_that_accepts_a_parameter_and_ignores_it(tmp_path: Path) -> None:
 
 
 def test_all_parameters_of_a_good_plant_act(tmp_path: Path) -> None:
-    check_acting(problem_of(case_with(tmp_path, block())))
+    check_acting(model_of(case_with(tmp_path, block())))
 
 
 def test_parameter_that_acts_late_is_found_to_act(tmp_path: Path) -> None:
@@ -393,7 +383,7 @@ def test_parameter_that_acts_late_is_found_to_act(tmp_path: Path) -> None:
         "move_s": 1.5, "dwell_s": 1.0,
     }  # fmt: skip
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    check_acting(problem_of(path))
+    check_acting(model_of(path))
 
 
 def test_user_system_keeps_its_order(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim.case import load_case
 from fmu_didim.errors import InputError
-from fmu_didim.prediction.problem import Problem, predict
+from fmu_didim.prediction.prediction import predict
 from fmu_didim.workflow import identify
+from tests.helpers import model_of, with_delay
 from tests.test_clie import ENTRIES, plant_case
 from tests.test_identification import TRUTH
 
@@ -27,17 +27,11 @@ def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Pat
     return path
 
 
-def problem_of(path: str | Path) -> Problem:
-    problem = load_case(path).problem
-    assert problem is not None
-    return problem
-
-
 @pytest.mark.parametrize("kind", ["fmu", "model", "control"])
 @pytest.mark.parametrize("delay", [0.0, 0.5, 2.0])
 def test_probed_regressor_is_the_analytic_one(tmp_path: Path, kind: str, delay: float) -> None:
-    analytic = predict(problem_of("examples/scara/identify.yaml").with_delay(delay), TRUTH)
-    probed = predict(problem_of(probed_case(tmp_path, ENTRIES, kind)).with_delay(delay), TRUTH)
+    analytic = predict(with_delay(model_of("examples/scara/identify.yaml"), delay), TRUTH)
+    probed = predict(with_delay(model_of(probed_case(tmp_path, ENTRIES, kind)), delay), TRUTH)
     assert analytic.regressor is not None
     assert probed.regressor is not None
     assert probed.known is not None

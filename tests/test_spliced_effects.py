@@ -22,16 +22,15 @@ from fmu_didim.errors import InputError
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import Status
-from fmu_didim.master import Connection, System, logged_torque, sample_operator, simulate, splice_effect
+from fmu_didim.master import Connection, System, logged_torque, simulate, splice_effect
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.description import write_robot
 from fmu_didim.robot.tilt import horizontal_axes
 from fmu_didim.signals import Trajectory, trajectory, write_csv
 from fmu_didim.units import parse_unit
 from fmu_didim.workflow import identify, simulate_case
-from tests.helpers import PERIOD, ROOT, drive, law_block, loop, reference, scara, scara_pd
+from tests.helpers import PERIOD, ROOT, drive, law_block, loop, model_on, reference, scara, scara_pd, with_torque
 
 NONLINEAR: dict[str, NonlinearEffect] = {n: e for n, e in EFFECTS.items() if isinstance(e, NonlinearEffect)}
 SPLICED: dict[str, SplicedEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, SplicedEffect)}
@@ -382,14 +381,10 @@ class TestIdentification:
         plant = with_compiled_twin(ModelComponent(model.block()))
         rule = law_block(law="pd", joints=["revolute"] * 2, Kp=[3300, 450], Kd=[150, 20])
         system = loop(plant, with_compiled_twin(ModelComponent(rule)), motion)
-        times = motion.time[:-1:2]
-        operator = sample_operator(times, start=0.0, step=PERIOD, tick_count=motion.time.size)
         parameters = RobotParameters(model, base_parameters(model))
-        problem = Problem(system, parameters, Experiment(motion, times, np.zeros((times.size, 2)), operator))
         wanted = parameters.nominal()
-        torque = predict(problem, wanted).torque
-        problem = problem.on(Experiment(motion, times, torque, operator))
-        found = Didim(start="reference").estimate(problem)
+        empty = model_on(system, parameters, motion, motion.time[:-1:2])
+        found = Didim(start="reference").estimate(with_torque(empty, empty.torque(wanted)))
         assert found.status is Status.CONVERGED
         assert np.abs(found.base_value - wanted).max() < 1e-4
 
@@ -417,7 +412,7 @@ class TestInARobotDescription:
         table = simulate_case(path)
         plain, _ = self.lag_case(tmp_path)
         case = load_case(plain, require_torque=False)
-        motion = case.reference()
+        motion = case.reference("estimation")
         plant = {f"{n}_start{j}": motion.select([f"{n}{j}"])[0, 0] for n in ("q", "dq") for j in (1, 2)}
         system = case.system(motion)
         system = system.replace("plant", system.components["plant"].with_parameters(plant))
@@ -431,8 +426,8 @@ class TestInARobotDescription:
     def test_identification_with_a_known_lag_finds_the_truth(self, tmp_path: Path) -> None:
         """Data made with the lag: with it in the description the values are the true ones, without it they are not."""
         path, described = self.lag_case(tmp_path, T=0.02)
-        for which in ("train", "validation"):
-            table = simulate_case(path, which=which)
+        for label, which in (("estimation", "train"), ("validation", "validation")):
+            table = simulate_case(path, experiment=label)
             picked = slice(0, None, 20)
             names = [n for n in table.names if n.startswith("tau")]
             write_csv(

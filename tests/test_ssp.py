@@ -25,7 +25,7 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, FmuError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.master import Connection, System, simulate
-from fmu_didim.prediction import plant_sensitivity as sensitivity
+from fmu_didim.prediction import sensitivity
 from fmu_didim.report.numbers import loop_summary
 from fmu_didim.signals import Trajectory, trajectory
 from fmu_didim.ssp import read_ssp, write_ssp

@@ -125,8 +125,8 @@ def test_identification_recovers_the_truth(tmp_path: Path) -> None:
         tmp_path, MOTION, time[::EVERY], torque[::EVERY], noise=0.05, start="reference", tolerance=0.3
     )
     case = load_case(path)
-    assert case.problem is not None
-    estimate = case.estimator.estimate(case.problem)
+    assert case.model is not None
+    estimate = case.estimator.estimate(case.model)
     truth = base_parameters(model()).reduce(model().parameter_values)
     assert estimate.status is Status.CONVERGED
     present = truth != 0

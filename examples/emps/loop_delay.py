@@ -12,26 +12,30 @@ from fmu_didim.case import load_case
 from fmu_didim.diagnosis.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
+from fmu_didim.prediction.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 DELAYS = (0.0, 0.5, 1.0)
 
 
+def delayed(model: LoopModel, samples: float) -> LoopModel:
+    """The model with a known delay of the command in all its experiments."""
+    systems = {label: system.with_delay(model.plant_name, samples) for label, system in model.systems.items()}
+    return replace(model, systems=systems)
+
+
 def rows() -> list[tuple[str, Estimate, float, float]]:
     """For each delay in samples, and for the estimated one: estimate, errors on estimation and validation set."""
     case = load_case(HERE / "identify.yaml")
-    problem = case.problem
-    assert problem is not None
-    assert case.validation is not None
+    model = case.model
+    assert model is not None
     result = []
     for delay in (*DELAYS, None):
-        there = problem.with_delay(delay or 0.0)
+        there = delayed(model, delay or 0.0)
         estimate = Didim(estimate_delay=delay is None).estimate(there)
         if delay is None:
-            there = there.with_delay(float(estimate.value[-1]))
-        system = case.system(case.validation.reference).with_delay("plant", there.delay)
-        cross = validate(replace(there, system=system), estimate.base_value, case.validation, label="validation")
-        direct = validate(there, estimate.base_value, problem.experiment, label="train")
+            there = delayed(model, float(estimate.value[-1]))
+        direct, cross = (validate(there, estimate.base_value, label) for label in ("estimation", "validation"))
         result.append(
             ("estimated" if delay is None else f"{delay:g}", estimate, direct.total_percent, cross.total_percent)
         )

@@ -20,7 +20,7 @@ from fmu_didim.diagnosis.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.master import decimated_times, sample_operator
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 RATES_HZ = (1000.0, 100.0, 10.0, 4.0)
@@ -40,48 +40,44 @@ class Row:
     validation: float
 
 
-def full_rate(case: Case) -> Problem:
-    """The problem with the whole log of the estimation set; validation data come as they are."""
-    source = case.document.train
-    assert source.torque is not None
+def full_rate(case: Case) -> LoopModel:
+    """The model with the whole log of the estimation set; validation data come as they are."""
+    model, source = case.model, case.document.runs["estimation"]
+    assert model is not None and source.torque is not None
     torque = source.torque.model_copy(update={"rate_hz": None, "phase_s": 0.0})
     train = source.model_copy(update={"torque": torque})
-    assert case.problem is not None
     experiment = read_experiment(
-        train, case.folder, step=case.problem.system.step_size, drive_gains=case.document.loop.drive_gains,
-        joint_count=1, label="train",
+        train, case.folder, step=case.step_size, drive_gains=case.document.loop.drive_gains,
+        joint_count=1, label="estimation",
     )  # fmt: skip
-    return case.problem.on(experiment)
+    return model.with_experiment("estimation", experiment)
 
 
-def thinned(problem: Problem, rate_hz: float, phase_s: float) -> Problem:
+def thinned(model: LoopModel, rate_hz: float, phase_s: float) -> LoopModel:
     """Point samples of the log at phase + i / rate."""
-    experiment, step = problem.experiment, problem.system.step_size
+    experiment, step = model.experiments["estimation"], model.systems["estimation"].step_size
     start = float(experiment.reference.time[0])
     times = decimated_times(experiment.time, rate_hz, phase_s)
     operator = sample_operator(times, start=start, step=step, tick_count=experiment.reference.time.size)
     first = round((experiment.time[0] - start) / step)
-    return problem.on(
-        replace(experiment, time=times, torque=experiment.torque[operator.ticks - first], operator=operator)
-    )
+    torque = experiment.torque[operator.ticks - first]
+    return model.with_experiment("estimation", replace(experiment, time=times, torque=torque, operator=operator))
 
 
-def errors(case: Case, problem: Problem, estimate: Estimate) -> tuple[float, float]:
+def errors(model: LoopModel, estimate: Estimate) -> tuple[float, float]:
     """Force error in % on the estimation and on the validation set."""
-    assert case.validation is not None
-    direct = validate(problem, estimate.base_value, problem.experiment, label="train")
-    there = replace(problem, system=case.system(case.validation.reference))
-    return direct.total_percent, validate(there, estimate.base_value, case.validation, label="validation").total_percent
+    direct, cross = (validate(model, estimate.base_value, label) for label in ("estimation", "validation"))
+    return direct.total_percent, cross.total_percent
 
 
-def rows(case: Case, problem: Problem) -> list[Row]:
+def rows(model: LoopModel) -> list[Row]:
     """Every rate from every start."""
     found = []
     for rate in RATES_HZ:
-        low = thinned(problem, rate, 0.0 if rate == 1000 else 0.5 / rate)
+        low = thinned(model, rate, 0.0 if rate == 1000 else 0.5 / rate)
         estimates = [Didim(start={"M": mass}).estimate(low) for mass in STARTS]
         most = max(e.iteration_count for e in estimates)
-        found.append(Row(rate, most, estimates[0], *errors(case, problem, estimates[0])))
+        found.append(Row(rate, most, estimates[0], *errors(model, estimates[0])))
     return found
 
 
@@ -90,11 +86,10 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--phases", type=int, default=10, help="phases a rate, for the second table")
     options = parser.parse_args()
-    case = load_case(HERE / "identify.yaml")
-    problem = full_rate(case)
+    model = full_rate(load_case(HERE / "identify.yaml"))
     head = f"{'Hz':>5}{'it.':>4}{'M, kg':>10}{'Fv':>9}{'Fc':>9}{'offset':>9}{'est. %':>8}{'val. %':>8}"
     print(f"{head}   off the published, %")
-    for row in rows(case, problem):
+    for row in rows(model):
         values = row.estimate.value
         off = "  ".join(f"{100 * (v / p - 1):+.2f}" for v, p in zip(values, PUBLISHED, strict=True))
         print(
@@ -104,7 +99,7 @@ def main() -> None:
     print("\nOver the phases of the sampling: mean and standard deviation of each value; sigma that a log claims")
     for rate in RATES_HZ[1:]:
         count = min(options.phases, round(1000 / rate))
-        runs = [Didim().estimate(thinned(problem, rate, k / count / rate)) for k in range(count)]
+        runs = [Didim().estimate(thinned(model, rate, k / count / rate)) for k in range(count)]
         values = np.array([e.value for e in runs])
         claimed = np.mean([e.standard_deviation for e in runs], axis=0)
         cells = "".join(

@@ -47,9 +47,9 @@ def reproduce() -> dict[str, Estimate]:
     """The estimate for each table."""
     found = {}
     for title, start, case in zip(PAPER, STARTS, CASES, strict=True):
-        problem = load_case(HERE / case).problem
-        assert problem is not None
-        found[title] = Didim(start=start).estimate(problem)
+        model = load_case(HERE / case).model
+        assert model is not None
+        found[title] = Didim(start=start).estimate(model)
     return found
 
 

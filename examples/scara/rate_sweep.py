@@ -18,7 +18,7 @@ from fmu_didim.case import load_case
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.estimators import Didim
 from fmu_didim.master import decimated_times, sample_operator
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 RATES_HZ = (200, 100, 50, 20, 10, 8, 6, 5, 4, 3, 2.5, 2, 1.5, 1, 0.7, 0.5)
@@ -43,25 +43,24 @@ class Point:
         return bool(self.refusal) or max(self.percent[name] for name in MAIN) > LIMIT_PERCENT
 
 
-def thinned(problem: Problem, rate_hz: float) -> Problem:
-    """The same problem with the torque log at a lower rate, divisor or not."""
-    experiment, step = problem.experiment, problem.system.step_size
+def thinned(model: LoopModel, rate_hz: float) -> LoopModel:
+    """The same model with the torque log at a lower rate, divisor or not."""
+    experiment, step = model.experiments["estimation"], model.systems["estimation"].step_size
     times = decimated_times(experiment.time, rate_hz)
     operator = sample_operator(times, start=0.0, step=step, tick_count=experiment.reference.time.size)
     torque = experiment.torque[operator.ticks]
-    return problem.on(replace(experiment, time=times, torque=torque, operator=operator))
+    return model.with_experiment("estimation", replace(experiment, time=times, torque=torque, operator=operator))
 
 
 def sweep() -> list[Point]:
     """Identify at each rate."""
-    problem = load_case(HERE / "identify_200hz.yaml").problem
-    assert problem is not None
-    truth = problem.parameters.nominal()
+    model = load_case(HERE / "identify_200hz.yaml").model
+    assert model is not None
     points = []
     for rate in RATES_HZ:
         try:
-            estimate = Didim(start=START).estimate(thinned(problem, rate))
-            percent = 100 * estimate.standard_deviation / np.abs(truth)
+            estimate = Didim(start=START).estimate(thinned(model, rate))
+            percent = 100 * estimate.standard_deviation / np.abs(model.start)
             points.append(Point(rate, dict(zip(estimate.names, percent, strict=True)), estimate.iteration_count))
         except FmuDidimError as error:
             points.append(Point(rate, {}, 0, error.what))

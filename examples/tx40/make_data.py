@@ -13,14 +13,12 @@ cases take 10. The noise is 1.5 % of each joint's torque, half of its variance w
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.prediction.problem import predict_torque
 from fmu_didim.robot import RobotDescription, read_robot, write_robot
 
 HERE = Path(__file__).parent
@@ -68,13 +66,12 @@ def make(name: str, out: Path) -> None:
         empty = np.column_stack([time, np.zeros((time.size, 6))])
         np.savetxt(out / f"{name}_{label}.csv", empty, "%.6g", ",", header=header, comments="")
     (out / "truth_case.yaml").write_text(yaml.safe_dump(case), encoding="utf-8")
-    loaded = load_case(out / "truth_case.yaml")
-    assert loaded.problem is not None and loaded.validation is not None
-    for label, experiment in (("train", loaded.problem.experiment), ("validation", loaded.validation)):
-        problem = replace(loaded.problem.on(experiment), system=loaded.system(experiment.reference))
-        torque = predict_torque(problem, problem.parameters.nominal())[0]
-        rows = np.column_stack([experiment.time, torque + noise(torque, SEEDS[label])])
-        np.savetxt(out / f"{name}_{label}.csv", rows, "%.5g", ",", header=header, comments="")
+    model = load_case(out / "truth_case.yaml").model
+    assert model is not None
+    for (label, experiment), (file, seed) in zip(model.experiments.items(), SEEDS.items(), strict=True):
+        torque = model.torque(model.start, label)
+        rows = np.column_stack([experiment.time, torque + noise(torque, seed)])
+        np.savetxt(out / f"{name}_{file}.csv", rows, "%.5g", ",", header=header, comments="")
     (out / "truth.yaml").unlink()
     (out / "truth_case.yaml").unlink()
 

@@ -19,6 +19,7 @@ from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
+from fmu_didim.prediction.free_parameter import BASE
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array, trajectory, write_csv
@@ -230,8 +231,9 @@ def result_document(
 
 
 def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
-    intervals, plant_names = estimate.interval(), model.parameters.plant_names
-    standard = (*plant_names, *("" for _ in estimate.names[model.parameters.count :]))
+    intervals = estimate.interval()
+    carriers = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
+    standard = [carriers[p.key] if p.owner == BASE else "" for p in model.free_parameters]
     return {
         parameter: ParameterResult(
             value=float(estimate.value[i]),

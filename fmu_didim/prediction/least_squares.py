@@ -4,9 +4,9 @@
 
 with the deviations s_j of a :class:`~fmu_didim.prediction.weighting.Weighting`. A step is damped (Levenberg,
 Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia
-matrix is not positive
-definite somewhere along its motion: what the data hardly show moves less then, as where the base parameters make up for
-an effect that is missing. So the point reached is always the best one seen.
+matrix is not positive definite somewhere along its motion: what the data hardly show moves less then, as where the base
+parameters make up for an effect that is missing. So the point reached is always the best one seen. In a fit that is to
+settle, a step that gains far less than it promised is shortened.
 
 Source: J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, chapter 10.
 """
@@ -254,6 +254,13 @@ class _Solver:
             except SimulationError as error:
                 edge, note = True, f"step damped: {error.what}"
                 continue
+            if damping == 0 and self._stopping.tolerance is not None:
+                found = self._shortened(at, step, _Found(trial, torque, reached, promised, tried, edge))
+                tried = found.tried
+                if found.note:
+                    return found
+                if reached > step.cost * (1 + EQUAL) and not at.fresh and at.updates > 0:
+                    break  # damping would not make up for old slopes
             if reached <= step.cost * (1 + (EQUAL if self._stopping.tolerance is not None else 0.0)) and (
                 reached < step.cost or self._stopping.tolerance is not None
             ):
@@ -264,6 +271,28 @@ class _Solver:
             else:
                 note = "step damped: the error grew"
         return best or _Found(at.values, None, step.cost, 0.0, tried, edge, "no step lowers the error")
+
+    def _shortened(self, at: _State, step: _Step, found: _Found) -> _Found:
+        """The least cost along a step that went too far, by the parabola through its slope, its begin and its end.
+
+        Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
+        """
+        gained = step.cost - found.cost
+        if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
+            return found
+        part = found.promised / (2 * found.promised - gained)
+        trial = at.values + part * (found.values - at.values)
+        if mass_matrix_problem(self._model, trial):
+            return found
+        tried = found.tried + 1
+        try:
+            torque = self._model.torque(trial)
+        except SimulationError:
+            return replace(found, tried=tried)
+        reached = sum_of_squares(self._measured - torque, step.deviation)
+        if reached >= min(found.cost, step.cost):
+            return replace(found, tried=tried)
+        return replace(found, values=trial, torque=torque, cost=reached, tried=tried, note="step shortened")
 
     def _end(self, at: _State, settled: bool) -> Fit:
         if self._stopping.exact and not at.fresh and self._stopping.tolerance is None:

@@ -35,13 +35,12 @@ def _measure(count: int) -> dict[str, float]:
     from tests.benchmarks import scara
     from tests.benchmarks.scara_loop import ours
 
-    problem = scara.problem()
-    theta = problem.parameters.nominal()
+    model = scara.model()
     ticks = np.arange(40, dtype=np.int64)
 
     def runs(number: int) -> None:
         for i in range(number):
-            ours(problem, theta * (1 + 0.01 * np.sin(i)), ticks)
+            ours(model, model.start * (1 + 0.01 * np.sin(i)), ticks)
 
     runs(max(count // 10, 10))
     memory, handles = _memory_mb(), _handles()

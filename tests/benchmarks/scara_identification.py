@@ -9,11 +9,11 @@ from tests.benchmarks.figure import Figure, Settings, interleaved
 
 def run(settings: Settings) -> list[Figure]:
     """Ours against its iterations, and against its simulations, each at the cost of the C program."""
-    problem, estimator = scara.problem(), scara.case().estimator
-    estimate, runs = simulated(problem, estimator)
+    model, estimator = scara.model(), scara.case().estimator
+    estimate, runs = simulated(model, estimator)
     count = len(runs.plain) + len(runs.varied)
-    program = scara.program(problem.parameters.nominal()).runner(problem.experiment.operator.ticks)
-    times = interleaved({"ours": lambda: estimator.estimate(problem), "c": program}, repeats=2 * settings.repeats)
+    program = scara.program(model.start).runner(model.operator(model.start).ticks)
+    times = interleaved({"ours": lambda: estimator.estimate(model), "c": program}, repeats=2 * settings.repeats)
     iterations = len(estimate.iterations)
     raw = {
         "ours_ms": 1e3 * times.median("ours"), "c_program_ms": 1e3 * times.median("c"),

@@ -5,24 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.master import Recording, simulate
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 from tests.benchmarks import scara
 from tests.benchmarks.figure import Figure, Settings, interleaved
 
 
-def ours(problem: Problem, theta: np.ndarray, ticks: np.ndarray) -> Recording:
+def ours(model: LoopModel, values: np.ndarray, ticks: np.ndarray) -> Recording:
     """One simulation."""
-    return simulate(problem.system_with(theta), problem.experiment.reference, ticks=ticks)
+    return simulate(model.system(values), model.experiments[model.first].reference, ticks=ticks)
 
 
 def run(settings: Settings) -> list[Figure]:
     """10 s at 200 Hz, every tick recorded, from parameters to recording."""
-    problem = scara.problem()
-    theta = problem.parameters.nominal()
-    ticks = np.arange(settings.size(problem.experiment.reference.time.size, 200), dtype=np.int64)
-    program = scara.program(theta).runner(ticks)
+    model = scara.model()
+    ticks = np.arange(settings.size(model.experiments[model.first].reference.time.size, 200), dtype=np.int64)
+    program = scara.program(model.start).runner(ticks)
     times = interleaved(
-        {"ours": lambda: ours(problem, theta, ticks), "c": program}, repeats=settings.size(4, 1) * settings.repeats
+        {"ours": lambda: ours(model, model.start, ticks), "c": program}, repeats=settings.size(4, 1) * settings.repeats
     )
     return [
         Figure(

@@ -13,7 +13,7 @@ from tests.benchmarks import tx40
 from tests.benchmarks.counting import simulated
 from tests.benchmarks.figure import Figure, Settings
 from tests.benchmarks.pinocchio_loop import PinocchioLoop
-from tests.benchmarks.tx40_simulation import pinocchio, problem
+from tests.benchmarks.tx40_simulation import model, pinocchio
 
 BIRDY_S = 1.0
 """What BIRDy's authors publish for one identification, about 1 s."""
@@ -26,9 +26,9 @@ def run(settings: Settings) -> list[Figure]:
     reference = tx40.excitation(duration_s=duration_s).trajectory(tx40.RATE_HZ)
     ticks, part = reference.time.size - 1, settings.size(2_000, 200)
     for label, finish in (("with the finish", True), ("DIDIM alone", False)):
-        here, estimator = problem(duration_s, finish=finish, start="reference")
+        here, estimator = model(duration_s, finish=finish, start="reference")
         estimate, runs = simulated(here, estimator)  # warm, and counted
-        samples, rounds = here.experiment.time.size, []
+        samples, rounds = here.measured.shape[0], []
         before = _costs(loop, reference, part, min(samples, part))
         for _ in range(settings.size(1, 1, settings.repeats)):
             begin = time.perf_counter()
@@ -110,7 +110,7 @@ def _costs(loop: PinocchioLoop, reference: Trajectory, ticks: int, rows: int) ->
 
 
 def _solution_s(samples: int) -> float:
-    """Seconds of one least squares problem of that size."""
+    """Seconds of one least squares solution of that size."""
     matrix = np.random.default_rng(0).normal(size=(6 * samples, 52))
     begin = time.perf_counter()
     np.linalg.lstsq(matrix, matrix[:, 0], rcond=None)

@@ -11,7 +11,7 @@ import numpy as np
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Estimator
 from fmu_didim.master import simulate
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.loop_model import LoopModel
 from tests.benchmarks import tx40
 from tests.benchmarks.c_program import doubles
 from tests.benchmarks.figure import Figure, Settings, interleaved
@@ -20,8 +20,8 @@ from tests.benchmarks.pinocchio_loop import PinocchioLoop
 LOG_HZ = 100
 
 
-def problem(duration_s: float, **estimator: object) -> tuple[Problem, Estimator]:
-    """The identification problem with torque at 100 Hz from the C program, and its estimator."""
+def model(duration_s: float, **estimator: object) -> tuple[LoopModel, Estimator]:
+    """The loop with torque at 100 Hz from the C program, and its estimator."""
     motion = tx40.excitation(duration_s=duration_s)
     ticks = np.arange(0, round(duration_s * tx40.RATE_HZ), tx40.RATE_HZ // LOG_HZ)
     torque = tx40.program(motion).runner(ticks)()[:, :6]
@@ -30,8 +30,8 @@ def problem(duration_s: float, **estimator: object) -> tuple[Problem, Estimator]
         case = load_case(
             tx40.write_case(Path(name), motion, ticks / tx40.RATE_HZ, torque + noise, **estimator),
         )
-    assert case.problem is not None
-    return case.problem, case.estimator
+    assert case.model is not None
+    return case.model, case.estimator
 
 
 def run(settings: Settings) -> list[Figure]:
@@ -39,8 +39,8 @@ def run(settings: Settings) -> list[Figure]:
     duration_s = settings.size(10, 1)
     motion = tx40.excitation(duration_s=duration_s)
     loop = tx40.program(motion)
-    here, _ = problem(duration_s)
-    theta, ticks = here.parameters.nominal(), here.experiment.operator.ticks
+    here, _ = model(duration_s)
+    reference, ticks = here.experiments[here.first].reference, here.operator(here.start).ticks
     count = int(ticks[-1]) + 1
     every = loop.runner(np.arange(count))
     record = every()
@@ -52,7 +52,7 @@ def run(settings: Settings) -> list[Figure]:
     whole = loop.runner(ticks)
     times = interleaved(
         {
-            "ours": lambda: simulate(here.system_with(theta), here.experiment.reference, ticks=ticks),
+            "ours": lambda: simulate(here.system(here.start), reference, ticks=ticks),
             "evaluations": lambda: evaluate(*arguments),
             "program": whole,
         },
