@@ -15,8 +15,9 @@ from scipy.signal import lfilter
 from fmu_didim.case import load_case
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
 from tests.blind.campaign import Order, make_order
 from tests.blind.translate import translate
@@ -72,7 +73,7 @@ def arm_document(
     }  # fmt: skip
 
 
-def arm_problem(
+def arm_model(
     folder: Path,
     *,
     joints: int = 1,
@@ -82,7 +83,7 @@ def arm_problem(
     values: Mapping[str, Mapping[str, float]] | None = None,
     gear: Mapping[str, float] | None = None,
     gain_factor: float = 1.0,
-) -> Problem:
+) -> LoopModel:
     """The arm in its loop at 200 Hz as a case on disk, loaded; its torque log is that of its own model, without noise.
 
     Args:
@@ -109,9 +110,9 @@ def arm_problem(
         robot["joints"][0]["parameters"] |= own
     for name, content in (("robot", robot), ("controller", controller), ("case", case)):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    problem = load_case(folder / "case.yaml").problem
-    assert problem is not None
-    return with_torque(problem, predict_torque(problem, problem.parameters.nominal())[0])
+    model = load_case(folder / "case.yaml").model
+    assert model is not None
+    return with_torque(model, model.torque(model.start))
 
 
 def arm_case(
@@ -134,7 +135,8 @@ def arm_case(
         gear: parameters of the elastic gear of joint 1, which the description of the case has, too.
     """
     added = added or {}
-    problem = arm_problem(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
+    model = arm_model(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
+    experiment = data(model)
     deviation = sigma * np.array([1.0, 1 / 3][:joints])
     rng = np.random.default_rng(0)
     document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
@@ -144,12 +146,12 @@ def arm_case(
         motion = sines(8.0, joints=joints, period_s=period_s)
         write_csv(motion, folder / f"{label}_reference.csv")
         every = sample_operator(motion.time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
-        run = problem.on(replace(problem.experiment, reference=motion, operator=every))
-        command = predict_torque(run, problem.parameters.nominal())[0]
-        noise = deviation * rng.normal(size=problem.measured.shape)
-        shown = problem.experiment.time - late_s
+        run = model.with_experiment(model.first, replace(experiment, reference=motion, operator=every))
+        command = run.torque(run.start)
+        noise = deviation * rng.normal(size=experiment.torque.shape)
+        shown = experiment.time - late_s
         columns = {f"tau{j + 1}": np.interp(shown, motion.time, command[:, j]) + noise[:, j] for j in range(joints)}
-        write_csv(trajectory(problem.experiment.time, columns), folder / f"{label}_torque.csv")
+        write_csv(trajectory(experiment.time, columns), folder / f"{label}_torque.csv")
         document[label] = {
             "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
         }  # fmt: skip
@@ -159,9 +161,14 @@ def arm_case(
     return folder / "case.yaml"
 
 
-def with_torque(problem: Problem, torque: Array) -> Problem:
-    """The same problem with another log."""
-    return problem.on(replace(problem.experiment, torque=torque))
+def data(model: LoopModel) -> Experiment:
+    """The first experiment."""
+    return model.experiments[model.first]
+
+
+def with_torque(model: LoopModel, torque: Array) -> LoopModel:
+    """The same model with another log of the first experiment."""
+    return model.with_experiment(model.first, replace(data(model), torque=torque))
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], rho: float, sigma: float | Array = 1.0) -> Array:
