@@ -38,7 +38,7 @@ def first_is_right(document: FindingsDocument, truth: list[tuple[str, int]]) -> 
 
 def assert_gap_shrinks(document: FindingsDocument, *, to: float = 0.4) -> None:
     """On the data that it was found on and on others, with the interval of the ratio below 1."""
-    for label in ("train", "test"):
+    for label in ("estimation", "validation"):
         pair = document.gap[label]
         assert pair.before is not None
         assert pair.after is not None
@@ -54,7 +54,7 @@ def test_nothing_is_named_on_a_clean_plant(run: Run) -> None:
     assert truth == []
     assert document.verdict == "nothing"
     assert document.findings == []
-    assert document.gap["train"].after == document.gap["train"].before
+    assert document.gap["estimation"].after == document.gap["estimation"].before
     assert document.ratio_interval is None
     assert all(why for _, _, why in document.refused)
 
@@ -141,8 +141,8 @@ def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -
 def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
     document, truth = cluttered("torque_saturation", 6)
     assert [(f.effect, f.joint) for f in document.findings] == truth
-    assert document.gap["train"].after < 0.7 * document.gap["train"].before  # type: ignore[operator]
-    assert document.gap["test"].after == pytest.approx(document.gap["test"].before, rel=0.02)
+    assert document.gap["estimation"].after < 0.7 * document.gap["estimation"].before  # type: ignore[operator]
+    assert document.gap["validation"].after == pytest.approx(document.gap["validation"].before, rel=0.02)
     assert any("hardly reaches the limit" in note for note in document.notes)
 
 
@@ -177,8 +177,8 @@ def test_two_hidden_effects_are_both_named(run: Run) -> None:
     for effect, joint in truth:
         assert any(same_class(f.effect, effect) and f.joint == joint for f in document.findings), effect
     assert_gap_shrinks(document)
-    after = [f.gap["train"].after for f in document.findings]
-    before = [f.gap["train"].before for f in document.findings]
+    after = [f.gap["estimation"].after for f in document.findings]
+    before = [f.gap["estimation"].before for f in document.findings]
     assert all(a < b for a, b in zip(after, before, strict=True)), "every round shrinks the gap"
     assert before[1] == pytest.approx(after[0], rel=1e-6), "a round begins where the one before it ended"
 
