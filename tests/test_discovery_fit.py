@@ -236,6 +236,19 @@ def test_knob_without_effect_stays(arm: LoopModel, truth: np.ndarray) -> None:
     assert covariance[:-1, :-1] == pytest.approx(plain.covariance(known_noise(SIGMA)), rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_parameter_that_is_held_is_known(arm: LoopModel, truth: np.ndarray, exact: bool) -> None:
+    """Limits that are one leave a value without deviation, and the others the deviations that they have without it."""
+    noise = known_noise(SIGMA)
+    model = limited(with_nuisances(model_with(arm)), "v0_1", 0.02, 0.02)
+    fit = minimise(model, noise, stopping=Stopping(exact=exact))
+    alone = minimise(model_with(arm), noise, stopping=Stopping(exact=exact))
+    assert fit.values[-1] == 0.02
+    covariance = fit.covariance(noise)
+    assert covariance[-1, -1] == 0.0
+    assert covariance[:-1, :-1] == pytest.approx(alone.covariance(noise), rel=1e-6, abs=1e-12)
+
+
 # ---- sensitivities ---------------------------------------------------------------------------------
 
 
