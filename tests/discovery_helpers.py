@@ -229,3 +229,9 @@ def hidden(folder: Path) -> list[tuple[str, int]]:
     """Effect and joint of what a blind case hides."""
     content = yaml.safe_load(folder.with_suffix(".truth.yaml").read_text(encoding="utf-8"))
     return [(item["effect"], int(item["joint"])) for item in content["truth"]]
+
+
+def true_parameters(folder: Path) -> dict[str, float]:
+    """The base parameters of the plant of a blind case."""
+    content = yaml.safe_load(folder.with_suffix(".truth.yaml").read_text(encoding="utf-8"))
+    return {name: float(value) for name, value in content["parameters"].items()}
