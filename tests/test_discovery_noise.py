@@ -57,6 +57,14 @@ def test_size_and_colour_from_periods(rho: float) -> None:
     assert np.abs(np.array(found)[:, 0] - 1).max() < 4 * np.sqrt(factor / (2 * 3 * SAMPLES))
 
 
+@pytest.mark.parametrize(("length", "skip", "periods"), [(4.0, 0.0, 4), (4.0, 0.1, 4), (1.9, 0.0, 2), (2.5, 0.1, 3)])
+def test_periods_that_are_compared_are_counted(length: float, skip: float, periods: int) -> None:
+    torque = repeating()[: round(length * SAMPLES)]
+    estimate = noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=round(skip * SAMPLES))
+    assert estimate is not None
+    assert estimate.periods == periods
+
+
 def test_weight_makes_a_chi_square_of_independent_samples() -> None:
     noise = Noise(SIGMA, np.array([0.0, 0.6]), "periods")
     assert noise.factor == pytest.approx([1.0, 0.25])
