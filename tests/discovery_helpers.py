@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from fmu_didim.case import load_case
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
@@ -158,6 +159,61 @@ def arm_case(
     robot = arm_document(joints, gear=gear)
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot, sort_keys=False), encoding="utf-8")
     (folder / "case.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+@dataclass(frozen=True)
+class Run:
+    """An experiment of the arm.
+
+    Attributes:
+        period_s: of its motion, which comes ``periods`` times; role: in the case; own: parameters of its own there.
+        base: base parameters that the arm has in this run alone, such as with a payload; pushes: torques on the joint.
+        has_effects: whether the plant has its further effects in this run.
+    """
+
+    period_s: float = 4.0
+    periods: int = 2
+    role: str = "estimation"
+    own: tuple[str, ...] = ()
+    base: Mapping[str, float] = field(default_factory=dict)
+    pushes: tuple[ExternalTorque, ...] = ()
+    has_effects: bool = True
+
+
+def arm_experiments(
+    folder: Path,
+    runs: Mapping[str, Run],
+    added: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    sigma: float = 0.1,
+    rate_hz: float = 100.0,
+) -> Path:
+    """Case of an arm of one joint with several experiments, by label; its plant has effects that the case lacks."""
+    added = added or {}
+    plain = arm_model(folder / "plain")
+    with_effects = arm_model(folder, effects={1: tuple(added)}, values=added)
+    document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
+    del document["train"]
+    document["experiments"] = {}
+    rng = np.random.default_rng(0)
+    for label, run in runs.items():
+        motion = sines(run.periods * run.period_s, period_s=run.period_s)
+        write_csv(motion, folder / f"{label}_reference.csv")
+        time = np.arange(round(run.periods * run.period_s * rate_hz)) / rate_hz
+        operator = sample_operator(time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
+        model = with_effects if run.has_effects else plain
+        asked = Experiment(motion, time, np.zeros((time.size, 1)), operator)
+        there = model.with_experiment(model.first, asked).pushed(model.first, run.pushes)
+        values = np.array([run.base.get(name, v) for name, v in zip(model.names, model.start, strict=True)])
+        torque = there.torque(values)[:, 0] + sigma * rng.normal(size=time.size)
+        write_csv(trajectory(time, {"tau1": torque}), folder / f"{label}_torque.csv")
+        document["experiments"][label] = {
+            "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
+            "role": run.role, **({"own": list(run.own)} if run.own else {}),
+        }  # fmt: skip
+    for name, content in (("robot", arm_document(1)), ("case", document)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return folder / "case.yaml"
 
 
