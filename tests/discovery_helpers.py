@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import yaml
-from fmu_didim.prediction.problem import Problem, predict_torque
 from scipy.signal import lfilter
 
 from fmu_didim.case import load_case
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.external_torque import ExternalTorque
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
 from tests.blind.campaign import Order, make_order
@@ -72,7 +74,7 @@ def arm_document(
     }  # fmt: skip
 
 
-def arm_problem(
+def arm_model(
     folder: Path,
     *,
     joints: int = 1,
@@ -82,7 +84,7 @@ def arm_problem(
     values: Mapping[str, Mapping[str, float]] | None = None,
     gear: Mapping[str, float] | None = None,
     gain_factor: float = 1.0,
-) -> Problem:
+) -> LoopModel:
     """The arm in its loop at 200 Hz as a case on disk, loaded; its torque log is that of its own model, without noise.
 
     Args:
@@ -109,9 +111,9 @@ def arm_problem(
         robot["joints"][0]["parameters"] |= own
     for name, content in (("robot", robot), ("controller", controller), ("case", case)):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    problem = load_case(folder / "case.yaml").problem
-    assert problem is not None
-    return with_torque(problem, predict_torque(problem, problem.parameters.nominal())[0])
+    model = load_case(folder / "case.yaml").model
+    assert model is not None
+    return with_torque(model, model.torque(model.start))
 
 
 def arm_case(
@@ -134,7 +136,8 @@ def arm_case(
         gear: parameters of the elastic gear of joint 1, which the description of the case has, too.
     """
     added = added or {}
-    problem = arm_problem(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
+    model = arm_model(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
+    experiment = data(model)
     deviation = sigma * np.array([1.0, 1 / 3][:joints])
     rng = np.random.default_rng(0)
     document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
@@ -144,12 +147,12 @@ def arm_case(
         motion = sines(8.0, joints=joints, period_s=period_s)
         write_csv(motion, folder / f"{label}_reference.csv")
         every = sample_operator(motion.time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
-        run = problem.on(replace(problem.experiment, reference=motion, operator=every))
-        command = predict_torque(run, problem.parameters.nominal())[0]
-        noise = deviation * rng.normal(size=problem.measured.shape)
-        shown = problem.experiment.time - late_s
+        run = model.with_experiment(model.first, replace(experiment, reference=motion, operator=every))
+        command = run.torque(run.start)
+        noise = deviation * rng.normal(size=experiment.torque.shape)
+        shown = experiment.time - late_s
         columns = {f"tau{j + 1}": np.interp(shown, motion.time, command[:, j]) + noise[:, j] for j in range(joints)}
-        write_csv(trajectory(problem.experiment.time, columns), folder / f"{label}_torque.csv")
+        write_csv(trajectory(experiment.time, columns), folder / f"{label}_torque.csv")
         document[label] = {
             "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
         }  # fmt: skip
@@ -159,9 +162,69 @@ def arm_case(
     return folder / "case.yaml"
 
 
-def with_torque(problem: Problem, torque: Array) -> Problem:
-    """The same problem with another log."""
-    return problem.on(replace(problem.experiment, torque=torque))
+@dataclass(frozen=True)
+class Run:
+    """An experiment of the arm.
+
+    Attributes:
+        period_s: of its motion, which comes ``periods`` times; role: in the case; own: parameters of its own there.
+        base: base parameters that the arm has in this run alone, such as with a payload; pushes: torques on the joint.
+        has_effects: whether the plant has its further effects in this run.
+    """
+
+    period_s: float = 4.0
+    periods: int = 2
+    role: str = "estimation"
+    own: tuple[str, ...] = ()
+    base: Mapping[str, float] = field(default_factory=dict)
+    pushes: tuple[ExternalTorque, ...] = ()
+    has_effects: bool = True
+
+
+def arm_experiments(
+    folder: Path,
+    runs: Mapping[str, Run],
+    added: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    sigma: float = 0.1,
+    rate_hz: float = 100.0,
+) -> Path:
+    """Case of an arm of one joint with several experiments, by label; its plant has effects that the case lacks."""
+    added = added or {}
+    plain = arm_model(folder / "plain")
+    with_effects = arm_model(folder, effects={1: tuple(added)}, values=added)
+    document = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
+    del document["train"]
+    document["experiments"] = {}
+    rng = np.random.default_rng(0)
+    for label, run in runs.items():
+        motion = sines(run.periods * run.period_s, period_s=run.period_s)
+        write_csv(motion, folder / f"{label}_reference.csv")
+        time = np.arange(round(run.periods * run.period_s * rate_hz)) / rate_hz
+        operator = sample_operator(time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
+        model = with_effects if run.has_effects else plain
+        asked = Experiment(motion, time, np.zeros((time.size, 1)), operator)
+        there = model.with_experiment(model.first, asked).pushed(model.first, run.pushes)
+        values = np.array([run.base.get(name, v) for name, v in zip(model.names, model.start, strict=True)])
+        torque = there.torque(values)[:, 0] + sigma * rng.normal(size=time.size)
+        write_csv(trajectory(time, {"tau1": torque}), folder / f"{label}_torque.csv")
+        document["experiments"][label] = {
+            "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
+            "role": run.role, **({"own": list(run.own)} if run.own else {}),
+        }  # fmt: skip
+    for name, content in (("robot", arm_document(1)), ("case", document)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+def data(model: LoopModel) -> Experiment:
+    """The first experiment."""
+    return model.experiments[model.first]
+
+
+def with_torque(model: LoopModel, torque: Array) -> LoopModel:
+    """The same model with another log of the first experiment."""
+    return model.with_experiment(model.first, replace(data(model), torque=torque))
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], rho: float, sigma: float | Array = 1.0) -> Array:
@@ -222,3 +285,9 @@ def hidden(folder: Path) -> list[tuple[str, int]]:
     """Effect and joint of what a blind case hides."""
     content = yaml.safe_load(folder.with_suffix(".truth.yaml").read_text(encoding="utf-8"))
     return [(item["effect"], int(item["joint"])) for item in content["truth"]]
+
+
+def true_parameters(folder: Path) -> dict[str, float]:
+    """The base parameters of the plant of a blind case."""
+    content = yaml.safe_load(folder.with_suffix(".truth.yaml").read_text(encoding="utf-8"))
+    return {name: float(value) for name, value in content["parameters"].items()}

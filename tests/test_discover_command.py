@@ -101,13 +101,13 @@ def test_findings_follow_their_schema_and_load_again(printed: tuple[Path, str], 
 
 def test_all_files_named_are_there(printed: tuple[Path, str]) -> None:
     files = document_of(printed).files
-    assert {"signals_train", "signals_test", "robot", "plant_fmu", "case"} <= set(files)
+    assert {"signals_estimation", "signals_validation", "robot", "plant_fmu", "case"} <= set(files)
     assert all((printed[0] / "out" / name).is_file() for name in files.values())
 
 
 def test_signals_show_the_shrinking_gap(printed: tuple[Path, str]) -> None:
     document = document_of(printed)
-    for label in ("train", "test"):
+    for label in ("estimation", "validation"):
         table = read_trajectory(printed[0] / "out" / document.files[f"signals_{label}"])
         measured, base, final, speed = (table.select([f"{n}1"])[:, 0] for n in ("measured", "base", "final", "dq"))
         sigma = document.noise.std[0]
@@ -125,10 +125,10 @@ def test_augmented_case_gives_the_torque_of_the_fitted_model(printed: tuple[Path
     (note,) = [n for n in document.notes if "augmented case" in n]
     told = float(re.search(r"to (\S+) of its peak", note)[1])  # type: ignore[index]
     assert told < 1e-6
-    for which, label in (("train", "train"), ("validation", "test")):
+    for label in ("estimation", "validation"):
         table = read_trajectory(out / document.files[f"signals_{label}"])
         wanted = table.select(["final1"])[:, 0]
-        found = simulate_case(out / document.files["case"], which=which)
+        found = simulate_case(out / document.files["case"], experiment=label)
         at = np.round((table.time - found.time[0]) * 200).astype(int)
         assert np.abs(found.select(["tau1"])[at, 0] - wanted).max() <= 1e-6 * np.abs(wanted).max()
     content = yaml.safe_load((out / document.files["case"]).read_text(encoding="utf-8"))
@@ -157,7 +157,7 @@ def test_augmented_case_is_the_base_of_the_next_discovery(printed: tuple[Path, s
     shutil.copytree(printed[0], tmp_path / "moved")
     document = discover(tmp_path / "moved" / "out" / "case_augmented.yaml")
     assert document.verdict == "nothing"
-    assert document.gap["test"].before < 0.4  # type: ignore[operator]
+    assert document.gap["validation"].before < 0.4  # type: ignore[operator]
 
 
 def test_lag_becomes_a_part_of_its_own(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_lag_becomes_a_part_of_its_own(tmp_path: Path) -> None:
     part = load_fmu(tmp_path / "out" / document.files[f"part_{first.effect}1"])
     start = {v.name: v.start for v in part.parameters}
     assert start[first.parameters[0].name.rstrip("_1")] == pytest.approx(first.parameters[0].value)
-    table = read_trajectory(tmp_path / "out" / "signals_train.csv")
+    table = read_trajectory(tmp_path / "out" / "signals_estimation.csv")
     assert first.effect in read_robot(tmp_path / "out" / "robot_augmented.yaml").joints[0].effects
     (note,) = [n for n in document.notes if "augmented case" in n]
     assert float(re.search(r"to (\S+) of its peak", note)[1]) < 1e-6  # type: ignore[index]
@@ -260,7 +260,7 @@ def test_without_held_out_data_the_criterion_alone_decides(without_held_out: Fin
     assert [(f.effect, f.joint) for f in without_held_out.findings] == [("quadratic_viscous", 1)]
     assert without_held_out.ratio_interval is None
     assert without_held_out.findings[0].ratio_interval is None
-    assert set(without_held_out.gap) == {"train"}
+    assert set(without_held_out.gap) == {"estimation"}
 
 
 def test_without_held_out_data_it_is_said(without_held_out: FindingsDocument) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ import yaml
 
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu
-from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, subdivision, torque_part
+from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, torque_part
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS, Surroundings, TorqueEffect
 from fmu_didim.export import build_fmu
-from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.robot import RobotModel, read_robot, write_robot
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.workflow import simulate_case
@@ -107,7 +108,7 @@ def test_hidden_effect_is_named_and_spliced_in(
     for value in found.findings[0].parameters:
         wanted = truth[value.name.rstrip("12").rstrip("_")]
         assert abs(value.value - wanted) < max(4 * (value.std or 0), 0.03 * wanted)
-    for label in ("train", "test"):
+    for label in ("estimation", "validation"):
         before, after = found.gap[label].before, found.gap[label].after
         assert before is not None
         assert after is not None
@@ -171,14 +172,14 @@ def test_component_takes_the_torque_of_the_effect_away(name: str) -> None:
 
 def test_friction_before_the_plant_is_friction_in_the_plant(tmp_path: Path) -> None:
     """With short enough steps the loop gives the torque of a robot that has the effect; one a period is too long."""
-    problem = load_case(vendor_case(tmp_path, "stribeck", 2, Fs=0.08, vs=0.15)).problem
-    assert problem is not None
-    shop = LoopModelBuilder(loop_model(problem, {}), None)
-    model = shop.build(shop.base, [Proposal(EffectAtJoint("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
-    assert model.runs["train"].subdivision == subdivision(shop._with_steepest()) > 1
+    base = load_case(vendor_case(tmp_path, "stribeck", 2, Fs=0.08, vs=0.15)).model
+    assert base is not None
+    shop = LoopModelBuilder(base, None)
+    model = shop.build(base, [Proposal(EffectAtJoint("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
+    assert model.subdivision > 1
     misfit = [
-        np.std(model.refined(m).residual(model.start), axis=0)[1] / NOISE[1]
-        for m in (1, model.runs["train"].subdivision)
+        np.std(replace(model, subdivision=m).residual(model.start), axis=0)[1] / NOISE[1]
+        for m in (1, model.subdivision)
     ]
     assert misfit[0] > 1.1
     assert misfit[1] == pytest.approx(1.0, abs=0.05)

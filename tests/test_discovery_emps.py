@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.workflow.discover import discover
 from tests.conftest import needs_emps
+from tests.discovery_helpers import with_torque
 from tests.test_discovery_blackbox import vendor_case
 
 LACKS, PULSES = "examples/emps/discover.yaml", "examples/emps/discover_pulses.yaml"
@@ -36,9 +36,9 @@ def pulse_edges() -> tuple[np.ndarray, np.ndarray]:
 
 
 def base_of(path: Path | str) -> tuple[Fit, Noise]:
-    problem = load_case(path).problem
-    assert problem is not None
-    prepared = prepare(problem, {})
+    model = load_case(path).model
+    assert model is not None
+    prepared = prepare(model)
     return prepared.fit, prepared.noise
 
 
@@ -58,9 +58,7 @@ def test_noise_comes_from_the_laps() -> None:
     """The file holds measured columns beside the reference; they do not hide that the motion repeats."""
     fit, noise = base_of(LACKS)
     assert noise.period_s == pytest.approx(6.24)
-    assert noise.deviation[0] == pytest.approx(
-        0.0056 * np.sqrt(np.mean(fit.model.runs["train"].measured ** 2)), rel=0.2
-    )
+    assert noise.deviation[0] == pytest.approx(0.0056 * np.sqrt(np.mean(fit.model.measured**2)), rel=0.2)
 
 
 @needs_emps
@@ -70,7 +68,7 @@ def test_asymmetric_viscous_friction_is_named_first() -> None:
     assert (first.effect, first.joint) == ("asymmetric_viscous", 1)
     # (Fv+ - Fv-)/2 of the published asymmetric model.
     assert first.parameters[0].value == pytest.approx((166.7061 - 240.4236) / 2, rel=0.1)
-    for label, before, after in (("train", 7.4, 3.8), ("test", 7.6, 4.7)):
+    for label, before, after in (("estimation", 7.4, 3.8), ("validation", 7.6, 4.7)):
         was, now = found.error_percent[label]
         assert was is not None
         assert now is not None
@@ -87,7 +85,7 @@ def test_what_the_usual_model_lacks() -> None:
     assert classes[1] in ("stribeck", "presliding")  # what happens at low speed
     assert len(classes) == 2, "what remains is refinement, a few per cent of the gap"
     assert any("of the base model" in why for _, _, why in found.refused)
-    now = [found.error_percent[label][1] for label in ("train", "test")]
+    now = [found.error_percent[label][1] for label in ("estimation", "validation")]
     assert now[0] is not None
     assert now[1] is not None
     assert now[0] < 3.1
@@ -110,9 +108,9 @@ def test_pulses_are_found() -> None:
 def test_pulses_are_reported_before_what_else_is_missing(tmp_path: Path) -> None:
     found: FindingsDocument = discover(PULSES, tmp_path)
     assert [f.effect for f in found.findings][:2] == ["external_force", "asymmetric_viscous"]
-    check_pulses([(w.begin_s, w.end_s, w.torque) for w in found.windows if w.experiment == "train"][:25], 0.02)
-    assert found.error_percent["train"][0] > 40  # type: ignore[operator]
-    assert found.error_percent["train"][1] < 3  # type: ignore[operator]
+    check_pulses([(w.begin_s, w.end_s, w.torque) for w in found.windows if w.experiment == "estimation"][:25], 0.02)
+    assert found.error_percent["estimation"][0] > 40  # type: ignore[operator]
+    assert found.error_percent["estimation"][1] < 3  # type: ignore[operator]
 
 
 # The same where the truth is known: a simulated robot that somebody pushes.
@@ -120,14 +118,11 @@ def test_pulses_are_reported_before_what_else_is_missing(tmp_path: Path) -> None
 
 def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> tuple[Fit, Noise]:
     """The base fit to data of a complete model that was pushed, with noise."""
-    problem = load_case(vendor_case(folder)).problem
-    assert problem is not None
-    model = prepare(problem, {}).fit.model
-    run = model.runs["train"]
-    from_outside = replace(model, runs={"train": replace(run, external_torques=external_torques)})
-    change = from_outside.torque(model.start) - model.torque(model.start)
-    experiment = replace(problem.experiment, torque=problem.experiment.torque + change)
-    prepared = prepare(problem.on(experiment), {})
+    base = load_case(vendor_case(folder)).model
+    assert base is not None
+    model = prepare(base).fit.model
+    change = model.pushed("estimation", external_torques).torque(model.start) - model.torque(model.start)
+    prepared = prepare(with_torque(base, base.measured + change))
     return prepared.fit, prepared.noise
 
 

@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 from fmu_didim.block import choose_substeps
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit, integrated, minimise
-from fmu_didim.prediction.loop_model import LoopModel, loop_model
-from fmu_didim.prediction.problem import Problem
+from fmu_didim.prediction.differences import STEP
+from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
-from fmu_didim.prediction.sensitivity import STEP, sensitivity
-from tests.discovery_helpers import TRUTH, arm_problem, coloured, known_noise, with_torque
+from fmu_didim.prediction.sensitivity import sensitivity
+from tests.discovery_helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
 
 SIGMA = 0.1
 """Of the torque noise, N m; the torque's RMS is about 10 N m."""
@@ -26,23 +26,23 @@ START = np.array([0.8, 1.3, 2.0, 0.6, 0.7])
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
-    return arm_problem(tmp_path_factory.mktemp("one"))
+def arm(tmp_path_factory: pytest.TempPathFactory) -> LoopModel:
+    return arm_model(tmp_path_factory.mktemp("one"))
 
 
 @pytest.fixture(scope="module")
-def truth(problem: Problem) -> np.ndarray:
-    return problem.parameters.nominal()
+def truth(arm: LoopModel) -> np.ndarray:
+    return arm.start
 
 
-def model_with(problem: Problem, noise: np.ndarray | float = 0.0) -> LoopModel:
-    return loop_model(with_torque(problem, problem.measured + noise), {}, workers=1)
+def model_with(arm: LoopModel, noise: np.ndarray | float = 0.0) -> LoopModel:
+    return replace(with_torque(arm, arm.measured + noise), workers=1)
 
 
 @pytest.fixture(scope="module")
-def slopes(problem: Problem, truth: np.ndarray) -> np.ndarray:
+def slopes(arm: LoopModel, truth: np.ndarray) -> np.ndarray:
     """Sensitivities at the truth."""
-    return sensitivity(model_with(problem), truth, problem.measured)
+    return sensitivity(model_with(arm), truth, arm.measured)
 
 
 def chi_square(model: LoopModel, values: np.ndarray) -> float:
@@ -54,29 +54,29 @@ def chi_square(model: LoopModel, values: np.ndarray) -> float:
 
 @pytest.mark.parametrize("joints", [1, 2])
 def test_noise_free_log_gives_the_parameters(tmp_path: Path, joints: int) -> None:
-    problem = arm_problem(tmp_path, joints=joints)
-    truth = problem.parameters.nominal()
-    fit = minimise(loop_model(problem, {}).with_values(truth * np.tile(START, joints)), known_noise([1e-4] * joints))
+    arm = arm_model(tmp_path, joints=joints)
+    truth = arm.start
+    fit = minimise(arm.with_values(truth * np.tile(START, joints)), known_noise([1e-4] * joints))
     assert fit.values == pytest.approx(truth, rel=1e-6)
     assert np.abs(fit.residual).max() < 1e-5
     assert fit.model.start == pytest.approx(fit.values)
 
 
 def test_smoothing_velocity_is_found_too(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, joints=2, rate_hz=200.0)
-    model = with_nuisances(loop_model(problem, {}))
+    arm = arm_model(tmp_path, joints=2, rate_hz=200.0)
+    model = with_nuisances(arm)
     assert [parameter.name for parameter in model.free_parameters[-2:]] == ["v0_1", "v0_2"]
     start = model.start * 1.2
-    fit = minimise(model.with_values(start), known_noise([1e-4, 1e-4]), iterations=12)
-    assert fit.values == pytest.approx([*problem.parameters.nominal(), TRUTH[0]["v0"], TRUTH[1]["v0"]], rel=1e-5)
+    fit = minimise(model.with_values(start), known_noise([1e-4, 1e-4]), stopping=Stopping(12))
+    assert fit.values == pytest.approx([*arm.start, TRUTH[0]["v0"], TRUTH[1]["v0"]], rel=1e-5)
 
 
 def test_noisy_log_gives_the_parameters_within_their_deviation(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, joints=2)
-    truth = problem.parameters.nominal()
+    arm = arm_model(tmp_path, joints=2)
+    truth = arm.start
     sigma = [0.15, 0.06]
-    noise = coloured(np.random.default_rng(0), problem.measured.shape, 0.3, np.array(sigma))
-    model = loop_model(with_torque(problem, problem.measured + noise), {})
+    noise = coloured(np.random.default_rng(0), arm.measured.shape, 0.3, np.array(sigma))
+    model = with_torque(arm, arm.measured + noise)
     fit = minimise(model.with_values(np.tile(START, 2) * truth), known_noise(sigma, 0.3))
     deviation = np.sqrt(np.diag(fit.covariance(known_noise(sigma, 0.3))))
     assert (np.abs(fit.values - truth) < 3.5 * deviation).all()
@@ -85,9 +85,9 @@ def test_noisy_log_gives_the_parameters_within_their_deviation(tmp_path: Path) -
     assert fit.chi_square == pytest.approx(independent, rel=0.1)
 
 
-def test_it_is_the_minimum(problem: Problem, truth: np.ndarray) -> None:
+def test_it_is_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
     """Any step by a tenth of a standard deviation from it costs."""
-    model = model_with(problem, coloured(np.random.default_rng(1), problem.measured.shape, 0.0, SIGMA))
+    model = model_with(arm, coloured(np.random.default_rng(1), arm.measured.shape, 0.0, SIGMA))
     fit = minimise(model.with_values(truth * START), known_noise(SIGMA))
     assert fit.chi_square == pytest.approx(chi_square(model, fit.values))
     assert fit.residual == pytest.approx(model.residual(fit.values), abs=1e-12)
@@ -98,13 +98,13 @@ def test_it_is_the_minimum(problem: Problem, truth: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
-def test_intervals_cover_the_truth(problem: Problem, truth: np.ndarray, slopes: np.ndarray, rho: float) -> None:
+def test_intervals_cover_the_truth(arm: LoopModel, truth: np.ndarray, slopes: np.ndarray, rho: float) -> None:
     """60 logs of 5 parameters: 95 % intervals hold 88 to 99 % of them, and the deviations are those of the spread."""
     noise = known_noise(SIGMA, rho)
     scores = []
     for seed in range(60):
-        model = model_with(problem, coloured(np.random.default_rng(seed), problem.measured.shape, rho, SIGMA))
-        fit = minimise(model.with_values(truth), noise, jacobian=slopes, jacobian_updates=0)
+        model = model_with(arm, coloured(np.random.default_rng(seed), arm.measured.shape, rho, SIGMA))
+        fit = minimise(model.with_values(truth), noise, jacobian=slopes, stopping=Stopping(updates=0))
         scores.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance(noise))))
     table = np.array(scores)
     assert 0.88 <= np.mean(np.abs(table) < 1.96) <= 0.99
@@ -122,12 +122,12 @@ def limited(model: LoopModel, name: str, low: float, high: float) -> LoopModel:
 
 @pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.8), (2.3, np.inf)])
 def test_limits_hold_and_the_others_are_best_within_them(
-    problem: Problem, truth: np.ndarray, low: float, high: float
+    arm: LoopModel, truth: np.ndarray, low: float, high: float
 ) -> None:
     """The true Coulomb friction of 2 N m lies outside; the rest agrees with another solver's bounded minimum."""
-    noise = coloured(np.random.default_rng(2), problem.measured.shape, 0.0, SIGMA)
-    model = limited(model_with(problem, noise), "Fc1", low, high)
-    fit = minimise(model.with_values(truth), known_noise(SIGMA), iterations=20)
+    noise = coloured(np.random.default_rng(2), arm.measured.shape, 0.0, SIGMA)
+    model = limited(model_with(arm, noise), "Fc1", low, high)
+    fit = minimise(model.with_values(truth), known_noise(SIGMA), stopping=Stopping(20))
     bound = high if np.isfinite(high) else low
     assert fit.values[4] == bound
     bounds = (np.array([-np.inf] * 4 + [low]), np.array([np.inf] * 4 + [high]))
@@ -139,23 +139,23 @@ def test_limits_hold_and_the_others_are_best_within_them(
     assert fit.chi_square == pytest.approx(2 * wanted.cost, abs=0.05)
 
 
-def test_start_outside_is_moved_inside_and_inactive_limits_do_not_matter(problem: Problem, truth: np.ndarray) -> None:
-    model = limited(model_with(problem), "Fc1", 0.0, 5.0)
+def test_start_outside_is_moved_inside_and_inactive_limits_do_not_matter(arm: LoopModel, truth: np.ndarray) -> None:
+    model = limited(model_with(arm), "Fc1", 0.0, 5.0)
     start = truth.copy()
     start[4] = 50.0
     fit = minimise(model.with_values(start), known_noise(1e-4))
     assert fit.values == pytest.approx(truth, rel=1e-6)
 
 
-def test_values_stay_inside_at_every_step(problem: Problem, truth: np.ndarray) -> None:
+def test_values_stay_inside_at_every_step(arm: LoopModel, truth: np.ndarray) -> None:
     seen: list[np.ndarray] = []
 
     class Watched(LoopModel):
-        def torque(self, values: np.ndarray, which: str = "train") -> np.ndarray:
+        def torque(self, values: np.ndarray, label: str | None = None) -> np.ndarray:
             seen.append(values.copy())
-            return super().torque(values, which)
+            return super().torque(values, label)
 
-    model = limited(model_with(problem), "Fv1", 1.6, 4.0)
+    model = limited(model_with(arm), "Fv1", 1.6, 4.0)
     watched = Watched(**{name: getattr(model, name) for name in model.__dataclass_fields__})
     minimise(watched.with_values(truth * START), known_noise(1e-2))
     assert len(seen) > 5
@@ -173,20 +173,20 @@ def same_minimum(fit: Fit, other: Fit) -> None:
 
 @pytest.mark.parametrize("wrong", [0.7, 1.5, 4.0])
 def test_stale_jacobian_leads_to_the_same_minimum(
-    problem: Problem, truth: np.ndarray, slopes: np.ndarray, wrong: float
+    arm: LoopModel, truth: np.ndarray, slopes: np.ndarray, wrong: float
 ) -> None:
     """Columns wrong by a common factor, and one of them by three times that."""
-    model = model_with(problem, coloured(np.random.default_rng(3), problem.measured.shape, 0.0, SIGMA))
+    model = model_with(arm, coloured(np.random.default_rng(3), arm.measured.shape, 0.0, SIGMA))
     model = model.with_values(truth * START)
     stale = slopes * wrong
     stale[:, :, 0] *= 3
     same_minimum(
-        minimise(model, known_noise(SIGMA), jacobian=stale, iterations=20), minimise(model, known_noise(SIGMA))
+        minimise(model, known_noise(SIGMA), jacobian=stale, stopping=Stopping(20)), minimise(model, known_noise(SIGMA))
     )
 
 
-def test_good_jacobian_saves_simulations(problem: Problem, truth: np.ndarray, slopes: np.ndarray) -> None:
-    model = model_with(problem, coloured(np.random.default_rng(4), problem.measured.shape, 0.0, SIGMA))
+def test_good_jacobian_saves_simulations(arm: LoopModel, truth: np.ndarray, slopes: np.ndarray) -> None:
+    model = model_with(arm, coloured(np.random.default_rng(4), arm.measured.shape, 0.0, SIGMA))
     model = model.with_values(truth * 1.02)
     fresh = minimise(model, known_noise(SIGMA))
     given = minimise(model, known_noise(SIGMA), jacobian=slopes, torque=model.torque(model.start))
@@ -197,35 +197,35 @@ def test_good_jacobian_saves_simulations(problem: Problem, truth: np.ndarray, sl
 # ---- ends ------------------------------------------------------------------------------------------
 
 
-def test_hopeless_fit_ends_early(problem: Problem, truth: np.ndarray, slopes: np.ndarray) -> None:
+def test_hopeless_fit_ends_early(arm: LoopModel, truth: np.ndarray, slopes: np.ndarray) -> None:
     """A model of wrong form far above the best cost known is given up; one that may reach it is not."""
-    time = problem.experiment.time[:, None]
-    model = model_with(problem, 2.0 * np.sin(2 * np.pi * 7.3 * time))
+    time = data(arm).time[:, None]
+    model = model_with(arm, 2.0 * np.sin(2 * np.pi * 7.3 * time))
     torque = model.torque(truth)
     best = minimise(model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque)
     given_up = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, give_up_above=0.5 *
-        best.chi_square
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque,
+        stopping=Stopping(give_up_above=0.5 * best.chi_square),
     )  # fmt: skip
     assert given_up.simulations == 0
     assert given_up.values == pytest.approx(truth)
     kept = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque, give_up_above=1.01 *
-        best.chi_square
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque,
+        stopping=Stopping(give_up_above=1.01 * best.chi_square),
     )  # fmt: skip
     assert kept.chi_square == pytest.approx(best.chi_square)
 
 
-def test_start_that_cannot_be_simulated_is_an_error(problem: Problem, truth: np.ndarray) -> None:
+def test_start_that_cannot_be_simulated_is_an_error(arm: LoopModel, truth: np.ndarray) -> None:
     wrong = truth.copy()
     wrong[0] = 1e-3
     with pytest.raises(SimulationError):
-        minimise(model_with(problem).with_values(wrong), known_noise(SIGMA))
+        minimise(model_with(arm).with_values(wrong), known_noise(SIGMA))
 
 
-def test_knob_without_effect_stays(problem: Problem, truth: np.ndarray) -> None:
+def test_knob_without_effect_stays(arm: LoopModel, truth: np.ndarray) -> None:
     """A free parameter that nothing depends on keeps its value and has no finite interval of its own making."""
-    model = model_with(problem, coloured(np.random.default_rng(5), problem.measured.shape, 0.0, SIGMA))
+    model = model_with(arm, coloured(np.random.default_rng(5), arm.measured.shape, 0.0, SIGMA))
     idle = replace(model.free_parameters[-1], name="idle", owner="plant", key="no_such_parameter", value=3.0)
     fit = minimise(replace(model, free_parameters=(*model.free_parameters, idle)), known_noise(SIGMA))
     plain = minimise(model, known_noise(SIGMA))
@@ -236,19 +236,33 @@ def test_knob_without_effect_stays(problem: Problem, truth: np.ndarray) -> None:
     assert covariance[:-1, :-1] == pytest.approx(plain.covariance(known_noise(SIGMA)), rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_parameter_that_is_held_is_known(arm: LoopModel, truth: np.ndarray, exact: bool) -> None:
+    """Limits that are one leave a value without deviation, and the others the deviations that they have without it."""
+    noise = known_noise(SIGMA)
+    model = limited(with_nuisances(model_with(arm)), "v0_1", 0.02, 0.02)
+    fit = minimise(model, noise, stopping=Stopping(exact=exact))
+    alone = minimise(model_with(arm), noise, stopping=Stopping(exact=exact))
+    assert fit.values[-1] == 0.02
+    covariance = fit.covariance(noise)
+    assert covariance[-1, -1] == 0.0
+    assert covariance[:-1, :-1] == pytest.approx(alone.covariance(noise), rel=1e-6, abs=1e-12)
+
+
 # ---- sensitivities ---------------------------------------------------------------------------------
 
 
-def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path: Path) -> None:
+@pytest.mark.parametrize("exact", [False, True])
+def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path: Path, exact: bool) -> None:
     """Three periods, of which the first and a bit are simulated: the same columns as without noticing that."""
-    problem = arm_problem(tmp_path, joints=2, seconds=12.0)
-    model = with_nuisances(loop_model(problem, {}, workers=1))
+    arm = arm_model(tmp_path, joints=2, seconds=12.0)
+    model = with_nuisances(replace(arm, workers=1))
     torque = model.torque(model.start)
-    found = repetition(problem.experiment, model.runs["train"].operator, problem.system.step_size, torque)
+    found = repetition(data(arm), data(arm).operator, 1 / RATE, torque)
     assert found is not None
     assert found.period == 400
-    assert found.operator.ticks[-1] < 0.5 * problem.experiment.reference.time.size
-    columns = sensitivity(model, model.start, torque)
+    assert found.operator.ticks[-1] < 0.5 * data(arm).reference.time.size
+    columns = sensitivity(model, model.start, torque, exact=exact)
     for i, parameter in enumerate(model.free_parameters):
         moved = model.start
         moved[i] += STEP * parameter.scale
@@ -257,27 +271,27 @@ def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path:
 
 
 def test_torque_that_drifts_does_not_repeat(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=12.0)
-    operator, step = problem.experiment.operator, problem.system.step_size
-    drift = np.linspace(0, 0.1, problem.measured.shape[0])[:, None]
-    assert repetition(problem.experiment, operator, step, problem.measured) is not None
-    assert repetition(problem.experiment, operator, step, problem.measured + drift) is None
+    arm = arm_model(tmp_path, seconds=12.0)
+    operator, step = data(arm).operator, 1 / RATE
+    drift = np.linspace(0, 0.1, arm.measured.shape[0])[:, None]
+    assert repetition(data(arm), operator, step, arm.measured) is not None
+    assert repetition(data(arm), operator, step, arm.measured + drift) is None
 
 
 def test_columns_that_drift_are_not_continued(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=12.0)
-    found = repetition(problem.experiment, problem.experiment.operator, problem.system.step_size, problem.measured)
+    arm = arm_model(tmp_path, seconds=12.0)
+    found = repetition(data(arm), data(arm).operator, 1 / RATE, arm.measured)
     assert found is not None
-    begin = problem.measured[: found.operator.count]
-    np.testing.assert_allclose(found.continued(begin), problem.measured, atol=1e-4)
+    begin = arm.measured[: found.operator.count]
+    np.testing.assert_allclose(found.continued(begin), arm.measured, atol=1e-4)
     assert found.continued(begin * np.linspace(1.0, 1.1, begin.shape[0])[:, None]) is None
 
 
 # ---- coarse integration ----------------------------------------------------------------------------
 
 
-def test_coarse_integration_is_far_below_the_noise_and_steps_less(problem: Problem, truth: np.ndarray) -> None:
-    full = model_with(problem)
+def test_coarse_integration_is_far_below_the_noise_and_steps_less(arm: LoopModel, truth: np.ndarray) -> None:
+    full = model_with(arm)
     coarse = replace(full, coarse=True)
     few = coarse.system(truth).components["plant"].stated_substeps
     block, stated = full.system(truth).components["plant"].equations() or (None, None)
@@ -285,38 +299,38 @@ def test_coarse_integration_is_far_below_the_noise_and_steps_less(problem: Probl
     assert few is not None and few >= 2
     p = block.parameter_values
     rate = float(block.rate_bound(block.start(np.zeros(len(block.inputs)), p), p))
-    step = problem.system.step_size
+    step = 1 / RATE
     assert step * rate / few <= 1.6  # stable
     assert few < choose_substeps(rate, step)
     assert np.abs(coarse.torque(truth) - full.torque(truth)).max() < 1e-2 * SIGMA
 
 
-def test_coarse_integration_leaves_a_number_that_was_stated(problem: Problem, truth: np.ndarray) -> None:
-    model = model_with(problem)
+def test_coarse_integration_leaves_a_number_that_was_stated(arm: LoopModel, truth: np.ndarray) -> None:
+    model = model_with(arm)
     plant = model.plant.with_substeps(3)
     assert plant is not None
     coarse = replace(model, coarse=True, plant=plant)
     assert coarse.system(truth).components["plant"].stated_substeps == 3
 
 
-def test_sensitivities_do_not_change_the_steps(problem: Problem, truth: np.ndarray) -> None:
+def test_sensitivities_do_not_change_the_steps(arm: LoopModel, truth: np.ndarray) -> None:
     """A step of a free parameter that asks for more substeps would show as a change of the torque."""
-    model = replace(model_with(problem), coarse=True)
+    model = replace(model_with(arm), coarse=True)
     pinned = model.integrated_as(truth)
     steeper = truth * [1, 1, 1, 1, 50]
     assert model.system(steeper).components["plant"].stated_substeps != pinned.plant.stated_substeps
     assert pinned.system(steeper).components["plant"].stated_substeps == pinned.plant.stated_substeps
 
 
-def test_the_minimum_is_made_exact_again(problem: Problem, truth: np.ndarray) -> None:
+def test_the_minimum_is_made_exact_again(arm: LoopModel, truth: np.ndarray) -> None:
     noise = known_noise([1e-4])
-    found = minimise(replace(model_with(problem).with_values(truth * START), coarse=True), noise)
+    found = minimise(replace(model_with(arm).with_values(truth * START), coarse=True), noise)
     exact = integrated(found, noise, coarse=False)
     assert not exact.model.coarse
     assert exact.values == pytest.approx(truth, rel=1e-6)
     assert integrated(exact, noise, coarse=False) is exact
 
 
-def test_an_exact_jacobian_belongs_to_the_minimum(problem: Problem, truth: np.ndarray) -> None:
-    fit = minimise(model_with(problem).with_values(truth * START), known_noise([1e-4]), exact=True)
-    assert np.array_equal(fit.jacobian, sensitivity(fit.model, fit.values, fit.torque))
+def test_an_exact_jacobian_belongs_to_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
+    fit = minimise(model_with(arm).with_values(truth * START), known_noise([1e-4]), stopping=Stopping(exact=True))
+    assert np.array_equal(fit.jacobian, sensitivity(fit.model, fit.values, fit.torque, exact=True))

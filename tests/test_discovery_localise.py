@@ -28,7 +28,7 @@ TICKS = np.arange(0, MOTION.time.size, 2)
 
 
 def found(residual: np.ndarray, rho: float = 0.0) -> list[Region]:
-    return regions(residual, MOTION, TICKS, known_noise(SIGMA, rho), UNITS)
+    return regions(residual, [(MOTION, TICKS)], known_noise(SIGMA, rho), UNITS)
 
 
 # ---- regions ---------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ def test_error_after_reversals_is_seen_over_the_distance() -> None:
 def test_joint_at_rest_has_no_bins_of_its_own() -> None:
     still = replace(MOTION, q=MOTION.q * [1, 0], dq=MOTION.dq * [1, 0], ddq=MOTION.ddq * [1, 0])
     residual = coloured(np.random.default_rng(4), (TICKS.size, 2), 0.0, SIGMA) + 3 * SIGMA
-    result = regions(residual, still, TICKS, known_noise(SIGMA), UNITS)
+    result = regions(residual, [(still, TICKS)], known_noise(SIGMA), UNITS)
     assert not [r for r in result if r.joint == 2 and r.quantity in ("velocity", "position", "acceleration")]
     assert [r for r in result if r.joint == 2 and r.quantity == "time"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import yaml
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.prediction.loop_model import LOG, EffectAtJoint, LoopModel, loop_model
+from fmu_didim.prediction.free_parameter import LOG
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate_case
@@ -40,8 +42,8 @@ def assert_only_shift(document: FindingsDocument, seconds: float) -> None:
 def test_late_log_is_named_with_its_shift(late: tuple[Path, FindingsDocument]) -> None:
     _, document = late
     assert_only_shift(document, 0.017)
-    assert document.gap["train"].after < 0.1 * document.gap["train"].before  # type: ignore[operator]
-    assert document.gap["test"].after < 0.1 * document.gap["test"].before  # type: ignore[operator]
+    assert document.gap["estimation"].after < 0.1 * document.gap["estimation"].before  # type: ignore[operator]
+    assert document.gap["validation"].after < 0.1 * document.gap["validation"].before  # type: ignore[operator]
     assert document.findings[0].ambiguous == [], "no lag is negative"
 
 
@@ -93,42 +95,42 @@ def test_lag_of_a_drive_keeps_its_name(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def shifted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel]:
-    """The arm's case, and its loop with the shift as a free parameter."""
+def shifted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel, LoopModel]:
+    """The arm's case, its loop, and the same with the shift as a free parameter."""
     folder = tmp_path_factory.mktemp("model")
     case = arm_case(folder, joints=2)
     loaded = load_case(case)
-    assert loaded.problem is not None and loaded.validation is not None
-    base = loop_model(loaded.problem, {"test": loaded.problem.on(loaded.validation)}, workers=1)
+    assert loaded.model is not None
+    base = replace(loaded.model, workers=1)
     builder = LoopModelBuilder(base, loaded.parameters.model.description)  # type: ignore[attr-defined]
     assert builder.joints("log_time_shift") == (1,)
     assert builder.joints("actuator_lag") == (1, 2)
-    return case, builder.build(base, [Proposal(SHIFT, {"log_shift": 0.0072})])
+    return case, base, builder.build(base, [Proposal(SHIFT, {"log_shift": 0.0072})])
 
 
-def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, LoopModel]) -> None:
-    case, model = shifted
+def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
+    case, base, model = shifted
     assert [(k.name, k.owner, k.value) for k in model.free_parameters if k.effect == 0] == [("log_shift", LOG, 0.0072)]
-    for label, which in (("train", "train"), ("test", "validation")):
-        run = model.runs[label]
-        assert run.system is run.problem.system
-        every = simulate_case(case, which=which)
+    assert model.plant is base.plant
+    for label, experiment in model.experiments.items():
+        assert model.systems[label] is base.systems[label]
+        every = simulate_case(case, experiment=label)
         command = every.select(["tau1", "tau2"])
-        wanted = np.column_stack([np.interp(run.problem.experiment.time - 0.0072, every.time, c) for c in command.T])
+        wanted = np.column_stack([np.interp(experiment.time - 0.0072, every.time, c) for c in command.T])
         torque = model.torque(model.start, label)
         np.testing.assert_allclose(torque, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, LoopModel]) -> None:
-    _, model = shifted
+def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
+    model = shifted[-1]
     ticks = model.operator(model.start).ticks
-    samples = model.runs["train"].measured.shape[0]
+    samples = model.measured.shape[0]
     assert ticks.size <= 2 * samples
     assert model.record(model.start).time.size == ticks.size
 
 
-def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path, LoopModel]) -> None:
-    _, model = shifted
+def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
+    model = shifted[-1]
     torque = model.torque(model.start)
     index = model.index("log_shift")
     slope = sensitivity(model, model.start, torque, only=[index])[:, :, 0]

@@ -20,7 +20,7 @@ from fmu_didim.prediction.noise import (
     period_in_ticks,
 )
 from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
-from tests.discovery_helpers import RATE, arm_problem, coloured, sines, with_torque
+from tests.discovery_helpers import RATE, arm_model, coloured, data, sines, with_torque
 
 SAMPLES = 500
 """Samples in a period of the made-up logs."""
@@ -55,6 +55,14 @@ def test_size_and_colour_from_periods(rho: float) -> None:
     assert effective_fraction == pytest.approx(rho, abs=0.02)
     factor = (1 + rho**2) / (1 - rho**2)
     assert np.abs(np.array(found)[:, 0] - 1).max() < 4 * np.sqrt(factor / (2 * 3 * SAMPLES))
+
+
+@pytest.mark.parametrize(("length", "skip", "periods"), [(4.0, 0.0, 4), (4.0, 0.1, 4), (1.9, 0.0, 2), (2.5, 0.1, 3)])
+def test_periods_that_are_compared_are_counted(length: float, skip: float, periods: int) -> None:
+    torque = repeating()[: round(length * SAMPLES)]
+    estimate = noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=round(skip * SAMPLES))
+    assert estimate is not None
+    assert estimate.periods == periods
 
 
 def test_weight_makes_a_chi_square_of_independent_samples() -> None:
@@ -152,7 +160,7 @@ def test_correlation_is_capped() -> None:
 
 def test_exact_repetition_gives_finite_weights(tmp_path: Path) -> None:
     """A simulated log without noise is data, too: nothing becomes infinite."""
-    prepared = prepare(arm_problem(tmp_path), {})
+    prepared = prepare(arm_model(tmp_path))
     assert np.isfinite(prepared.noise.weight).all()
     assert np.isfinite(prepared.fit.values).all()
     assert np.isfinite(prepared.fit.covariance(prepared.noise)).all()
@@ -247,13 +255,13 @@ def test_frequency_of_the_motion() -> None:
     assert motion_frequency(without, 1) == pytest.approx(motion_frequency(sines(8.0), 1), abs=0.13)
 
 
-# ---- in the preparation of a problem ---------------------------------------------------------------
+# ---- in the preparation of a model ---------------------------------------------------------------
 
 
 def test_prepared_from_periods(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=12.0)
-    noise = coloured(np.random.default_rng(5), problem.measured.shape, 0.5, 0.1)
-    prepared = prepare(with_torque(problem, problem.measured + noise), {})
+    model = arm_model(tmp_path, seconds=12.0)
+    noise = coloured(np.random.default_rng(5), model.measured.shape, 0.5, 0.1)
+    prepared = prepare(with_torque(model, model.measured + noise))
     assert prepared.noise.source == "periods"
     assert prepared.noise.period_s == pytest.approx(4.0)
     assert prepared.noise.periods == 3
@@ -264,9 +272,9 @@ def test_prepared_from_periods(tmp_path: Path) -> None:
 
 def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> None:
     """Periods are compared where both have a sample; taken one after the other the rows would no longer match."""
-    problem = arm_problem(tmp_path, seconds=12.0)
-    noise = coloured(np.random.default_rng(5), problem.measured.shape, 0.5, 0.1)
-    whole = with_torque(problem, problem.measured + noise).experiment
+    model = arm_model(tmp_path, seconds=12.0)
+    noise = coloured(np.random.default_rng(5), model.measured.shape, 0.5, 0.1)
+    whole = data(with_torque(model, model.measured + noise))
     kept = np.delete(np.arange(whole.time.size), [150, 151, 420, 700, 701, 702])
     reference = whole.reference.time
     operator = sample_operator(
@@ -274,8 +282,8 @@ def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> N
     )
     less = replace(whole, time=whole.time[kept], torque=whole.torque[kept], operator=operator)
     assert less.rate_hz == pytest.approx(whole.rate_hz)
-    prepared = prepare(problem.on(less), {})
-    everything = prepare(problem.on(whole), {}).noise
+    prepared = prepare(model.with_experiment(model.first, less))
+    everything = prepare(model.with_experiment(model.first, whole)).noise
     assert prepared.noise.source == "periods"
     assert prepared.noise.period_s == pytest.approx(4.0)
     assert prepared.noise.deviation == pytest.approx(everything.deviation, rel=0.03)
@@ -294,25 +302,25 @@ def test_exact_repetition_with_a_gap_gives_finite_weights() -> None:
 
 
 def test_prepared_without_repetition_says_so(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=5.0)
-    noise = coloured(np.random.default_rng(6), problem.measured.shape, 0.0, 0.1)
-    prepared = prepare(with_torque(problem, problem.measured + noise), {})
+    model = arm_model(tmp_path, seconds=5.0)
+    noise = coloured(np.random.default_rng(6), model.measured.shape, 0.0, 0.1)
+    prepared = prepare(with_torque(model, model.measured + noise))
     assert prepared.noise.source == "residual"
     assert 0.08 < prepared.noise.deviation[0] < 0.15
     assert any("does not repeat" in note for note in prepared.notes)
 
 
 def test_too_few_samples_are_refused(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=2.0, rate_hz=10.0)
+    model = arm_model(tmp_path, seconds=2.0, rate_hz=10.0)
     with pytest.raises(InputError, match="too short") as caught:
-        prepare(problem, {})
+        prepare(model)
     assert "20 samples for 5 parameters" in str(caught.value)
 
 
 def test_friction_columns_follow_the_reference(tmp_path: Path) -> None:
-    problem = arm_problem(tmp_path, seconds=5.0)
-    columns = friction_columns(problem.experiment)
-    speed = problem.experiment.reference.select(["dq1"])[::2, 0]
+    model = arm_model(tmp_path, seconds=5.0)
+    columns = friction_columns(data(model))
+    speed = data(model).reference.select(["dq1"])[::2, 0]
     assert columns.shape == (500, 1, 3)
     assert columns[:, 0, 0] == pytest.approx(speed, abs=1e-9)
     assert (np.sign(columns[:, 0, 1]) == np.sign(speed)).all()

@@ -48,8 +48,8 @@ def stribeck() -> dict[str, Any]:
         ],
         "experiment": "Slow constant speeds in both directions, down to a third of vs; reversals at two accelerations.",
         "gap": {
-            "train": pair(2.104, 1.118, [(2.451, 0.493), (1.683, 1.503)]),
-            "test": pair(2.047, 1.131, [(2.380, 0.521), (1.650, 1.513)]),
+            "estimation": pair(2.104, 1.118, [(2.451, 0.493), (1.683, 1.503)]),
+            "validation": pair(2.047, 1.131, [(2.380, 0.521), (1.650, 1.513)]),
         },
         "ratio_interval": (0.631, 0.702),
     }  # fmt: skip
@@ -66,8 +66,8 @@ def backlash() -> dict[str, Any]:
         "share_of_gap": 0.334, "delta_bic": 96.7, "ambiguous": [],
         "experiment": "Motions whose transmitted torque changes its sign at different velocities.",
         "gap": {
-            "train": pair(1.118, 0.384, [(0.493, 0.402), (1.503, 0.365)]),
-            "test": pair(1.131, 0.436, [(0.521, 0.447), (1.513, 0.424)]),
+            "estimation": pair(1.118, 0.384, [(0.493, 0.402), (1.503, 0.365)]),
+            "validation": pair(1.131, 0.436, [(0.521, 0.447), (1.513, 0.424)]),
         },
         "ratio_interval": (0.718, 0.803),
     }  # fmt: skip
@@ -98,16 +98,18 @@ def document(**changes: Any) -> FindingsDocument:
     content: dict[str, Any] = {
         "name": "Two-joint arm, torque at 100 Hz", "verdict": "named", "text": VERDICTS["named"][2],
         "findings": [stribeck(), backlash()],
+        "roles": {"estimation": "estimation", "validation": "validation"},
         "gap": {
-            "train": pair(2.104, 0.384, [(2.451, 0.402), (1.683, 0.365)]),
-            "test": pair(2.047, 0.436, [(2.380, 0.447), (1.650, 0.424)]),
+            "estimation": pair(2.104, 0.384, [(2.451, 0.402), (1.683, 0.365)]),
+            "validation": pair(2.047, 0.436, [(2.380, 0.447), (1.650, 0.424)]),
         },
-        "error_percent": {"train": (9.614, 4.402), "test": (9.987, 4.731)},
+        "error_percent": {"estimation": (9.614, 4.402), "validation": (9.987, 4.731)},
         "ratio_interval": (0.462, 0.531),
         "noise": {"source": "periods", "std": [0.1712, 0.00651], "correlation": [0.312, 0.104], "period_s": 4.2,
                   "periods": 5},
         "regions": regions(),
-        "windows": [{"joint": 2, "begin_s": 3.2, "end_s": 3.45, "torque": 0.0312, "score": 11.6, "experiment": "test"}],
+        "windows": [{"joint": 2, "begin_s": 3.2, "end_s": 3.45, "torque": 0.0312, "score": 11.6,
+                     "experiment": "validation"}],
         "refused": [("dead_zone", 2, "BIC difference 3.1 below 10"),
                     ("torque_ripple", 1, "held-out RMS ratio 0.998, its interval reaches 1.004")],
         "base_parameters": [
@@ -127,7 +129,7 @@ def verdict_document(verdict: str) -> FindingsDocument:
         return document(verdict=verdict, text=text)
     part = 0.1 if verdict == "nothing" else 1.0
     each = [(2.451 * part,) * 2, (1.683 * part,) * 2]
-    gap = {label: pair(2.104 * part, 2.104 * part, each) for label in ("train", "test")}
+    gap = {label: pair(2.104 * part, 2.104 * part, each) for label in ("estimation", "validation")}
     return document(verdict=verdict, text=text, findings=[], gap=gap, ratio_interval=None,
                     regions=regions() if verdict == "unknown" else [])  # fmt: skip
 
@@ -136,12 +138,26 @@ def many(joints: int) -> FindingsDocument:
     """One finding on a robot of that many joints, the odd ones sliding."""
     gaps = [(1.5 + 0.2 * j, 0.3) for j in range(joints)]
     units = ["N.m" if j % 2 == 0 else "N" for j in range(joints)]
-    found = stribeck() | {"gap": {"train": pair(2.0, 0.3, gaps)}, "ratio_interval": None, "ambiguous": []}
+    found = stribeck() | {"gap": {"estimation": pair(2.0, 0.3, gaps)}, "ratio_interval": None, "ambiguous": []}
     return document(
-        findings=[found], gap={"train": pair(2.0, 0.3, gaps)}, error_percent={"train": (9.0, 4.0)}, ratio_interval=None,
+        findings=[found], gap={"estimation": pair(2.0, 0.3, gaps)}, error_percent={"estimation": (9.0, 4.0)},
+        ratio_interval=None,
         noise={"source": "residual", "std": [0.1] * joints, "correlation": [0.0] * joints, "period_s": None,
                "periods": 1},
         regions=[region(1, "velocity", "rad/s", 0.0, 0.1, 0.8, 0.6)], windows=[], refused=[], torque_unit=units,
+    )  # fmt: skip
+
+
+def several() -> FindingsDocument:
+    """The same findings from two experiments that were fitted, and two that were held out."""
+    one, other = pair(2.104, 0.384, [(2.451, 0.402), (1.683, 0.365)]), pair(2.047, 0.936, [(2.4, 0.447), (1.6, 1.25)])
+    labels = {"slow": "estimation", "with a payload of 5 kg at the wrist": "estimation", "fast": "validation",
+              "again": "validation"}  # fmt: skip
+    gap = dict(zip(labels, (one, other, one, other), strict=True))
+    errors = dict.fromkeys(labels, (9.6, 4.4))
+    return document(
+        roles=labels, gap=gap, error_percent=errors, windows=[], verdict="named_with_remainder",
+        text=VERDICTS["named_with_remainder"][2], findings=[stribeck() | {"gap": gap}],
     )  # fmt: skip
 
 
@@ -216,7 +232,7 @@ Two-joint arm, torque at 100 Hz
      cannot be told from  nothing in the catalogue
      to confirm it        Motions whose transmitted torque changes its sign at different velocities.
 
-Gap, in times the noise               estimation                   held-out
+Gap, in times the noise               estimation                   validation
 1  Stribeck friction, joint 1         2.10 → 1.12  ██████░░░░░░    2.05 → 1.13  ██████░░░░░░
 2  Backlash, joint 2                  1.12 → 0.38  ██░░░░          1.13 → 0.44  ██░░░░
 base → final model                    2.10 → 0.38  ██░░░░░░░░░░    2.05 → 0.44  ██░░░░░░░░░░
@@ -235,10 +251,10 @@ Where the base model disagrees
     the position
 
 Windows of time with a torque of their own
-  joint 2: 3.2 s to 3.45 s, 0.031 N·m (12 standard deviations), held-out
+  joint 2: 3.2 s to 3.45 s, 0.031 N·m (12 standard deviations), validation
 
 Noise σ       joint 1 0.17 N·m, joint 2 0.0065 N·m (difference of 5 periods of 4.20 s)
-Torque error  estimation 9.61 % → 4.40 %, held-out 9.99 % → 4.73 %
+Torque error  estimation 9.61 % → 4.40 %, validation 9.99 % → 4.73 %
 Held-out RMS  0.46 to 0.53 of the base model's, 95 % interval
 Time taken    41.7 s
 
@@ -274,15 +290,32 @@ def test_text_and_page_begin_with_the_verdict(tmp_path: Path, verdict: str) -> N
 def test_unknown_says_where_and_a_remainder_on_which_joint() -> None:
     assert "Most of it: joint 1: at low speed, |dq| < 0.12 rad/s" in discovery_table(verdict_document("unknown"))
     part = verdict_document("named_with_remainder")
-    left = part.gap["train"].model_copy(update={"after_per_joint": [0.4, 1.234]})
-    text = discovery_table(part.model_copy(update={"gap": {**part.gap, "train": left}}))
+    left = part.gap["estimation"].model_copy(update={"after_per_joint": [0.4, 1.234]})
+    text = discovery_table(part.model_copy(update={"gap": {**part.gap, "estimation": left}}))
     assert "is on joint 2: 1.23 times the noise" in " ".join(text.split())
 
 
-@pytest.mark.parametrize("result", [document(), verdict_document("unknown"), many(6)])
+@pytest.mark.parametrize("result", [document(), verdict_document("unknown"), many(6), several()])
 def test_text_stays_within_100_columns(result: FindingsDocument) -> None:
     long = result.model_copy(update={"notes": ["word " * 60], "name": "A long name " * 20})
     assert max(len(line) for line in discovery_table(long).splitlines()) <= 100
+
+
+def test_of_several_experiments_each_has_its_gap_and_the_worst_is_told() -> None:
+    text = discovery_table(several())
+    words = " ".join(text.split())
+    assert "The gap on the held-out data that fit worst, again, falls from 2.05 to 0.94 times the noise." in words
+    assert "is on joint 2: 1.25 times the noise in the experiment with a payload of 5 kg at the wrist." in words
+    heads = [line.split("noise", 1)[1].split() for line in text.splitlines() if line.startswith("Gap, in times")]
+    assert heads == [["slow", "with", "a", "payload", "of", "5", "kg", "at", "…"], ["fast", "again"]]
+    rows = [line for line in text.splitlines() if line.startswith("base → final model")]
+    assert [re.findall(r"\d\.\d\d → \d\.\d\d", row) for row in rows] == [["2.10 → 0.38", "2.05 → 0.94"]] * 2
+
+
+def test_files_are_told_with_their_experiment(tmp_path: Path) -> None:
+    text = discovery_table(load_findings(saved(tmp_path, document(), count=50)))
+    assert "torques, estimation: torque_estimation.csv" in text
+    assert "torques, validation: torque_validation.csv" in text
 
 
 def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path) -> None:
@@ -298,7 +331,7 @@ def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path)
     assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)=", page)
     assert not re.search(r"https?://|@import|url\(", page)
     assert set(re.findall(r'href="([^#"]+)"', page)) == {
-        "./robot_discovered.yaml", "./plant.fmu", "./torque_train.csv", "./torque_test.csv"
+        "./robot_discovered.yaml", "./plant.fmu", "./torque_estimation.csv", "./torque_validation.csv"
     }  # fmt: skip
 
 
@@ -367,7 +400,7 @@ def test_missing_columns_leave_their_figure_out(
 def test_without_tables_there_is_a_page_and_with_a_lost_one_an_error(tmp_path: Path) -> None:
     save_findings(document(), tmp_path)
     assert "Residual" not in re.findall(r"<h2[^>]*>(\w+)", page_of(tmp_path))
-    save_findings(document(files={"signals_train": "lost.csv"}), tmp_path)
+    save_findings(document(files={"signals_estimation": "lost.csv"}), tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         write_discovery_report(tmp_path)
 
@@ -382,10 +415,13 @@ def test_what_is_unknown_is_a_dash(tmp_path: Path) -> None:
     nan = float("nan")
     found = stribeck() | {
         "parameters": [{"name": "Fs1", "unit": "N.m", "value": 0.81, "std": nan, "interval": (nan, nan)}],
-        "gap": {"train": pair(2.1, None, [(2.4, None), (1.6, nan)])},
+        "gap": {"estimation": pair(2.1, None, [(2.4, None), (1.6, nan)])},
         "ratio_interval": (nan, None), "share_of_gap": 0.0,
     }  # fmt: skip
-    gap = {"train": pair(2.1, 0.4, [(2.4, 0.4), (1.6, 0.4)]), "test": pair(2.0, float("inf"), [(2.4, nan), (1.6, nan)])}
+    gap = {
+        "estimation": pair(2.1, 0.4, [(2.4, 0.4), (1.6, 0.4)]),
+        "validation": pair(2.0, float("inf"), [(2.4, nan), (1.6, nan)]),
+    }
     result = document(findings=[found], gap=gap, ratio_interval=None)
     text = discovery_table(result)
     assert "(0.81 ± –) N·m, not bounded by the data" in text

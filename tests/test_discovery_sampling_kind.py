@@ -13,52 +13,56 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
-from fmu_didim.prediction.problem import Problem, predict_torque
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.robot import read_robot
-from tests.discovery_helpers import arm_problem, known_noise, with_torque
+from tests.discovery_helpers import arm_model, data, known_noise, with_torque
 
 SIGMA = (0.02, 0.01)
+SHIFT = EffectAtJoint("log_time_shift", 1)
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Problem]:
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel]:
     folder = tmp_path_factory.mktemp("arm")
-    return folder, arm_problem(folder, joints=2, rate_hz=50.0)
+    return folder, arm_model(folder, joints=2, rate_hz=50.0)
 
 
-def operator(problem: Problem, kind: str, window: str = "preceding") -> SampleOperator:
-    reference = problem.experiment.reference.time
+def operator(model: LoopModel, kind: str, window: str = "preceding") -> SampleOperator:
+    reference = data(model).reference.time
     return sample_operator(
-        problem.experiment.time, start=float(reference[0]), step=float(reference[1] - reference[0]),
+        data(model).time, start=float(reference[0]), step=float(reference[1] - reference[0]),
         tick_count=reference.size, kind=kind, window=window,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def logged(problem: Problem, taken: SampleOperator, told: SampleOperator) -> Problem:
+def logged(model: LoopModel, taken: SampleOperator, told: SampleOperator) -> LoopModel:
     """A noisy log that was taken in one way, said to be taken in another."""
-    there = problem.on(replace(problem.experiment, operator=taken))
-    torque = predict_torque(there, problem.parameters.nominal())[0]
+    torque = taken_as(model, taken).torque(model.start)
     noise = np.random.default_rng(4).normal(size=torque.shape) * SIGMA
-    return with_torque(problem.on(replace(problem.experiment, operator=told)), torque + noise)
+    return with_torque(taken_as(model, told), torque + noise)
 
 
-def asked(folder: Path, problem: Problem, *, shifted: bool = False) -> Way | None:
+def taken_as(model: LoopModel, operator: SampleOperator) -> LoopModel:
+    """The loop with samples taken in another way."""
+    return model.with_experiment(model.first, replace(data(model), operator=operator))
+
+
+def asked(folder: Path, model: LoopModel, *, shifted: bool = False) -> Way | None:
     """What is told after a fit of the base, or of a shift of the log beside it."""
     noise = known_noise(SIGMA)
-    base = loop_model(problem, {})
-    builder = LoopModelBuilder(base, read_robot(folder / "robot.yaml"), EFFECTS)
-    fit: Fit = minimise(base, noise)
-    if shifted:
-        shift = Proposal(EffectAtJoint("log_time_shift", 1), {"log_shift": 0.005})
-        fit = minimise(builder.build(fit.model, [shift]), noise)
-    return other_sampling(fit, builder, noise, threshold=10.0)
+    fit: Fit = minimise(model, noise)
+    if not shifted:
+        return other_sampling(fit, fit.model, noise, saved=0.0, threshold=10.0)
+    builder = LoopModelBuilder(model, read_robot(folder / "robot.yaml"), EFFECTS)
+    fit = minimise(builder.build(fit.model, [Proposal(SHIFT, {"log_shift": 0.005})]), noise)
+    unshifted = builder.without(fit.model, 0)
+    return other_sampling(fit, unshifted, noise, saved=builder.cost(SHIFT), threshold=10.0)
 
 
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])
-def test_averages_taken_for_points_are_told(arm: tuple[Path, Problem], window: str) -> None:
-    folder, problem = arm
-    way = asked(folder, logged(problem, operator(problem, "average", window), operator(problem, "point")))
+def test_averages_taken_for_points_are_told(arm: tuple[Path, LoopModel], window: str) -> None:
+    folder, model = arm
+    way = asked(folder, logged(model, operator(model, "average", window), operator(model, "point")))
     assert way is not None
     assert (way.kind, way.window, way.instead) == ("average", window, False)
     assert way.gain > 100
@@ -68,18 +72,18 @@ def test_averages_taken_for_points_are_told(arm: tuple[Path, Problem], window: s
     assert f"torque: {{sampling: average, window: {window}}}" in text
 
 
-def test_points_taken_for_averages_are_told(arm: tuple[Path, Problem]) -> None:
-    folder, problem = arm
-    way = asked(folder, logged(problem, operator(problem, "point"), operator(problem, "average")))
+def test_points_taken_for_averages_are_told(arm: tuple[Path, LoopModel]) -> None:
+    folder, model = arm
+    way = asked(folder, logged(model, operator(model, "point"), operator(model, "average")))
     assert way is not None
     assert way.kind == "point"
     assert "torque: {sampling: point}" in way.text(0.02)
 
 
-def test_averages_are_told_instead_of_a_shift(arm: tuple[Path, Problem]) -> None:
+def test_averages_are_told_instead_of_a_shift(arm: tuple[Path, LoopModel]) -> None:
     """An average over the preceding 20 ms resembles a log that is 10 ms late."""
-    folder, problem = arm
-    wrong = logged(problem, operator(problem, "average"), operator(problem, "point"))
+    folder, model = arm
+    wrong = logged(model, operator(model, "average"), operator(model, "point"))
     way = asked(folder, wrong, shifted=True)
     assert way is not None
     assert (way.kind, way.window, way.instead) == ("average", "preceding", True)
@@ -88,10 +92,10 @@ def test_averages_are_told_instead_of_a_shift(arm: tuple[Path, Problem]) -> None
 
 @pytest.mark.parametrize("kind", ["point", "average"])
 @pytest.mark.parametrize("late_s", [0.0, 0.03])
-def test_a_log_as_the_case_says_is_not_doubted(arm: tuple[Path, Problem], kind: str, late_s: float) -> None:
+def test_a_log_as_the_case_says_is_not_doubted(arm: tuple[Path, LoopModel], kind: str, late_s: float) -> None:
     """Nor is one that is late by more than averages are."""
-    folder, problem = arm
-    told = operator(problem, kind)
-    reference = problem.experiment.reference.time
+    folder, model = arm
+    told = operator(model, kind)
+    reference = data(model).reference.time
     taken = told.stamped_later(late_s / float(reference[1] - reference[0]), reference.size)
-    assert asked(folder, logged(problem, taken, told), shifted=late_s > 0) is None
+    assert asked(folder, logged(model, taken, told), shifted=late_s > 0) is None

@@ -16,9 +16,9 @@ from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.motion import Motion
-from tests.discovery_helpers import arm_problem, known_noise
+from tests.discovery_helpers import arm_model, known_noise
 
 ADDED = [
     name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect) and name not in ("viscous", "coulomb")
@@ -40,8 +40,8 @@ class Bench:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     """Two joints at 200 Hz for one period, the fit at the truth."""
     folder = tmp_path_factory.mktemp("two")
-    problem = arm_problem(folder, joints=2, rate_hz=200.0, seconds=4.0)
-    fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise([0.1, 0.05]))
+    model = arm_model(folder, joints=2, rate_hz=200.0, seconds=4.0)
+    fit = minimise(with_nuisances(replace(model, workers=1)), known_noise([0.1, 0.05]))
     builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
     return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
 
@@ -103,8 +103,8 @@ def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) ->
     """With a twentieth of the gains the ripple reaches the command late and reshaped."""
     for factor in (0.05, 1.0):
         folder = tmp_path / f"{factor}"
-        problem = arm_problem(folder, rate_hz=200.0, seconds=4.0, gain_factor=factor)
-        fit = minimise(with_nuisances(loop_model(problem, {}, workers=1)), known_noise(0.1))
+        model = arm_model(folder, rate_hz=200.0, seconds=4.0, gain_factor=factor)
+        fit = minimise(with_nuisances(replace(model, workers=1)), known_noise(0.1))
         builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
         bench = Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
         ripple = min(signatures(bench, "torque_ripple", 1), key=lambda s: abs(s.shapes["nr"] - 10))
@@ -115,7 +115,7 @@ def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) ->
 
 def test_slow_loads_come_back_whole(bench: Bench) -> None:
     """The taps of the response sum to one on their own joint and to nothing across."""
-    taps = load_response(bench.fit).taps
+    taps = load_response(bench.fit, "estimation").taps
     assert taps.sum(axis=0) == pytest.approx(np.eye(2), abs=0.05)
     assert np.abs(taps[0]).max() < 0.1 * np.abs(taps).max()  # nothing before the robot has moved
 
@@ -202,7 +202,7 @@ def test_states_do_not_look_ahead() -> None:
 
 def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
     """Torque minus load is the friction of the joint."""
-    motion = simulated_motion(bench.builder, bench.fit)
+    motion = simulated_motion(bench.builder, bench.fit, "estimation")
     assert motion is not None
     friction = motion.torque - motion.load
     for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
@@ -221,7 +221,7 @@ def test_grid_of_the_shapes() -> None:
 
 def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     """Columns at some ticks are those of all ticks, there."""
-    motion = simulated_motion(bench.builder, bench.fit)
+    motion = simulated_motion(bench.builder, bench.fit, "estimation")
     assert motion is not None
     effect = EFFECTS["load_dependent_friction"]
     assert isinstance(effect, TorqueEffect)

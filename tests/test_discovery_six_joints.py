@@ -47,11 +47,11 @@ def check(document: FindingsDocument, name: str) -> None:
     for value in first.parameters:
         expected = truth[value.name.removesuffix(str(joint))]
         assert value.value == pytest.approx(expected, rel=0.1), value.name
-    for label in ("train", "test"):
+    for label in ("estimation", "validation"):
         gap = document.gap[label]
         assert gap.before is not None and gap.after is not None
         assert gap.after < 0.4 * gap.before, label
-    assert document.gap["test"].after < 0.6  # type: ignore[operator]
+    assert document.gap["validation"].after < 0.6  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("name", [pytest.param("wrist", marks=pytest.mark.slow), "load"])

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.prediction.problem import Experiment, Problem
 
 from fmu_didim.base_parameters import base_parameters
 from fmu_didim.case.data import read_reference
@@ -32,8 +31,10 @@ from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier, FourierJoint
 from fmu_didim.master import System, closed_loop, simulate
 from fmu_didim.master.sampling import sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.free_parameter import base_free_parameters
 from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
+from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
@@ -93,7 +94,7 @@ def follow(reference: Trajectory) -> tuple[Array, Array, Array]:
     return q, dq, ddq
 
 
-def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) -> Problem:
+def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) -> LoopModel:
     """The base model with the torque log of another plant: point samples with coloured noise."""
     recording = simulate(loop(of, reference), reference)
     ticks = np.arange(0, reference.time.size, round(1 / PERIOD / rate_hz))
@@ -105,12 +106,16 @@ def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) ->
     time, model = reference.time[ticks], RobotModel(arm())
     operator = sample_operator(time, start=0.0, step=PERIOD, tick_count=reference.time.size)
     experiment = Experiment(reference, time, torque + coloured * NOISE.deviation, operator)
-    return Problem(loop(plant(), reference), RobotParameters(model, base_parameters(model)), experiment)
+    system, parameters = loop(plant(), reference), RobotParameters(model, base_parameters(model))
+    return LoopModel(
+        {"estimation": system}, {"estimation": experiment}, parameters, system.components["plant"],
+        free_parameters=base_free_parameters(parameters),
+    )  # fmt: skip
 
 
-def fitted(problem: Problem, names: Sequence[str]) -> dict[str, Contender]:
+def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     """Each effect at joint 1, fitted in the closed loop."""
-    base = minimise(with_nuisances(loop_model(problem, {})), NOISE)
+    base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
     found = contend(screen(catalogue, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)

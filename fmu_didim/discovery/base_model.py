@@ -31,6 +31,8 @@ NOT_NOISE = 1.25
 """Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
 SLOW = 0.25
 """So do those whose difference is that correlated over a time in which noise is not."""
+WHOLE = 1e-3
+"""Difference to a whole number up to which a period counts as so many samples."""
 TRANSIENT = 0.1
 """Part of a period that is left out when periods are compared: the first one may begin with a transient."""
 
@@ -130,14 +132,20 @@ def _without_events(noise: Noise, fit: Fit, label: str) -> tuple[Noise, tuple[st
     ), (text,)
 
 
+def motion_period(model: LoopModel, label: str) -> float | None:
+    """Time in s after which the motion of an experiment repeats, None if it does not."""
+    system = model.systems[label]
+    ticks = period_in_ticks(_used(model.experiments[label].reference, system))
+    return None if ticks is None else ticks * system.step_size
+
+
 def _measured_noise(model: LoopModel, label: str) -> tuple[Noise | None, list[str]]:
-    experiment, system = model.experiments[label], model.systems[label]
-    ticks = period_in_ticks(_used(experiment.reference, system))
-    if ticks is None:
+    experiment = model.experiments[label]
+    period = motion_period(model, label)
+    if period is None:
         return None, []
-    period = ticks * system.step_size
     samples = period * experiment.rate_hz
-    if abs(samples - round(samples)) > 1e-3:
+    if abs(samples - round(samples)) > WHOLE:
         return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
     count = round(samples)
     noise = noise_from_periods(

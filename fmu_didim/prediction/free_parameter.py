@@ -47,6 +47,11 @@ class FreeParameter:
     is_shape: bool = False
     experiment: str | None = None
 
+    @property
+    def is_held(self) -> bool:
+        """Whether its limits leave it one value only."""
+        return self.lowest == self.highest
+
     def acts_in(self, label: str) -> bool:
         """Whether it has a say in the experiment of this label."""
         return self.experiment is None or self.experiment == label

@@ -40,7 +40,7 @@ class Noise:
     Attributes:
         deviation: (n,) standard deviation sigma, N.m or N.
         correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
-        period_s: period of the motion, None if it does not repeat; periods: how many whole ones the log holds.
+        period_s: period of the motion, None if it does not repeat; periods: how many are compared.
         source: ``periods`` or ``residual``.
         slow: (n,) correlation of what differs between periods at samples :data:`SLOW_S` apart; None without periods.
     """
@@ -119,7 +119,7 @@ def noise_from_periods(
         slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
         deviation[j] = max(spread, LEAST * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), 1e-300)
-    periods = 1 + (torque.shape[0] - skip) // samples
+    periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
     return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
 
 

@@ -42,6 +42,8 @@ def sensitivity(
 ) -> Array:
     """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
 
+    Columns of parameters that are held, their limits being one, are zero: they explain nothing.
+
     Args:
         torque: (N, n) at the values.
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
@@ -53,7 +55,8 @@ def sensitivity(
     tables, tasks = {}, []
     for label, rows in model.rows.items():
         table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
-        missing = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        acting = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
         beginning = None if whole else Beginning.of(model, label, torque[rows])
         if exact:
             varied = by_variation(model, values, label, [chosen[k] for k in missing], beginning)

@@ -14,6 +14,8 @@ from tests.blind.translate import CASE_FILE, translate
 
 Discover = Callable[[Path, Path], Mapping[str, Any]]
 """(case file, folder for the results) -> verdict, findings and gap, as in ``findings.json``."""
+RUNS = {"estimation": "train", "validation": "test"}
+"""Label of an experiment of the project -> name of the run in a blind case, and in a line."""
 VERDICTS = ("nothing", "named", "named_with_remainder", "unknown")
 
 
@@ -33,7 +35,7 @@ def found_only(case: Path, out: Path) -> Mapping[str, Any]:
 
 
 def _line(found: dict[str, Any]) -> Mapping[str, Any]:
-    gap = {label: [pair["before"], pair["after"]] for label, pair in found["gap"].items()}
+    gap = {RUNS[label]: [pair["before"], pair["after"]] for label, pair in found["gap"].items()}
     findings = [{**item, "ambiguous": [rival["effect"] for rival in item["ambiguous"]]} for item in found["findings"]]
     return {**found, "findings": findings, "gap": {**gap, "ratio_interval": found["ratio_interval"]}}
 

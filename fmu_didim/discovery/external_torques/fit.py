@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.discovery.base_model import WHOLE, motion_period, residual_noise
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
@@ -24,7 +25,7 @@ from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise, motion_frequency, noise_from_periods, noise_from_residual
+from fmu_didim.prediction.noise import Noise, noise_from_periods, pooled
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
@@ -91,7 +92,7 @@ def find_external_torques(
         return None
     _, label, torques = best
     time = fit.model.experiments[label].reference.time
-    if _is_staircase(torques) or _comes_back(torques, noise) or _is_lasting(torques, time):
+    if _is_staircase(torques) or _comes_back(torques, fit.model, label) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
     return _fitted(fit, noise, label, torques)
@@ -109,13 +110,14 @@ def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
     return bool(lengths.sum() > LONGEST * (time[-1] - time[0]) or lengths[~bounded].sum() > 0.5 * lengths.sum())
 
 
-def _comes_back(external_torques: list[ExternalTorque], noise: Noise) -> bool:
+def _comes_back(external_torques: Sequence[ExternalTorque], model: LoopModel, label: str) -> bool:
     """Whether most of the impulse is there again one period of the motion later, or was one before."""
-    if noise.period_s is None or not external_torques:
+    period = motion_period(model, label)
+    if period is None or not external_torques:
         return False
     begins = np.array([p.begin_s for p in external_torques])
-    near = min(0.05 * noise.period_s, 0.1)
-    alike = [any(np.abs(begins - (b + k * noise.period_s)).min() < near for k in (-1, 1)) for b in begins]
+    near = min(0.05 * period, 0.1)
+    alike = [any(np.abs(begins - (b + k * period)).min() < near for k in (-1, 1)) for b in begins]
     impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in external_torques]
     return bool(np.average(alike, weights=impulses) >= 0.5)
 
@@ -133,7 +135,7 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
     try:
         acting = model.pushed(label, external_torques).with_free(further)
         free = minimise(acting, noise, stopping=Stopping(12, updates=2))
-        noise = updated_noise(noise, free, label)  # until now external torques that do not repeat counted as noise
+        noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
         free = minimise(free.model, noise, torque=free.torque, stopping=Stopping(8, updates=2))
         moved = _edges_moved(free, noise, label)
         if moved is not None:
@@ -143,7 +145,7 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    if _comes_back(list(held.experiments[label].external_torques), noise):
+    if _comes_back(held.experiments[label].external_torques, held, label):
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
@@ -206,16 +208,22 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     return found
 
 
-def updated_noise(noise: Noise, fit: Fit, label: str) -> Noise:
-    """Noise from the differences of periods, of what a fit leaves of an experiment instead of the log itself."""
-    model, experiment = fit.model, fit.model.experiments[label]
-    residual, rate = fit.residual[model.rows[label]], experiment.rate_hz
-    if noise.source != "periods" or noise.period_s is None:
-        frequency = motion_frequency(experiment.reference, model.joint_count)
-        return noise_from_residual(residual, rate_hz=rate, motion_hz=frequency)
-    residual = experiment.with_gaps(residual)
-    updated = noise_from_periods(residual, round(noise.period_s * rate), rate_hz=rate, skip=0)
-    return noise if updated is None else replace(updated, period_s=noise.period_s)
+def updated_noise(noise: Noise, fit: Fit) -> Noise:
+    """Noise from the differences of periods, of what a fit leaves instead of the logs themselves."""
+    if noise.source != "periods":
+        return residual_noise(fit)
+    found, samples = [], []
+    for label, rows in fit.model.rows.items():
+        period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
+        rate = experiment.rate_hz
+        if period is None or abs(period * rate - round(period * rate)) > WHOLE:
+            continue
+        residual = experiment.with_gaps(fit.residual[rows])
+        updated = noise_from_periods(residual, round(period * rate), rate_hz=rate, skip=0)
+        if updated is not None:
+            found.append(replace(updated, period_s=period))
+            samples.append(int(experiment.time.size))
+    return pooled(found, samples) if found else noise
 
 
 __all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]

@@ -14,6 +14,7 @@ Source: orthogonal matching pursuit, Pati, Rezaiifar, Krishnaprasad, Asilomar 19
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,21 +92,24 @@ def _shifted(operator: SampleOperator, response: Array, ticks: int) -> _Shifted:
 def linear_external_torques(
     fit: Fit, noise: Noise, label: str, joint: int, response: Array, is_logged: bool
 ) -> tuple[float, list[ExternalTorque]] | None:
-    """Share of the gap of the joint that external torques explain to first order, and the external torques."""
+    """Share of the gap of the joint, over all experiments, that external torques explain to first order, and the
+    external torques."""
     experiment, rows = fit.model.experiments[label], fit.model.rows[label]
     time = experiment.reference.time
     weight = 1 / noise.deviation[joint - 1]
     shifted = _shifted(experiment.operator, response, time.size)
-    target, base = fit.residual[rows, joint - 1] * weight, fit.jacobian[rows, joint - 1] * weight
+    problem = _Problem.of(fit.jacobian[:, joint - 1] * weight, fit.residual[:, joint - 1] * weight, rows)
     chosen: list[int] = []
-    rest = BaseProjection.of(base).rest_of(target)
+    rest = problem.rest([])
+    gap = problem.gap([])
+    if gap <= 0:
+        return None
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
     floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), 0.05)
     while len(chosen) < 2 * MAXIMUM_EXTERNAL_TORQUES:
         gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
-        columns = np.column_stack([base, *(shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain))))])
-        left = BaseProjection.of(columns).rest_of(target)
+        left = problem.rest([shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain)))])
         if float(rest @ rest - left @ left) < max(floor, SETTLED * first):
             break
         chosen.append(int(np.argmax(gain)))
@@ -117,8 +121,7 @@ def linear_external_torques(
     settled = np.abs(response - response[-1]) > 0.2 * np.abs(response).max()
     near = round(NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):
-        columns = np.column_stack([base, *(shifted.column(k) * weight for k in chosen)])
-        sizes = _solved(columns, target)[base.shape[1] :]
+        sizes = problem.sizes([shifted.column(k) * weight for k in chosen])
         if again:
             chosen = _merged(chosen, sizes, near)
     external_torques = _joined(time, chosen, sizes, joint, is_logged)
@@ -129,9 +132,58 @@ def linear_external_torques(
         * weight
         for p in external_torques
     ]
-    left = BaseProjection.of(np.column_stack([base, *edges])).rest_of(target)
-    share = 1 - (float(left @ left) - rest.size) / max(first - rest.size, 1e-300)
-    return share, external_torques
+    return 1 - problem.gap(edges) / gap, external_torques
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Least squares of what a joint shows in all experiments, on the parameters of the model and on columns that one
+    of the experiments has for itself; the others are brought to as many rows as there are parameters.
+
+    Attributes:
+        base: rows of the experiment, then those of the others; target: the same; own: number of the former.
+        apart: square of what the parameters leave of the others in any case; count: of all samples.
+    """
+
+    base: Array
+    target: Array
+    own: int
+    apart: float
+    count: int
+
+    @staticmethod
+    def of(base: Array, target: Array, rows: slice) -> _Problem:
+        here, there = base[rows], np.delete(base, rows, axis=0)
+        wanted = np.delete(target, rows)
+        if not wanted.size:
+            return _Problem(here, target[rows], here.shape[0], 0.0, here.shape[0])
+        q, r = np.linalg.qr(there)
+        seen = q.T @ wanted
+        apart = float(wanted @ wanted - seen @ seen)
+        stacked = np.concatenate([target[rows], seen])
+        return _Problem(np.concatenate([here, r]), stacked, here.shape[0], apart, target.size)
+
+    def rest(self, columns: Sequence[Array]) -> Array:
+        """What is left of the experiment."""
+        return self._left(columns)[: self.own]
+
+    def gap(self, columns: Sequence[Array]) -> float:
+        """By how much the square of what is left of all experiments exceeds that of noise."""
+        left = self._left(columns)
+        return float(left @ left) + self.apart - self.count
+
+    def sizes(self, columns: Sequence[Array]) -> Array:
+        """Coefficients of the columns."""
+        return _solved(self._table(columns), self.target)[self.base.shape[1] :]
+
+    def _left(self, columns: Sequence[Array]) -> Array:
+        return BaseProjection.of(self._table(columns)).rest_of(self.target)
+
+    def _table(self, columns: Sequence[Array]) -> Array:
+        further = np.zeros((self.base.shape[0], len(columns)))
+        for i, column in enumerate(columns):
+            further[: self.own, i] = column
+        return np.column_stack([self.base, further])
 
 
 def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
