@@ -7,16 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.master import SampleOperator
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.noise import period_in_ticks
 from fmu_didim.signals import Array
-
-REPEATS_TORQUE = 1e-5
-"""Two periods of a torque are the same when they differ by less than this part of its root mean square."""
-OVERLAP = 0.1
-"""Part of a period that is simulated twice, to see whether a column of sensitivities repeats like the torque."""
-REPEATS_COLUMN = 1e-3
-"""The same for columns, which are differences."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +33,7 @@ class Repetition:
         again = self.settled + self.period
         twice = begin[again:] - begin[self.settled : begin.shape[0] - self.period]
         size = np.sqrt(np.mean(begin**2))
-        if not np.abs(twice).max() <= REPEATS_COLUMN * size:
+        if not np.abs(twice).max() <= limits.REPEATS_COLUMN * size:
             return None
         place = np.arange(self.count)
         late = place >= again
@@ -56,12 +50,12 @@ def repetition(experiment: Experiment, operator: SampleOperator, step: float, to
     ticks = period_in_ticks(experiment.reference)
     samples = 0.0 if ticks is None else ticks * step * experiment.rate_hz
     period, count = round(samples), torque.shape[0]
-    if period < 1 or abs(samples - period) > 1e-6 or count < 1.5 * period:
+    if period < 1 or abs(samples - period) > limits.WHOLE_SAMPLES or count < limits.FEWEST_PERIODS * period:
         return None
-    change = np.abs(torque[period:] - torque[:-period]) > REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
+    change = np.abs(torque[period:] - torque[:-period]) > limits.REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
     restless = np.flatnonzero(change.any(axis=1))
     settled = int(restless[-1]) + 1 if restless.size else 0
-    simulated = settled + period + round(OVERLAP * period)
-    if simulated > 0.8 * count:
+    simulated = settled + period + round(limits.OVERLAP * period)
+    if simulated > limits.WORTHWHILE * count:
         return None
     return Repetition(period, settled, operator.before(simulated), count)
