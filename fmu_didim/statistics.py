@@ -19,10 +19,17 @@ from scipy import stats
 
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
+from fmu_didim.thresholds import Table
 
-CONDITION_LIMIT = 1e12
-LEADING = 0.1
-"""Fraction of the largest component of a direction from which a parameter takes part in it."""
+TABLE = Table("statistics")
+CONDITION_LIMIT = TABLE(
+    "CONDITION_LIMIT", 1e12, "1",
+    "Condition number, of columns of length one, beyond which rounding decides what a solution is.",
+)  # fmt: skip
+LEADING = TABLE(
+    "LEADING", 0.1, "1", "Fraction of the largest component of a direction from which a parameter takes part in it."
+)
+CONFIDENCE = TABLE("CONFIDENCE", 0.95, "1", "Probability of the intervals of parameters and of held-out ratios.")
 
 
 @dataclass(frozen=True)
@@ -121,7 +128,7 @@ def relative_deviation_percent(value: Array, deviation: Array) -> Array:
     return np.asarray(np.divide(100.0 * deviation, size, out=np.full_like(size, np.inf), where=size > 0))
 
 
-def confidence_interval(value: Array, deviation: Array, freedom: float, level: float = 0.95) -> Array:
+def confidence_interval(value: Array, deviation: Array, freedom: float, level: float = CONFIDENCE) -> Array:
     """(p, 2) interval by Student's t with ``freedom`` degrees of freedom."""
     half = stats.t.ppf(0.5 + level / 2, max(freedom, 1.0)) * deviation
     return np.column_stack([value - half, value + half])

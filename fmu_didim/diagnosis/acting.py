@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import Recording
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
@@ -14,14 +15,8 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.signals import Array
 
-SHORT, STEPS = 200, 50
-"""Ticks that are simulated first, and instants compared; what shows no effect there is simulated to the end."""
-CHANGE = 1e-2
-"""Relative change of a parameter."""
 UNSEEN = (LOG, EXTERNAL_TORQUE)
 """Owners of parameters that change no signal of the loop, or not in its first part."""
-START_TOLERANCE = 1e-3
-"""Distance of the plant from the start of the reference, relative to the range of the reference, that is told."""
 
 
 def check_acting(model: LoopModel) -> None:
@@ -38,7 +33,7 @@ def check_acting(model: LoopModel) -> None:
     total = max(model.experiments[label].reference.time.size for label in model.estimation_labels)
     idle = [i for i, parameter in enumerate(model.free_parameters) if parameter.owner not in UNSEEN]
     try:
-        for count in sorted({min(SHORT, total), total}):
+        for count in sorted({min(limits.FIRST_TICKS, total), total}):
             idle = _idle(model, theta, count, idle) if idle else []
     except SimulationError:
         return  # the estimator says more about a loop that does not run
@@ -49,7 +44,7 @@ def check_acting(model: LoopModel) -> None:
             next_step="Leave them out, name the parameter that acts, or export the plant with tunable parameters.",
         )  # fmt: skip
     if model.parameters.is_probed:
-        silent = _silent(model, theta, SHORT)
+        silent = _silent(model, theta, limits.FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
             raise InputError(
                 "Some parameters have no effect while the plant runs, so no regressor can be measured.",
@@ -70,7 +65,7 @@ def _listed(model: LoopModel, places: list[int]) -> str:
 
 
 def _ticks(count: int) -> NDArray[np.int64]:
-    return np.unique(np.linspace(0, count - 1, STEPS).astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, limits.COMPARED_TICKS).astype(np.int64))
 
 
 def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list[int]:
@@ -83,7 +78,7 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
         if label not in base:
             base[label] = model.record(values, label, ticks=ticks)
         other = values.copy()
-        other[i] += CHANGE * (abs(values[i]) or 1.0)
+        other[i] += limits.CHANGE * (abs(values[i]) or 1.0)
         if mass_matrix_problem(model, other):
             continue
         try:
@@ -121,7 +116,7 @@ def start_warnings(model: LoopModel) -> list[str]:
                 continue
             column = reference.select([f"{name}{j}"])
             here, there = float(first.applied[signal][0]), float(column[0, 0])
-            if abs(here - there) > START_TOLERANCE * max(float(np.ptp(column)), 1e-9):
+            if abs(here - there) > limits.START_TOLERANCE * max(float(np.ptp(column)), limits.STANDSTILL):
                 found.append(
                     f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}. "
                     f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or begin "

@@ -18,14 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import effective_fraction
+from fmu_didim.prediction.noise import TINY, effective_fraction
 from fmu_didim.signals import Array
-
-SIGNIFICANCE = 0.001
-"""Probability, for all experiments together, with which experiments that agree are said to disagree."""
-RANK = 1e-9
-"""Eigenvalues below this fraction of the largest one are directions that an experiment does not show."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def agreement(model: LoopModel, torque: Array, jacobian: Array, deviation: Array
     residual = model.measured - torque
     weight = {label: np.sqrt(effective_fraction(residual[part])) / deviation for label, part in rows.items()}
     tables = {label: _flat(jacobian[part], weight[label]) for label, part in rows.items()}
-    scale = np.maximum(np.sqrt(sum((t**2).sum(axis=0) for t in tables.values())), 1e-300)
+    scale = np.maximum(np.sqrt(sum((t**2).sum(axis=0) for t in tables.values())), TINY)
     grams = {label: (t / scale).T @ (t / scale) for label, t in tables.items()}
     inverse = np.linalg.pinv(np.asarray(sum(grams.values())), hermitian=True)
     shared = np.array([parameter.experiment is None for parameter in model.free_parameters])
@@ -81,15 +77,15 @@ def agreement(model: LoopModel, torque: Array, jacobian: Array, deviation: Array
 
 def _judged(label: str, names: tuple[str, ...], score: Array, bracket: Array, count: int) -> Agreement:
     values, vectors = np.linalg.eigh(bracket)
-    kept = values > RANK * max(float(values.max()), 1e-300)
+    kept = values > limits.RANK * max(float(values.max()), TINY)
     if not kept.any():
         return Agreement(label, 1.0, True, "", 0.0)
     along = vectors[:, kept].T @ score
     p_value = float(stats.chi2.sf(float(np.sum(along**2 / values[kept])), int(kept.sum())))
     change = vectors[:, kept] @ (along / values[kept])
-    spread = np.sqrt(np.maximum(np.sum(vectors[:, kept] ** 2 / values[kept], axis=1), 1e-300))
+    spread = np.sqrt(np.maximum(np.sum(vectors[:, kept] ** 2 / values[kept], axis=1), TINY))
     most = int(np.argmax(np.abs(change) / spread))
-    agrees = p_value >= SIGNIFICANCE / count
+    agrees = p_value >= limits.SIGNIFICANCE / count
     return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))
 
 

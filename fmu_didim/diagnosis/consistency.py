@@ -17,25 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.mismatch import unlike_torque
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Observer, Recording
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.prediction import drive_torque
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.signals import Array
-
-POINTS = 20
-LENGTHS = (2000, 200, 20, 10)
-"""Ticks of the reference that are simulated; fewer where the loop does not run for so long."""
-TORQUE_TOLERANCE, COLUMN_TOLERANCE = 1e-3, 1e-2
-"""Relative differences from which on plant and description count as different."""
-DIFFERENCE_TOLERANCE = 5e-2
-"""The same where accelerations are differences of velocities."""
-CHANGE = 1e-2
-"""Relative change of a parameter whose column is found by simulating again."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +87,8 @@ class Consistency:
         """What differs, a line each; empty if plant and description agree."""
         if self.failure:
             return [f"The plant could not be compared with the robot description: {self.failure}"]
-        torque_limit = DIFFERENCE_TOLERANCE if self.by_differences else TORQUE_TOLERANCE
-        column_limit = DIFFERENCE_TOLERANCE if self.by_differences else COLUMN_TOLERANCE
+        torque_limit = limits.DIFFERENCE_TOLERANCE if self.by_differences else limits.TORQUE_TOLERANCE
+        column_limit = limits.DIFFERENCE_TOLERANCE if self.by_differences else limits.COLUMN_TOLERANCE
         found = [c.text(name) for name, c in (self.columns or {}).items() if c.difference > column_limit]
         unlike = [f"{100 * d:.2g} % at joint {j}" for j, d in enumerate(self.torque, start=1) if d > torque_limit]
         if unlike:
@@ -118,7 +110,7 @@ def check_consistency(model: LoopModel) -> Consistency:
     if runs is None:
         return Consistency(failure="neither the values of the description nor those of the reference can be simulated.")
     theta, count = runs
-    ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
+    ticks = np.unique(np.linspace(1, count - 2, limits.POINTS).astype(np.int64))
     columns: Array | None = None
     method, by_differences = "", not model.gives_acceleration
     try:
@@ -140,7 +132,7 @@ def check_consistency(model: LoopModel) -> Consistency:
     size = np.sqrt((torque**2).mean(axis=0))
     whole = float(np.sqrt((torque**2).mean()))
     # A joint that hardly needs torque is measured by that of all.
-    relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, 1e-3 * whole)
+    relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, limits.QUIET_JOINT * whole)
     compared = _compared(model.parameters.names, columns, regressor)
     found = Consistency(ticks.size, tuple(float(v) for v in relative), compared, method, by_differences)
     if by_differences or not any("torque:" in line for line in found.warnings()):
@@ -155,7 +147,7 @@ Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
 def _runs(model: LoopModel) -> tuple[Array, int] | None:
     """The description's own values, or those that the reference gives, and for how many ticks the loop runs."""
     total = model.experiments[model.first].reference.time.size
-    for count in sorted({min(total, length) for length in LENGTHS}, reverse=True):
+    for count in sorted({min(total, length) for length in limits.LENGTHS}, reverse=True):
         for choose in (lambda m: m.start, from_reference):
             theta: Array = choose(model)
             if mass_matrix_problem(model, theta):
@@ -206,10 +198,10 @@ def _simulated_columns(model: LoopModel, theta: Array, ticks: NDArray[np.int64],
     """
     torque, regressor, known, *_ = points
     before = torque - regressor @ theta - known
-    size = np.linalg.norm(torque) / np.maximum(np.linalg.norm(regressor, axis=(0, 1)), 1e-300)
+    size = np.linalg.norm(torque) / np.maximum(np.linalg.norm(regressor, axis=(0, 1)), TINY)
     columns = np.empty_like(regressor)
     for i in range(theta.size):
-        step = CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
+        step = limits.CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
         other = theta.copy()
         other[i] += step
         moved_torque, moved, moved_known, *_ = _points(model, other, ticks)
@@ -224,12 +216,12 @@ def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str
     for i, name in enumerate(names):
         ours, theirs = analytic[:, :, i], plant[:, :, i]
         norm, other = float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))
-        if scale[i] <= 1e-12:
+        if scale[i] <= limits.UNEXCITED:
             continue  # the motion says nothing of this parameter
         cosine = float((ours * theirs).sum() / (norm * other)) if other else float("nan")
         joint = int(np.argmax(np.linalg.norm(theirs - ours, axis=0))) + 1
         # What differences leave of nothing counts as nothing.
-        silent = other <= 1e-6 * norm
+        silent = other <= limits.SILENT_COLUMN * norm
         found[name] = Column(
             float(np.linalg.norm(theirs - ours)) / norm, cosine, 0.0 if silent else other / norm, joint
         )

@@ -12,12 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
 from fmu_didim.signals import Array
-
-BOOTSTRAP = 2000
-BLOCK_S = 0.5
-"""Length of the blocks of the bootstrap: longer than the memory of friction and of the loop."""
+from fmu_didim.statistics import CONFIDENCE
 
 
 def joint_gaps(residual: Array, noise: Noise) -> Array:
@@ -44,7 +42,7 @@ def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
     Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
     """
     factor = effective_fraction(after)
-    floor = 0.25 * noise.deviation**2
+    floor = limits.VARIANCE_FLOOR * noise.deviation**2
     first = np.maximum(np.mean(before**2, axis=0), floor)
     second = np.maximum(np.mean(after**2, axis=0), floor)
     count = before.shape[0] * factor
@@ -73,11 +71,12 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
     count = max(first.size // max(block, 1), 1)
     edges = np.linspace(0, first.size, count + 1).astype(int)
     sums = np.array([[first[a:b].sum(), second[a:b].sum()] for a, b in pairwise(edges)])
-    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
+    drawn = np.random.default_rng(seed).integers(0, count, size=(limits.BOOTSTRAP, count))
     totals = sums[drawn].sum(axis=1)
-    ratios = np.sqrt(totals[:, 1] / np.maximum(totals[:, 0], 1e-300))
-    value = float(np.sqrt(second.sum() / max(float(first.sum()), 1e-300)))
-    return Ratio(value, float(np.quantile(ratios, 0.025)), float(np.quantile(ratios, 0.975)))
+    ratios = np.sqrt(totals[:, 1] / np.maximum(totals[:, 0], TINY))
+    value = float(np.sqrt(second.sum() / max(float(first.sum()), TINY)))
+    outside = (1 - CONFIDENCE) / 2
+    return Ratio(value, float(np.quantile(ratios, outside)), float(np.quantile(ratios, 1 - outside)))
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:

@@ -13,16 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.prediction.motion import Motion
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
 from fmu_didim.signals import Array
-
-BINS = 12
-FALSE_DISCOVERIES = 0.01
-"""Expected part of the regions named that are none."""
-WINDOW_SCORE = 8.0
-"""Standard deviations by which the mean of a window must differ before it counts as a force of its own."""
-MAXIMUM_WINDOWS = 24
 
 
 @dataclass(frozen=True)
@@ -70,13 +64,13 @@ def regions(
     factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j]
-        error = max(float(np.mean(r**2)) - float(noise.deviation[j]) ** 2, 1e-300)
+        error = max(float(np.mean(r**2)) - float(noise.deviation[j]) ** 2, TINY)
         turn = "rad" if units[j] == "N.m" else "m"
         parts = [(_quantities(motion, j, turn), ticks) for motion, ticks in motions]
         for name, (unit, _) in parts[0][0].items():
             at = np.concatenate([quantities[name][1][ticks] for quantities, ticks in parts])
-            edges = np.unique(np.quantile(at, np.linspace(0, 1, BINS + 1)))
-            if edges.size < 3:
+            edges = np.unique(np.quantile(at, np.linspace(0, 1, limits.BINS + 1)))
+            if edges.size < limits.FEWEST_EDGES:
                 continue
             place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2)
             counts = np.bincount(place, minlength=edges.size - 1)
@@ -91,7 +85,7 @@ def regions(
                 if counts[i] > 0
             ]
     adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
-    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
+    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= limits.FALSE_DISCOVERIES)
     return sorted(kept, key=lambda r: (-r.share, r.p_value))
 
 
@@ -124,11 +118,11 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
         r = residual[:, j] - np.median(residual[:, j])
         spread = max(float(stats.median_abs_deviation(r, scale="normal")), float(noise.deviation[j]))
         rest = r.copy()
-        for _ in range(MAXIMUM_WINDOWS):
+        for _ in range(limits.MAXIMUM_WINDOWS):
             a, b = _best_window(rest)
             mean = float(rest[a:b].mean())
             score = abs(mean) / spread * np.sqrt((b - a) * factor[j])
-            if score < WINDOW_SCORE or b - a > 0.3 * r.size or abs(mean) < spread:
+            if score < limits.WINDOW_SCORE or b - a > limits.LONGEST_WINDOW * r.size or abs(mean) < spread:
                 break
             found.append(Window(j + 1, float(time[a]), float(time[b - 1]), mean, float(score)))
             rest[a:b] -= mean
@@ -137,12 +131,12 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
 
 def _best_window(values: Array) -> tuple[int, int]:
     """Begin and end (exclusive) of the interval with the largest |sum| / sqrt(length), at least 3 samples long."""
-    thin = max(values.size // 800, 1)
+    thin = max(values.size // limits.WINDOW_GRID, 1)
     edges = np.append(np.arange(0, values.size, thin), values.size)
     sums = np.concatenate([[0.0], np.cumsum(values)])[edges]
     score = np.abs(sums[None, :] - sums[:, None])
     length = (edges[None, :] - edges[:, None]).astype(float)
-    score = np.where(length >= 3, score / np.sqrt(np.maximum(length, 1)), -1.0)
+    score = np.where(length >= limits.SHORTEST_WINDOW, score / np.sqrt(np.maximum(length, 1)), -1.0)
     a, b = np.unravel_index(int(np.argmax(score)), score.shape)
     return _polished(values, int(edges[a]), int(edges[b]), thin)
 
@@ -153,8 +147,7 @@ def _polished(values: Array, a: int, b: int, room: int) -> tuple[int, int]:
     first = np.arange(max(a - room, 0), min(a + room, values.size) + 1)
     last = np.arange(max(b - room, 0), min(b + room, values.size) + 1)
     length = last[None, :] - first[:, None]
-    score = np.where(
-        length >= 3, np.abs(total[last][None, :] - total[first][:, None]) / np.sqrt(np.maximum(length, 1)), -1.0
-    )
+    sums = np.abs(total[last][None, :] - total[first][:, None])
+    score = np.where(length >= limits.SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
     i, k = np.unravel_index(int(np.argmax(score)), score.shape)
     return int(first[i]), int(last[k])

@@ -13,21 +13,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import TINY
 from fmu_didim.signals import Array
-
-AGAINST = -0.7
-"""Correlation below which a torque counts as turned round."""
-FOLLOWS = 0.7
-"""Correlation above which a torque follows the simulated one, so that their ratio means something."""
-BETTER = 0.1
-"""Part of the error to which another order of the joints must bring it down."""
-WRONG = 0.5
-"""Error for each joint below which the order of the joints is not doubted: half of the mean square of the torque."""
-OTHER_UNIT = 30.0
-"""Ratio of measured to simulated torque beyond which another unit is suspected, up or down."""
 
 
 def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
@@ -45,8 +36,8 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
     correlation = _correlations(measured, simulated)
     _check_order(measured, simulated, where)
     own = np.diag(correlation)
-    if (own < AGAINST).any():
-        turned = [int(j) + 1 for j in np.flatnonzero(own < AGAINST)]
+    if (own < limits.AGAINST).any():
+        turned = [int(j) + 1 for j in np.flatnonzero(own < limits.AGAINST)]
         raise InputError(
             "The measured torque runs against the simulated one.",
             where=f"{where}: joint {', '.join(map(str, turned))}",
@@ -56,10 +47,11 @@ def check_log(model: LoopModel, label: str) -> tuple[str, ...]:
         )
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.sum(measured * simulated, axis=0) / np.sum(simulated**2, axis=0)
+    low, high = 1 / limits.OTHER_UNIT, limits.OTHER_UNIT
     units = tuple(
         f"{where}: the torque of joint {j + 1} is {ratio[j]:.3g} times what the start values give: is it in the unit, "
         "and on the side of the gear, that the robot description means?"
-        for j in np.flatnonzero((own > FOLLOWS) & ((ratio > OTHER_UNIT) | (ratio < 1 / OTHER_UNIT)))
+        for j in np.flatnonzero((own > limits.FOLLOWS) & ((ratio > high) | (ratio < low)))
     )
     return (*gaps, *units)
 
@@ -87,11 +79,11 @@ def _correlations(measured: Array, simulated: Array) -> Array:
 
 def _check_order(measured: Array, simulated: Array, where: str) -> None:
     """Raises InputError if another order of the joints explains the log far better."""
-    size = np.maximum(np.mean(measured**2, axis=0), 1e-300)
+    size = np.maximum(np.mean(measured**2, axis=0), TINY)
     error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
     rows, best = linear_sum_assignment(error)
     own, other = float(np.trace(error)), float(error[rows, best].sum())
-    if own < WRONG * size.size or other > BETTER * own:
+    if own < limits.WRONG_ORDER * size.size or other > limits.OTHER_ORDER * own:
         return
     moved = [f"column {j + 1} shows joint {k + 1}" for j, k in zip(rows, best, strict=True) if j != k]
     raise InputError(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.prediction.parameters import Parameters, RobotParameters
+from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
-
-EXPLAINED = 0.05
-"""A cause is named if it leaves less than this part of the difference."""
 
 
 def unlike_torque(
@@ -26,17 +25,18 @@ def unlike_torque(
     found = []
     gravity = _gravity_columns(parameters.model, chi, motion[0])
     change, left = _fit(gravity, difference)
-    if left < EXPLAINED:
+    if left < limits.EXPLAINED:
         own = np.array(parameters.model.description.gravity)
         # Digits far below the largest are those of rounding; 0.0 is added so that none is shown as -0.
         total = own + change
-        values = ", ".join(f"{v + 0.0:.4g}" for v in np.where(np.abs(total) > 1e-6 * np.abs(total).max(), total, 0.0))
+        shown = np.abs(total) > limits.SHOWN_GRAVITY * np.abs(total).max()
+        values = ", ".join(f"{v + 0.0:.4g}" for v in np.where(shown, total, 0.0))
         found.append(f"gravity: ({values}) m/s2 in the plant would explain the torque")
     rows = parameters.model.regressor_rows(*motion, observed=observed)
     others = [i for i in parameters.model.active if i not in parameters.base.index]
     for i in others:
         change, left = _fit(rows[:, :, [i]], difference)
-        if left < EXPLAINED:
+        if left < limits.EXPLAINED:
             name = parameters.base.standard_names[i]
             found.append(f"{name}: {chi[i] + change[0]:.4g} instead of {chi[i]:.4g} would explain the torque")
     return found
@@ -47,7 +47,7 @@ def _fit(columns: Array, difference: Array) -> tuple[Array, float]:
     flat, target = columns.reshape(-1, columns.shape[2]), difference.reshape(-1)
     if not np.abs(flat).any():
         return np.zeros(columns.shape[2]), 1.0
-    solution: Array = np.linalg.lstsq(flat, target, rcond=1e-9)[0].astype(float)
+    solution: Array = np.linalg.lstsq(flat, target, rcond=DEPENDENT)[0].astype(float)
     return solution, float(np.linalg.norm(target - flat @ solution) / np.linalg.norm(target))
 
 

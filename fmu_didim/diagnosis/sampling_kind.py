@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.gap import delta_bic
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
@@ -25,8 +26,6 @@ from fmu_didim.prediction.noise import Noise
 WAYS: tuple[tuple[Kind, Window], ...] = (
     ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
 )  # fmt: skip
-NEARLY = 1.1
-"""Instead of a shift, a way is fitted if it leaves less than this many times the chi-square of what was found."""
 WORDS = {"preceding": "before", "centred": "around", "following": "after"}
 
 
@@ -66,7 +65,7 @@ def other_sampling(fit: Fit, model: LoopModel, noise: Noise, *, saved: float, th
     """
     instead = model is not fit.model
     try:
-        ways = _sampled(model, fit, noise, NEARLY if instead else 1.0)
+        ways = _sampled(model, fit, noise, limits.NEARLY if instead else 1.0)
         if not ways:
             return None
         way, operators = min(ways, key=lambda one: one[0])[1:]
@@ -118,4 +117,4 @@ def _operator(model: LoopModel, label: str, kind: Kind, window: Window) -> Sampl
 
 
 def _same(one: SampleOperator, other: SampleOperator) -> bool:
-    return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < 1e-9
+    return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < limits.SAME_OPERATOR

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.diagnosis.log_checks import check_log
+from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import InputError
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
@@ -23,18 +24,6 @@ from fmu_didim.prediction.noise import (
     pooled,
 )
 from fmu_didim.signals import Array, Trajectory, trajectory
-
-SMOOTHING = (0.003, 0.05)
-"""Range of the smoothing velocity of Coulomb friction, in parts of the largest speed of the joint; the value of the
-description is always part of it."""
-NOT_NOISE = 1.25
-"""Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
-SLOW = 0.25
-"""So do those whose difference is that correlated over a time in which noise is not."""
-WHOLE = 1e-3
-"""Difference to a whole number up to which a period counts as so many samples."""
-TRANSIENT = 0.1
-"""Part of a period that is left out when periods are compared: the first one may begin with a transient."""
 
 BASE_FIT = Stopping(exact=True)
 """The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
@@ -57,7 +46,7 @@ def prepare(model: LoopModel) -> Prepared:
         InputError: the torque logs are too short, or cannot be those of this loop.
     """
     samples, count = model.measured.shape[0], model.parameters.count
-    if samples < 5 * count:
+    if samples < limits.FEWEST_SAMPLES * count:
         raise InputError(
             "The torque log is too short to look for more than the base parameters.",
             where=", ".join(model.estimation_labels),
@@ -80,7 +69,8 @@ def prepare(model: LoopModel) -> Prepared:
         return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(model.measured, axis=0)
-    fit = minimise(model, Noise(np.maximum(spread, 1e-9), np.zeros(spread.size), "residual"), stopping=BASE_FIT)
+    first = Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
+    fit = minimise(model, first, stopping=BASE_FIT)
     noise = residual_noise(fit)
     notes.append(
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
@@ -116,8 +106,8 @@ def _without_events(noise: Noise, fit: Fit, label: str) -> tuple[Noise, tuple[st
     """
     fast = _residual_noise(fit, label)
     slow = noise.slow if noise.slow is not None else np.zeros(fit.model.joint_count)
-    forgets = slow < max(SLOW, 3 / np.sqrt(_samples(fit.model, label)))
-    more = noise.deviation > np.where(forgets, NOT_NOISE, 1.0) * fast.deviation
+    forgets = slow < max(limits.SLOW, limits.CHANCE / np.sqrt(_samples(fit.model, label)))
+    more = noise.deviation > np.where(forgets, limits.NOT_NOISE, 1.0) * fast.deviation
     if not more.any():
         return noise, ()
     named = ", ".join(str(j + 1) for j in np.flatnonzero(more))
@@ -145,14 +135,14 @@ def _measured_noise(model: LoopModel, label: str) -> tuple[Noise | None, list[st
     if period is None:
         return None, []
     samples = period * experiment.rate_hz
-    if abs(samples - round(samples)) > WHOLE:
+    if abs(samples - round(samples)) > limits.WHOLE_SAMPLES:
         return None, ["The period of the motion is no whole number of torque samples, so periods were not compared."]
     count = round(samples)
     noise = noise_from_periods(
         experiment.with_gaps(experiment.torque),
         count,
         rate_hz=experiment.rate_hz,
-        skip=round(TRANSIENT * count),
+        skip=round(limits.TRANSIENT * count),
         regressors=experiment.with_gaps(friction_columns(experiment)),
     )
     return (None, []) if noise is None else (replace(noise, period_s=period), [])
@@ -181,7 +171,7 @@ def friction_columns(experiment: Experiment) -> Array:
         else:
             continue
         at = np.interp(experiment.time, reference.time, speed)
-        slow = 0.01 * max(float(np.abs(speed).max()), 1e-12)
+        slow = limits.REVERSAL * max(float(np.abs(speed).max()), limits.STANDSTILL)
         result[:, j] = np.column_stack([at, np.tanh(at / slow), experiment.time - experiment.time[0]])
     return result
 
@@ -199,10 +189,10 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         speed = max(_largest_speed(reference, f"q{j}") for reference in references)
         if speed <= 0:
             continue
-        value = offered[name].start  # what is known of the robot lies within the limits
-        low, high = min(SMOOTHING[0] * speed, value), max(SMOOTHING[1] * speed, value)
+        scale, value = limits.SMOOTHING_SCALE, offered[name].start  # what is known of the robot lies within the limits
+        low, high = min(limits.SMOOTHING[0] * speed, value), max(limits.SMOOTHING[1] * speed, value)
         free_parameters.append(
-            FreeParameter(name, offered[name].unit, PLANT, name, value, 0.5 * value, low, high, is_shape=True)
+            FreeParameter(name, offered[name].unit, PLANT, name, value, scale * value, low, high, is_shape=True)
         )
     return model.with_free(free_parameters)
 

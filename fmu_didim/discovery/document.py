@@ -9,6 +9,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.diagnosis.localise import Region, force_windows
+from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
@@ -30,11 +31,7 @@ from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
-from fmu_didim.statistics import relative_error_percent
-
-REMAINDER = 0.6
-"""Gap of a joint, in units of its noise, above which a model that found no more effects still counts as incomplete."""
-
+from fmu_didim.statistics import confidence_interval, relative_error_percent
 
 Residuals = dict[str, tuple[Array, Array]]
 """Label of each experiment -> residuals (N, n) of the base and of the final model."""
@@ -93,7 +90,7 @@ def findings_document(
 
 
 def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
-    remains = bool((joint_gaps(discovery.final.residual, noise) > REMAINDER).any())
+    remains = bool((joint_gaps(discovery.final.residual, noise) > limits.REMAINDER).any())
     if discovery.steps or has_external_torques(discovery.final.model):
         return "named_with_remainder" if remains else "named"
     return "unknown" if remains else "nothing"
@@ -150,12 +147,16 @@ def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
 def values_found(fit: Fit, noise: Noise, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
     """The wanted free parameters of a fit with their standard deviations and 95 % intervals."""
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
+    samples = fit.residual.shape[0] * float(noise.factor.sum())  # those that count as independent
+    intervals = confidence_interval(fit.values, deviation, samples - fit.values.size)
     return [
         ValueFound(
             name=parameter.name, unit=parameter.unit, value=float(v), std=float(s),
-            interval=(float(v - 1.96 * s), float(v + 1.96 * s)),
+            interval=(float(low), float(high)),
         )
-        for parameter, v, s in zip(fit.model.free_parameters, fit.values, deviation, strict=True)
+        for parameter, v, s, (low, high) in zip(
+            fit.model.free_parameters, fit.values, deviation, intervals, strict=True
+        )
         if wanted(parameter)
     ]  # fmt: skip
 

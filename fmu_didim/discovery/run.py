@@ -12,6 +12,8 @@ import numpy as np
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
+from fmu_didim.discovery import thresholds as limits
+from fmu_didim.discovery.all_thresholds import all_thresholds
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import findings_document, has_external_torques
@@ -26,6 +28,7 @@ from fmu_didim.discovery.findings import (
 from fmu_didim.discovery.screening.catalogue import simulated_motion
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, held_out_ratio
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
+from fmu_didim.discovery.selection.thresholds import HELD_OUT
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, integrated
@@ -37,9 +40,6 @@ from fmu_didim.signals import Array
 NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
 )
-BEGIN_S = 0.25
-"""Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in their
-play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for with it."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def discover(
     """
     begin = clock.perf_counter()
     ask = _Question(description, name, effects, options or Options(), provenance, say)
-    later = replace(model, experiments={label: e.after(BEGIN_S) for label, e in model.experiments.items()})
+    later = replace(model, experiments={label: e.after(limits.BEGIN_S) for label, e in model.experiments.items()})
     found = _look(ask, later, _prepared(later, say))
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
@@ -134,7 +134,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
     ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
-    if ratio is not None and ratio.high >= 1.0 and fitted_torques is None and not remarked:
+    if ratio is not None and ratio.high >= HELD_OUT and fitted_torques is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
     unshifted, saved = _without_shift(discovery.final.model, builder)
     way = other_sampling(discovery.final, unshifted, noise, saved=saved, threshold=options.threshold)
@@ -145,7 +145,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
             *ask.notes, *prepared.notes, *([] if model.validation_labels else [NO_HELD_OUT]),
             *([way.text(1 / model.experiments[model.first].rate_hz)] if way is not None else []),
         ],
-        provenance={**(ask.provenance or {}), "options": options.record()},
+        provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
     )  # fmt: skip
     return Found(document, discovery, builder, noise)
 
@@ -178,10 +178,10 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     more = joint_gaps(whole.residual, prepared.noise) ** 2 - joint_gaps(without.residual, found.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
         return found
-    ask.say(f"the first {BEGIN_S:g} s disagree: gears in them")
+    ask.say(f"the first {limits.BEGIN_S:g} s disagree: gears in them")
     gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
-    note = f"The first {BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
+    note = f"The first {limits.BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))
     second = _look(again, model, prepared)
     if second.discovery.steps:

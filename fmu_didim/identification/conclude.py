@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
+from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
@@ -21,12 +22,6 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
 from fmu_didim.signals import Array
-
-INTEGRATION_TOLERANCE = 1e-6
-INTEGRATION_SHARE = 0.01
-"""The integration error may reach this fraction of the relative torque error."""
-MAXIMUM_REFINEMENTS = 4
-FINISH_ITERATIONS = 15
 
 
 @dataclass(frozen=True)
@@ -51,7 +46,7 @@ def efficient_finish(
     tolerance: float,
     progress: Callable[[Iteration], None],
     stage: str = "finish",
-    maximum_iterations: int = FINISH_ITERATIONS,
+    maximum_iterations: int = limits.FINISH_ITERATIONS,
 ) -> Minimum:
     """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
 
@@ -66,7 +61,7 @@ def efficient_finish(
         whitened(fit.jacobian, fit.deviation), fit.values, model.names,
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
-    for _ in range(MAXIMUM_REFINEMENTS):
+    for _ in range(limits.MAXIMUM_REFINEMENTS):
         sizes = None if fit.prediction is None else parameter_sizes(fit.model, fit.values, fit.prediction)
         fit = minimise(
             fit.model, NoiseOfResidual(fit.model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque,
@@ -91,7 +86,7 @@ def integration_error(fit: Fit) -> tuple[float, float]:
     size = np.linalg.norm(torque)
     error = float(np.linalg.norm(torque - fit.torque) / size)
     misfit = float(np.linalg.norm(model.measured - torque) / size)
-    return error, max(INTEGRATION_TOLERANCE, INTEGRATION_SHARE * misfit)
+    return error, max(limits.INTEGRATION_TOLERANCE, limits.INTEGRATION_SHARE * misfit)
 
 
 def degrees_of_freedom(model: LoopModel, count: int) -> float:

@@ -8,9 +8,15 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
+from fmu_didim import statistics
+from fmu_didim.diagnosis import thresholds as diagnosis
+from fmu_didim.identification import thresholds as identification
+from fmu_didim.prediction import thresholds as prediction
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.thresholds import recorded
 
+TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, identification.TABLE)
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 
@@ -32,6 +38,7 @@ def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping
         "files": dict(files),
         "experiments": {label: _experiment(experiment) for label, experiment in model.experiments.items()},
         "shape_parameters": model.parameters.shape_values(),
+        "thresholds": recorded(TABLES),
     }
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.signals import Array
@@ -27,7 +28,7 @@ class BaseProjection:
 
     @classmethod
     def of(
-        cls, columns: Array, weight: Array = UNWEIGHTED, *, tolerance: float = 1e-9, idle: float = 0.0
+        cls, columns: Array, weight: Array = UNWEIGHTED, *, tolerance: float = limits.DEPENDENT, idle: float = 0.0
     ) -> BaseProjection:
         """The projection by columns (N, n, p), or (N, p) of a single joint.
 
@@ -45,7 +46,7 @@ class BaseProjection:
     def of_fit(cls, fit: Fit, noise: Noise) -> BaseProjection:
         """The projection by the sensitivities of a fit."""
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        size = np.maximum(noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * 0.5)
+        size = np.maximum(noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * limits.HALF_OF_RESIDUAL)
         return cls.of(fit.jacobian, np.sqrt(effective_fraction(fit.residual)) / size)
 
     def weighted(self, values: Array) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.signals import Array
 
 
@@ -34,7 +35,7 @@ class Equations:
         those that the others would leave them."""
         free = self.scale > 0
         result = np.full(self.scale.size, np.inf)
-        inverse = np.linalg.pinv(self.table[:, free], rcond=1e-14)
+        inverse = np.linalg.pinv(self.table[:, free], rcond=limits.UNKNOWN_DIRECTION)
         result[free] = np.linalg.norm(inverse, axis=1) / self.scale[free]
         return result
 
@@ -53,7 +54,7 @@ class Equations:
             step = np.zeros(size)
             table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
             right = np.concatenate([self.right, np.zeros(int(free.sum()))])
-            step[free] = np.linalg.lstsq(table, right, rcond=1e-10)[0] / self.scale[free]
+            step[free] = np.linalg.lstsq(table, right, rcond=limits.SAME_DIRECTION)[0] / self.scale[free]
             # At a limit and pushed outwards: held.
             stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
             if not stuck.any():

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, point, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -29,28 +30,6 @@ from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
-
-DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
-"""Tried one after the other, for columns of the Jacobian of length one."""
-CREEPING = 0.01
-"""Fraction of the cost that a step must gain along the edge of what can be simulated."""
-STALE = 0.02
-"""Farther than this fraction of a standard deviation from where it was taken, a sensitivity is not the one that ends
-the
-steps: what it leaves of the error is this fraction times its relative change, of a standard deviation."""
-CONTRACTION = 0.1
-"""A step that is at most this fraction of the one before shows that the sensitivity still serves."""
-KEPT_PROMISE = (0.5, 1.5)
-"""Gain of a step over what the linear model promised: outside, its slopes are stale."""
-ROUNDING = 1e-6
-"""A step that would lower the cost by a smaller fraction may fail by rounding alone."""
-EQUAL = 1e-9
-"""Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows."""
-TORQUE_FLOOR = 1e-3
-"""Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, in
-data without noise, has neither size nor standard deviation."""
-POLISHING = 2
-"""Steps from the minimum of a coarse integration to that of the full one, a small fraction of the noise away."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +48,10 @@ class Stopping:
         whole: whether they follow an experiment to its end even where its motion and torque repeat.
     """
 
-    iterations: int = 8
+    iterations: int = limits.ITERATIONS
     tolerance: float | None = None
-    promise: float = 0.02
-    updates: int | None = 3
+    promise: float = limits.PROMISE
+    updates: int | None = limits.UPDATES
     give_up_above: float = np.inf
     check_all: bool = True
     exact: bool = False
@@ -111,7 +90,7 @@ def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
     if fit.model.coarse == coarse:
         return fit
     model = replace(fit.model, coarse=coarse)
-    return minimise(model, noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
+    return minimise(model, noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 @dataclass
@@ -159,7 +138,7 @@ class _Solver:
             step = _Step.of(at, deviation, self._measured, self._low, self._high)
             if rules.tolerance is None and step.promised < rules.promise:
                 break
-            if step.cost - 2 * step.promised > rules.give_up_above:
+            if step.cost - limits.HOPE * step.promised > rules.give_up_above:
                 break
             found = self._search(at, step)
             at.simulations += found.tried
@@ -204,18 +183,19 @@ class _Solver:
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
         if stuck and (was_fresh or at.updates <= 0):
-            nothing_promised = step.promised <= ROUNDING * step.cost
+            nothing_promised = step.promised <= limits.ROUNDING * step.cost
             return "settled" if rules.tolerance is not None and nothing_promised else "stopped"
-        if found.at_edge and not stuck and gained < CREEPING * step.cost and rules.tolerance is None:
+        if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
             return "stopped"
         size = float(np.max(np.abs(moved) / step.scale))
-        stale = bool((np.abs(here - at.differentiated) > STALE * step.scale).any())
+        stale = bool((np.abs(here - at.differentiated) > limits.STALE * step.scale).any())
         if rules.tolerance is not None and not stuck:
-            floor = np.maximum(np.maximum(np.abs(here), step.scale), TORQUE_FLOOR * step.size)
+            floor = np.maximum(np.maximum(np.abs(here), step.scale), limits.TORQUE_FLOOR * step.size)
             if (np.abs(moved) <= rules.tolerance * floor).all() and (was_fresh or not stale):
                 return "settled"
-        kept = KEPT_PROMISE[0] * found.promised <= gained <= KEPT_PROMISE[1] * found.promised
-        contracts = STALE < size <= CONTRACTION * at.last
+        low, high = limits.KEPT_PROMISE
+        kept = low * found.promised <= gained <= high * found.promised
+        contracts = limits.STALE < size <= limits.CONTRACTION * at.last
         far = stale and not contracts if rules.tolerance is not None else not kept
         if at.updates > 0 and (stuck or far):
             self._differentiate(at)
@@ -237,7 +217,7 @@ class _Solver:
         model = self._model
         others = model.validation_labels if self._stopping.check_all else ()
         tried, edge, best, note = 0, False, None, ""
-        for damping in DAMPINGS:
+        for damping in limits.DAMPINGS:
             change, promised = step.equations.step(at.values, self._low, self._high, damping)
             trial = np.clip(at.values + change, self._low, self._high)
             reason = mass_matrix_problem(model, trial)
@@ -259,9 +239,9 @@ class _Solver:
                 tried = found.tried
                 if found.note:
                     return found
-                if reached > step.cost * (1 + EQUAL) and not at.fresh and at.updates > 0:
+                if reached > step.cost * (1 + limits.EQUAL) and not at.fresh and at.updates > 0:
                     break  # damping would not make up for old slopes
-            if reached <= step.cost * (1 + (EQUAL if self._stopping.tolerance is not None else 0.0)) and (
+            if reached <= step.cost * (1 + (limits.EQUAL if self._stopping.tolerance is not None else 0.0)) and (
                 reached < step.cost or self._stopping.tolerance is not None
             ):
                 found = _Found(trial, torque, reached, promised, tried, edge, note)
@@ -278,7 +258,7 @@ class _Solver:
         Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
         """
         gained = step.cost - found.cost
-        if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
+        if gained >= limits.KEPT_PROMISE[0] * found.promised or found.promised <= limits.EQUAL * step.cost:
             return found
         part = found.promised / (2 * found.promised - gained)
         trial = at.values + part * (found.values - at.values)

@@ -6,6 +6,7 @@ repetition the noise is what is left in the residual of a model above the freque
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,24 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.signals import Array, Trajectory
 
-REPEATS_WITHIN = 1e-6
-"""Two periods of a reference are the same when they differ by less than this part of its range."""
-SHORTEST_PERIOD = 10
-"""Ticks; a shorter period would be one of the control."""
-LARGEST_CORRELATION = 0.98
-SEGMENTS = 6
-SEGMENT = (32, 256)
-"""A residual's spectrum comes from at least this many segments, of so many samples."""
-USUAL = (0.2, 0.2)
-"""Correlation of neighbouring samples that noise usually has, and its spread."""
-SLOW_S = 0.05
-"""Noise of a current sensor has forgotten itself after so many seconds."""
-LEAST = 1e-9
-"""Smallest noise, as a part of the torque."""
-BLOCKS, OUTLIER, MOST_OUTLIERS = 20, 6.0, 0.4
-"""Blocks in a period; one whose power is this many times the usual one is no noise, unless so many of them are."""
+TINY = 1e-300
+"""Nothing is divided by less."""
+SMALLEST_MISFIT = 1e-12
+"""Nor a misfit by a smaller one, where a colour fits exactly."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +32,7 @@ class Noise:
         correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
         period_s: period of the motion, None if it does not repeat; periods: how many are compared.
         source: ``periods`` or ``residual``.
-        slow: (n,) correlation of what differs between periods at samples :data:`SLOW_S` apart; None without periods.
+        slow: (n,) correlation of what differs between periods at samples ``SLOW_S`` apart; None without periods.
     """
 
     deviation: Array
@@ -74,11 +64,11 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
     products = sum(signal.correlate(v, v, method="fft")[count - 1 :] for v in values.T)
     squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
-    lags = np.arange(SHORTEST_PERIOD, count - count // 4)
+    lags = np.arange(limits.SHORTEST_PERIOD, math.ceil(limits.LONGEST_PERIOD * count))
     both = squares[count - lags] + squares[count] - squares[lags]
-    close = (both - 2 * products[lags]) / (count - lags) < 1e-6
+    close = (both - 2 * products[lags]) / (count - lags) < limits.REPEATS_WITHIN
     for lag in lags[close]:
-        if np.abs(values[lag:] - values[:-lag]).max() < REPEATS_WITHIN:
+        if np.abs(values[lag:] - values[:-lag]).max() < limits.REPEATS_WITHIN:
             return int(lag)
     return None
 
@@ -100,7 +90,7 @@ def noise_from_periods(
     """
     n = torque.shape[1]
     first, second = torque[skip : torque.shape[0] - samples], torque[skip + samples :]
-    if first.shape[0] < samples // 2 or first.shape[0] < 30:
+    if first.shape[0] < samples // 2 or first.shape[0] < limits.FEWEST_DIFFERENCES:
         return None
     deviation, correlation, slow = np.zeros(n), np.zeros(n), np.zeros(n)
     for j in range(n):
@@ -113,12 +103,12 @@ def noise_from_periods(
             columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
         table = np.column_stack(columns)
         table = table / np.linalg.norm(table, axis=0)
-        rest, kept = _without_events(difference, table, there, max(samples // BLOCKS, 10))
+        rest, kept = _without_events(difference, table, there, max(samples // limits.BLOCKS, limits.SHORTEST_BLOCK))
         spread = float(np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1)))
-        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
-        slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
+        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, limits.LARGEST_CORRELATION)
+        slow[j] = _correlation(rest, kept, spread, max(round(limits.SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
-        deviation[j] = max(spread, LEAST * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), 1e-300)
+        deviation[j] = max(spread, limits.LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
     periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
     return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
 
@@ -129,11 +119,11 @@ def _without_events(
     """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
     place = np.arange(difference.size) // block
     kept = there
-    for _ in range(4):
+    for _ in range(limits.OUTLIER_ROUNDS):
         rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
         power = np.bincount(place, rest**2 * there) / np.maximum(np.bincount(place, there), 1)
-        wanted = (power <= OUTLIER * np.median(power))[place] & there
-        if wanted.sum() < (1 - MOST_OUTLIERS) * there.sum():
+        wanted = (power <= limits.OUTLIER * np.median(power))[place] & there
+        if wanted.sum() < (1 - limits.MOST_OUTLIERS) * there.sum():
             kept = there  # they are the rule: loud and quiet parts of the motion
             break
         if np.array_equal(wanted, kept):
@@ -146,7 +136,7 @@ def _without_events(
 def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: int) -> float:
     """Of the kept values so many samples apart."""
     pairs = kept[lag:] & kept[:-lag]
-    return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, 1e-300))
+    return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, TINY))
 
 
 def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
@@ -179,23 +169,24 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         motion_hz: highest frequency of the motion.
     """
     n = residual.shape[1]
-    cut = min(4 * motion_hz, 0.3 * rate_hz)
+    cut = min(limits.ABOVE_MOTION * motion_hz, limits.HIGHEST_CUT * rate_hz)
     # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
-    segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
+    segment = min(int(np.clip(residual.shape[0] // limits.SEGMENTS, *limits.SEGMENT)), residual.shape[0])
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
         frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
         upper = frequency >= cut
-        if upper.sum() < 4:
-            upper = frequency >= 0.5 * frequency[-1]
-        trials = np.linspace(-0.5, 0.9, 57)
+        if upper.sum() < limits.FEWEST_FREQUENCIES:
+            upper = frequency >= limits.UPPER_HALF * frequency[-1]
+        trials = np.linspace(*limits.CORRELATIONS, limits.CORRELATION_COUNT)
         fits = [_misfit(power[upper], rho, frequency[upper] / rate_hz) for rho in trials]
         misfits = np.array([misfit for misfit, _ in fits])
         # Far up in frequency all colours look alike, and then the usual one is the best guess.
-        doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), 1e-12) + 0.5 * ((trials - USUAL[0]) / USUAL[1]) ** 2
+        unusual = (trials - limits.USUAL[0]) / limits.USUAL[1]
+        doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), SMALLEST_MISFIT) + 0.5 * unusual**2
         least = int(np.argmin(doubt))
         rho, level = trials[least], fits[least][1]
-        deviation[j] = np.sqrt(max(level, 1e-300) * rate_hz / 2 / (1 - rho**2))
+        deviation[j] = np.sqrt(max(level, TINY) * rate_hz / 2 / (1 - rho**2))
         correlation[j] = rho
     return Noise(deviation, correlation, "residual")
 
@@ -203,15 +194,15 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
 def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
     """How badly level / |1 - rho e^(-i w)|^2 fits, in logarithms, and the level."""
     shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
-    logs = np.log(np.maximum(power, 1e-300)) - np.log(shape)
+    logs = np.log(np.maximum(power, TINY)) - np.log(shape)
     return float(np.var(logs)), float(np.exp(np.mean(logs)))
 
 
 def effective_fraction(residual: Array) -> Array:
     """(n,) effective part f = (1 - rho)/(1 + rho) of the samples of a residual (N, n), rho its lag-one correlation."""
     centred = residual - residual.mean(axis=0)
-    power = np.maximum(np.sum(centred**2, axis=0), 1e-300)
-    rho = np.clip(np.sum(centred[1:] * centred[:-1], axis=0) / power, 0.0, 0.98)
+    power = np.maximum(np.sum(centred**2, axis=0), TINY)
+    rho = np.clip(np.sum(centred[1:] * centred[:-1], axis=0) / power, 0.0, limits.LARGEST_CORRELATION)
     return np.asarray((1 - rho) / (1 + rho))
 
 
@@ -226,6 +217,6 @@ def motion_frequency(reference: Trajectory, joints: int) -> float:
         else:
             speed = np.gradient(reference.select([f"q{j}"])[:, 0], step)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
-        total = np.cumsum(power) / max(float(power.sum()), 1e-300)
-        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, 0.999)]))
+        total = np.cumsum(power) / max(float(power.sum()), TINY)
+        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, limits.MOTION_POWER)]))
     return highest

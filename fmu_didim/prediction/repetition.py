@@ -7,19 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.master import SampleOperator
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import period_in_ticks
 from fmu_didim.signals import Array
-
-REPEATS_TORQUE = 1e-5
-"""Two periods of a torque are the same when they differ by less than this part of its root mean square."""
-OVERLAP = 0.1
-"""Part of a period that is simulated twice, to see whether a column of sensitivities repeats like the torque."""
-MARGIN = 0.1
-"""Fraction of a period after which a column of sensitivities repeats, once the torque does."""
-REPEATS_COLUMN = 1e-3
-"""The same for columns, which are differences."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,7 @@ class Repetition:
     operator: SampleOperator
     count: int
 
-    def continued(self, begin: Array, *, tolerance: float = REPEATS_COLUMN) -> Array | None:
+    def continued(self, begin: Array, *, tolerance: float = limits.REPEATS_COLUMN) -> Array | None:
         """(count, ...) from the first samples (N', ...); None if these do not repeat."""
         again = self.settled + self.period
         twice = begin[again:] - begin[self.settled : begin.shape[0] - self.period]
@@ -90,7 +82,7 @@ def change_of_torque(
     torque: Array,
     beginning: Beginning | None,
     *,
-    tolerance: float = REPEATS_COLUMN,
+    tolerance: float = limits.REPEATS_COLUMN,
 ) -> Array:
     """(N, n) torque of a model in an experiment minus ``torque``, from its beginning alone where the change repeats.
 
@@ -115,13 +107,13 @@ def repetition(experiment: Experiment, operator: SampleOperator, step: float, to
     ticks = period_in_ticks(experiment.reference)
     samples = 0.0 if ticks is None else ticks * step * experiment.rate_hz
     period, count = round(samples), torque.shape[0]
-    if period < 1 or abs(samples - period) > 1e-6 or count < 1.5 * period:
+    if period < 1 or abs(samples - period) > limits.WHOLE_SAMPLES or count < limits.FEWEST_PERIODS * period:
         return None
-    change = np.abs(torque[period:] - torque[:-period]) > REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
+    change = np.abs(torque[period:] - torque[:-period]) > limits.REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
     restless = np.flatnonzero(change.any(axis=1))
     # Slopes take longer to forget the start than the torque itself.
-    settled = (int(restless[-1]) + 1 if restless.size else 0) + round(MARGIN * period)
-    simulated = settled + period + round(OVERLAP * period)
-    if simulated > 0.8 * count:
+    settled = (int(restless[-1]) + 1 if restless.size else 0) + round(limits.MARGIN * period)
+    simulated = settled + period + round(limits.OVERLAP * period)
+    if simulated > limits.WORTHWHILE * count:
         return None
     return Repetition(period, settled, operator.before(simulated), count)

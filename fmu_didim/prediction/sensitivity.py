@@ -20,7 +20,8 @@ from fmu_didim.components.varied import derivative_name
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import System
 from fmu_didim.master.variation import with_derivatives
-from fmu_didim.prediction.differences import SMOOTH_STEP, STEP, central
+from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.differences import central
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel
@@ -167,10 +168,10 @@ class _Experiment:
         return lambda: central(self._model, self._values, self._label, self._torque, i, float(size))
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
-        step = STEP * parameter.scale
+        step = limits.STEP * parameter.scale
         if self._exact and self._sizes is not None and i < self._sizes.size:
-            step = SMOOTH_STEP * float(self._sizes[i])
-        for size in (step, -step, step / 30):
+            step = limits.SMOOTH_STEP * float(self._sizes[i])
+        for size in (step, -step, step / limits.SHORTER_STEP):
             moved = self._values.copy()
             moved[i] += size
             if not parameter.lowest <= moved[i] <= parameter.highest:
@@ -184,4 +185,4 @@ class _Experiment:
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
 
 
-__all__ = ["STEP", "by_variation", "parameter_sizes", "sensitivity"]
+__all__ = ["by_variation", "parameter_sizes", "sensitivity"]

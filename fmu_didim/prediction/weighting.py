@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.noise import TINY, Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import LeastSquares, least_squares, noise_deviation
 
 
 def noise_floor(measured: Array) -> Array:
     """(n,) deviation below which a residual is rounding, so that noise-free data have weights too."""
-    return np.asarray(1e-12 * np.sqrt((measured**2).mean(axis=0)) + 1e-300)
+    return np.asarray(limits.NOISE_FLOOR * np.sqrt((measured**2).mean(axis=0)) + TINY)
 
 
 def whitened(values: Array, deviation: Array) -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 
 from fmu_didim.block import Block
 from fmu_didim.components.spliced import spliced_component
+from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
 from fmu_didim.effects.base import NOMINAL_ACCELERATION, NOMINAL_SPEED, UNITS, JointType, OperatingRange
 from fmu_didim.effects.spliced import SplicedEffect
@@ -28,11 +29,6 @@ from fmu_didim.master import Connection, System
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array, Variable
 
-SUBDIVISIONS = (4, 16)
-"""Ticks in a control period that are tried: with one, the torque would come half a period late."""
-SETTLED = 1e-3
-"""RMS change of the torque of a joint, as a part of its RMS, by four times shorter steps, below which the longer ones
-do: little beside the noise of any drive."""
 START_TIME = "t_start"
 
 
@@ -173,14 +169,14 @@ def splice_part(
 
 def subdivision(model: LoopModel) -> int:
     """Ticks in a control period that a loop with such components needs: shorter ones change the torque no more."""
-    chosen, before = SUBDIVISIONS[-1], None
-    for count in SUBDIVISIONS:
+    chosen, before = limits.SUBDIVISIONS[-1], None
+    for count in limits.SUBDIVISIONS:
         try:
             torque = replace(model, subdivision=count).torque(model.start)
         except SimulationError:
             before = None
             continue
-        if before is not None and (_rms(torque - before) <= SETTLED * _rms(torque)).all():
+        if before is not None and (_rms(torque - before) <= limits.SETTLED * _rms(torque)).all():
             return chosen
         chosen, before = count, torque
     return chosen

@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
 from fmu_didim.effects import EFFECTS, Effect, Search, SplicedEffect, TorqueEffect
@@ -149,7 +150,7 @@ class LoopModelBuilder:
 
     def _with_steepest(self) -> LoopModel:
         """The base with more of the steepest effects that are likely in the wiring, such as Coulomb friction."""
-        sizes = 0.1 * np.sqrt(np.mean(self.base.measured**2, axis=0))
+        sizes = limits.LIKELY_SIZE * np.sqrt(np.mean(self.base.measured**2, axis=0))
         steepest = [name for name, effect in self.effects.items() if effect.sets_ticks]
         systems, added = dict(self.base.systems), []
         for effect_at, size in ((EffectAtJoint(name, j), s) for name in steepest for j, s in enumerate(sizes, start=1)):
@@ -223,7 +224,7 @@ class LoopModelBuilder:
                     owner=owner,
                     key=variable.name if spliced else name,
                     value=float(value),
-                    scale=float(abs(proposal.scales.get(variable.name, value)) or 1e-3),
+                    scale=float(abs(proposal.scales.get(variable.name, value)) or limits.SMALLEST_SCALE),
                     lowest=float(low),
                     highest=float(high),
                     effect=index,
@@ -302,6 +303,6 @@ def _chosen_substeps(plant: Component) -> int | None:
 def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
     """How far a fit may take a shape beyond the grid on which it was found."""
     if search.logarithmic and not signed:
-        return search.lowest / 3, search.highest * 3
-    room = 0.5 * (search.highest - search.lowest)
-    return (search.lowest - room if signed else 0.8 * search.lowest), search.highest + room
+        return search.lowest / limits.BEYOND_GRID, search.highest * limits.BEYOND_GRID
+    room = limits.BEYOND_RANGE * (search.highest - search.lowest)
+    return (search.lowest - room if signed else limits.BELOW_RANGE * search.lowest), search.highest + room

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.effects import Search
 from fmu_didim.prediction.loop_model import LoopModel
-
-WINDOW_EDGES = 24
-"""Number of begins and ends of a force window that are tried."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +25,15 @@ class Range:
     def adapted(self, search: Search, unit: str) -> Search:
         """The grid of a shape of this unit, moved to where the data can tell something about it."""
         if search.logarithmic:
-            floor = {"rad": 0.1 * self.way, "m": 0.1 * self.way, "rad/s": 0.003 * self.speed, "m/s": 0.003 * self.speed}
+            way, speed = limits.SHORTEST_WAY * self.way, limits.LOWEST_SPEED * self.speed
+            floor = {"rad": way, "m": way, "rad/s": speed, "m/s": speed}
             low = max(search.lowest, floor.get(unit, 0.0))
-            return replace(search, lowest=low, highest=max(search.highest, 2 * low))
+            return replace(search, lowest=low, highest=max(search.highest, limits.WIDEST * low))
         if unit in ("rad", "m"):
-            room = 0.02 * (self.highest - self.lowest)
+            room = limits.MARGIN * (self.highest - self.lowest)
             return replace(search, lowest=self.lowest + room, highest=self.highest - room)
         if unit == "s":
-            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, WINDOW_EDGES))
+            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, limits.WINDOW_EDGES))
         return search
 
 

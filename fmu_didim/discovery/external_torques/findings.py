@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.discovery.document import gap_pair, values_found
+from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, external_torque_parameters
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.effects import EFFECTS, Effect
@@ -16,9 +17,7 @@ from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import FreeParameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.noise import Noise
-
-LISTED = 3
-"""Number of external torques up to which all are listed as parameters; the windows list them in any case."""
+from fmu_didim.statistics import confidence_interval
 
 
 def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) -> tuple[Fit, Fit]:
@@ -27,7 +26,7 @@ def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) ->
     count = len(model.free_parameters)
     try:
         further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-        free = minimise(model.with_free(further), noise, stopping=Stopping(6, updates=1))
+        free = minimise(model.with_free(further), noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
     except SimulationError:
         return final, fitted_torques.free
     held = model.pushed(label, free.model.external_torques(free.values, label)).with_values(free.values[:count])
@@ -71,7 +70,7 @@ def external_torque_windows(free: Fit, noise: Noise, label: str) -> list[WindowR
             begin_s=p.begin_s,
             end_s=p.end_s,
             torque=p.torque,
-            score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, 1e-12),
+            score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, limits.SMALLEST_DEVIATION),
             experiment=label,
         )
         for i, p in enumerate(free.model.external_torques(free.values, label), start=1)
@@ -86,11 +85,12 @@ def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
     """All of a few external torques; of many their mean, with its spread, and the times of the first."""
     values = values_found(free, noise, _is_external_torque)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
-    if torques.size <= LISTED:
+    if torques.size <= limits.LISTED:
         return values
     mean, std = float(torques.mean()), float(torques.std(ddof=1) / np.sqrt(torques.size))
     unit = next(v.unit for v in values if v.name.startswith("F["))
-    both = ValueFound(name="F", unit=unit, value=mean, std=std, interval=(mean - 1.96 * std, mean + 1.96 * std))
+    low, high = confidence_interval(np.array([mean]), np.array([std]), torques.size - 1.0)[0]
+    both = ValueFound(name="F", unit=unit, value=mean, std=std, interval=(float(low), float(high)))
     return [both, *(v for v in values if v.name.endswith("[1]"))]
 
 

@@ -16,29 +16,20 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.base_model import WHOLE, motion_period, residual_noise
+from fmu_didim.discovery.base_model import motion_period, residual_noise
+from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
+from fmu_didim.discovery.thresholds import WHOLE_SAMPLES
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
-from fmu_didim.prediction.differences import STEP
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise, noise_from_periods, pooled
+from fmu_didim.prediction.thresholds import STEP
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
-
-SHARE = 0.6
-"""Part of the gap that external torques must explain before they are taken for what is missing."""
-LINEAR_SHARE = 0.5
-"""The same of the linear search, whose times are only those of control periods."""
-LONGEST = 0.5
-"""Part of the data that external torques may last: what lasts longer, or does not end, may as well be an offset or a
-load."""
-STAIRCASE = 0.25
-"""Part of the external torques that may follow each other without a pause: more of them only copy what else is
-missing."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +79,7 @@ def find_external_torques(
                 found = linear_external_torques(fit, noise, label, joint, answer, is_logged)
                 if found is not None and (best is None or found[0] > best[0]):
                     best = (found[0], label, found[1])
-    if best is None or best[0] < LINEAR_SHARE:
+    if best is None or best[0] < limits.LINEAR_SHARE:
         return None
     _, label, torques = best
     time = fit.model.experiments[label].reference.time
@@ -100,14 +91,15 @@ def find_external_torques(
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
     following = sum(a.end_s == b.begin_s for a, b in pairwise(external_torques))
-    return following > STAIRCASE * len(external_torques)
+    return following > limits.STAIRCASE * len(external_torques)
 
 
 def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
     """Whether most of the time is pushed, or most of that in external torques of which no end or no begin is seen."""
     lengths = np.array([p.end_s - p.begin_s for p in external_torques])
     bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
-    return bool(lengths.sum() > LONGEST * (time[-1] - time[0]) or lengths[~bounded].sum() > 0.5 * lengths.sum())
+    long = lengths.sum() > limits.LONGEST * (time[-1] - time[0])
+    return bool(long or lengths[~bounded].sum() > limits.UNBOUNDED * lengths.sum())
 
 
 def _comes_back(external_torques: Sequence[ExternalTorque], model: LoopModel, label: str) -> bool:
@@ -116,10 +108,10 @@ def _comes_back(external_torques: Sequence[ExternalTorque], model: LoopModel, la
     if period is None or not external_torques:
         return False
     begins = np.array([p.begin_s for p in external_torques])
-    near = min(0.05 * period, 0.1)
+    near = min(limits.SAME_PHASE * period, limits.SAME_PHASE_S)
     alike = [any(np.abs(begins - (b + k * period)).min() < near for k in (-1, 1)) for b in begins]
     impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in external_torques]
-    return bool(np.average(alike, weights=impulses) >= 0.5)
+    return bool(np.average(alike, weights=impulses) >= limits.COMES_BACK)
 
 
 def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
@@ -129,17 +121,23 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
     known = float(model.systems[label].delays.get(model.plant_name, 0.0))
     delay = replace(
-        delay_parameter(known + 0.1), name="loop_delay", scale=0.1, lowest=known, highest=known + 3.0, is_shape=True
+        delay_parameter(known + limits.DELAY_START),
+        name="loop_delay",
+        scale=limits.DELAY_START,
+        lowest=known,
+        highest=known + limits.DELAY_ROOM,
+        is_shape=True,
     )
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
         acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, noise, stopping=Stopping(12, updates=2))
+        free = minimise(acting, noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
         noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
-        free = minimise(free.model, noise, torque=free.torque, stopping=Stopping(8, updates=2))
+        again = Stopping(limits.FURTHER_STEPS, updates=limits.UPDATES)
+        free = minimise(free.model, noise, torque=free.torque, stopping=again)
         moved = _edges_moved(free, noise, label)
         if moved is not None:
-            better = minimise(moved, noise, stopping=Stopping(12))
+            better = minimise(moved, noise, stopping=Stopping(limits.FIRST_STEPS))
             free = better if better.chi_square < free.chi_square else free
         held = model.pushed(label, free.model.external_torques(free.values, label))
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
@@ -149,7 +147,8 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    return FittedExternalTorques(fixed, free, label, noise, worth, share) if worth > 0 and share >= SHARE else None
+    explains = worth > 0 and share >= limits.SHARE
+    return FittedExternalTorques(fixed, free, label, noise, worth, share) if explains else None
 
 
 def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
@@ -169,10 +168,10 @@ def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
         values[i] += change
         return model.torque(values)
 
-    tried = [(i, part * step) for i in edges for part in (-0.6, -0.3, 0.3, 0.6)]
+    tried = [(i, part * step) for i in edges for part in limits.EDGE_MOVES]
     tasks = [lambda i=i, c=c: shifted(i, c) for i, c in tried]
     torques = side_by_side(tasks, model.allowed_workers(free.values))
-    values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - 1.0)
+    values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - limits.EDGE_GAIN)
     for (i, change), torque in zip(tried, torques, strict=True):
         rest = BaseProjection.of(np.delete(table, i, axis=1)).rest_of(((measured - torque) * weight).ravel())
         cost = float(rest @ rest)
@@ -187,7 +186,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     time, rate = experiment.reference.time, experiment.rate_hz
     step, size = float(time[1] - time[0]), max(abs(p.torque) for p in external_torques)
     unit = model.parameters.torque_units[external_torques[0].joint - 1]
-    room = max(4 / rate, 4 * step)
+    room = max(limits.EDGE_ROOM / rate, limits.EDGE_ROOM * step)
     found: list[FreeParameter] = []
     for i, external in enumerate(external_torques):
         key = f"{i}.torque"
@@ -198,7 +197,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
             at = float(getattr(external, name))
             if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
                 # Slopes over half a period: those at an instant change from one period to the next.
-                half = 0.5 * step / STEP
+                half = limits.EDGE_SLOPE * step / STEP
                 found.append(
                     FreeParameter(
                         f"{shown}[{i + 1}]", "s", EXTERNAL_TORQUE, f"{i}.{name}", at, half, at - room, at + room,
@@ -216,7 +215,7 @@ def updated_noise(noise: Noise, fit: Fit) -> Noise:
     for label, rows in fit.model.rows.items():
         period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
         rate = experiment.rate_hz
-        if period is None or abs(period * rate - round(period * rate)) > WHOLE:
+        if period is None or abs(period * rate - round(period * rate)) > WHOLE_SAMPLES:
             continue
         residual = experiment.with_gaps(fit.residual[rows])
         updated = noise_from_periods(residual, round(period * rate), rate_hz=rate, skip=0)

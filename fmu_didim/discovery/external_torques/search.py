@@ -20,26 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
+from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.signals import Array
-
-MAXIMUM_EXTERNAL_TORQUES = 2 * MAXIMUM_WINDOWS
-STEP_COST = 2.0
-"""Parameters that one step counts as: instant and size."""
-UNPAIRED = 0.35
-"""Part of a step up by which the step down may differ, so that both bound one external torque."""
-NEAR = 5.0
-"""Samples of the log, beyond the time in which the loop settles, within which steps are taken for one."""
-LEAST = 0.05
-"""Part of the largest step below which a step only corrects the instant of another."""
-SETTLED = 0.003
-"""Part of the sum of squares that a step must explain to be looked at."""
 
 
 def step_response(fit: Fit, label: str, joint: int) -> Array | None:
@@ -106,11 +95,12 @@ def linear_external_torques(
         return None
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
-    floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), 0.05)
-    while len(chosen) < 2 * MAXIMUM_EXTERNAL_TORQUES:
-        gain = _correlation(rest, shifted.response, shifted, time.size) ** 2 / np.maximum(power, 0.02 * power.max())
+    floor = limits.STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), limits.INDEPENDENT)
+    while len(chosen) < 2 * limits.MOST:
+        along = _correlation(rest, shifted.response, shifted, time.size)
+        gain = along**2 / np.maximum(power, limits.WEAKEST * power.max())
         left = problem.rest([shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain)))])
-        if float(rest @ rest - left @ left) < max(floor, SETTLED * first):
+        if float(rest @ rest - left @ left) < max(floor, limits.SMALLEST_GAIN * first):
             break
         chosen.append(int(np.argmax(gain)))
         rest = left
@@ -118,14 +108,14 @@ def linear_external_torques(
         return None
     chosen.sort()
     step = float(time[1] - time[0])
-    settled = np.abs(response - response[-1]) > 0.2 * np.abs(response).max()
-    near = round(NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
+    settled = np.abs(response - response[-1]) > limits.UNSETTLED * np.abs(response).max()
+    near = round(limits.NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):
         sizes = problem.sizes([shifted.column(k) * weight for k in chosen])
         if again:
             chosen = _merged(chosen, sizes, near)
     external_torques = _joined(time, chosen, sizes, joint, is_logged)
-    if not external_torques or len(external_torques) > MAXIMUM_EXTERNAL_TORQUES:
+    if not external_torques or len(external_torques) > limits.MOST:
         return None
     edges = [
         (shifted.column(round((p.begin_s - time[0]) / step)) - shifted.column(round((p.end_s - time[0]) / step)))
@@ -192,12 +182,12 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
     for i, tick in enumerate(ticks):
         group = groups[-1] if groups else []
         main = max((abs(sizes[k]), sizes[k]) for k in group)[1] if group else 0.0
-        alike = sizes[i] * main > 0 or min(abs(sizes[i]), abs(main)) < UNPAIRED * max(abs(sizes[i]), abs(main))
+        alike = sizes[i] * main > 0 or min(abs(sizes[i]), abs(main)) < limits.UNPAIRED * max(abs(sizes[i]), abs(main))
         if group and alike and tick - ticks[group[0]] <= near:
             group.append(i)
         else:
             groups.append([i])
-    least = LEAST * float(np.abs(sizes).max())
+    least = limits.LEAST * float(np.abs(sizes).max())
     kept = [group for group in groups if abs(sizes[group].sum()) > least]
     # The same impulse, to first order, as all of the group together.
     return [round(float(np.average(np.array(ticks)[group], weights=sizes[group]))) for group in kept]
@@ -213,7 +203,7 @@ def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) 
 def _solved(table: Array, target: Array) -> Array:
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(table / scale, target, rcond=1e-9)[0] / scale)
+    return np.asarray(np.linalg.lstsq(table / scale, target, rcond=DEPENDENT)[0] / scale)
 
 
 def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[ExternalTorque]:
@@ -226,13 +216,13 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
         begin = float(time[ticks[i]])
         after = float(time[ticks[i + 1]]) if i + 1 < len(ticks) else end
         pair = sizes[i : i + 2]
-        if level == 0 and pair.size == 2 and abs(pair.sum()) < UNPAIRED * np.abs(pair).max():
+        if level == 0 and pair.size == 2 and abs(pair.sum()) < limits.UNPAIRED * np.abs(pair).max():
             external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
         # A staircase, or an external torque that outlasts the data: what little is left at its end is none.
         level += float(sizes[i])
-        if abs(level) < UNPAIRED * np.abs(sizes).max():
+        if abs(level) < limits.UNPAIRED * np.abs(sizes).max():
             level = 0.0
         else:
             external_torques.append(ExternalTorque(joint, begin, after, level, is_logged))

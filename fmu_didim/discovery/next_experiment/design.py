@@ -20,6 +20,7 @@ from fmu_didim.discovery.next_experiment.motions import Limits, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
 from fmu_didim.discovery.next_experiment.separation import Table
+from fmu_didim.discovery.selection.thresholds import BIC
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier
@@ -27,9 +28,6 @@ from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Array, Trajectory, write_csv
-
-THRESHOLD = 10.0
-"""BIC difference from which a larger model, or one member of a set, is accepted."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class SplittingExperiment:
         bic_now, bic_then: smallest BIC difference to expect over these pairs.
         pairs: all, in both orders.
         advice: what splits the members, from the catalogue, for pairs that this motion leaves open.
-        is_sufficient: whether every pair is expected to be split, by a BIC difference of at least ``THRESHOLD``.
+        is_sufficient: whether every pair is expected to be split, by a BIC difference of at least 10.
     """
 
     description: str
@@ -184,7 +182,7 @@ def _proposal(
 ) -> SplittingExperiment:  # fmt: skip
     pairs = _pairs(evaluator.members, evaluator.now, table, same)
     split = [p for p in pairs if not p.same]
-    weak = [p for p in pairs if p.same or p.bic_then < THRESHOLD]
+    weak = [p for p in pairs if p.same or p.bic_then < BIC]
     advice = _advice([evaluator.context.effects[a.effect] for p in weak for a in (p.truth, p.rival)] + list(hidden))
     lines = [f"Run {candidate.description} for {evaluator.space.duration_s:g} s, from rest to rest."]
     lines += [

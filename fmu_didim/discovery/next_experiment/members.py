@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
+from fmu_didim.discovery.screening.thresholds import LARGEST_COLUMN
 from fmu_didim.effects import Effect, JointTorque, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.base_projection import BaseProjection
@@ -22,12 +24,6 @@ from fmu_didim.signals import Array, Trajectory
 
 Follow = Callable[[Trajectory], tuple[Array, Array, Array]]
 """Reference -> q, dq, ddq (K, n) of the robot that follows it, one row a control period."""
-LARGEST = 1e12
-"""A column larger than this comes from states that could not be integrated."""
-GRID = 24
-"""Largest number of shapes tried of one effect before refinement."""
-SHAPE_STEP = 1e-3
-"""Relative step of the differences by which the slopes of the base's shapes are found."""
 
 
 def _joint_torque(motion: Motion, joint: int) -> JointTorque:
@@ -36,7 +32,7 @@ def _joint_torque(motion: Motion, joint: int) -> JointTorque:
 
 def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displacement: Array) -> Array:
     """(K, n, 1) change of the torque of the links for a small displacement of one of them, a unit of it."""
-    size = 1e-5 / max(float(np.abs(displacement).max()), 1e-12)
+    size = thresholds.DISPLACEMENT / max(float(np.abs(displacement).max()), thresholds.SMALLEST_DISPLACEMENT)
     change = displacement * size
     moved = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     for table in moved:
@@ -93,7 +89,7 @@ class ProjectedMotion:
         self.sampled = motion_of(model, context.chi, time[self.ticks], q, dq, ddq, rows @ context.chi)
         columns = np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2)
         weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
-        self.base = BaseProjection.of(columns, weight, tolerance=1e-7, idle=1e-9)
+        self.base = BaseProjection.of(columns, weight, tolerance=thresholds.BASE_DEPENDENT, idle=thresholds.BASE_IDLE)
 
     @cached_property
     def motion(self) -> Motion:
@@ -116,7 +112,7 @@ class ProjectedMotion:
         base, result = torque(model.shape_values), []
         for i, value in enumerate(model.shape_values):
             moved = model.shape_values.copy()
-            moved[i] += SHAPE_STEP * (abs(value) or 1.0)
+            moved[i] += thresholds.SHAPE_STEP * (abs(value) or 1.0)
             result.append(((torque(moved) - base) / (moved[i] - value))[:, :, None])
         return result
 
@@ -174,7 +170,7 @@ class AmbiguousEffect:
             table = self._made.columns(motion_projection.sampled, shapes, states)
         else:
             table = self._by_first_order(motion_projection.motion)[motion_projection.ticks]
-        if not np.isfinite(table).all() or np.abs(table).max() > LARGEST:
+        if not np.isfinite(table).all() or np.abs(table).max() > LARGEST_COLUMN:
             return None
         return motion_projection.base.weighted(table)
 
@@ -205,11 +201,11 @@ class AmbiguousEffect:
         search = dict(self.search)
         for name, s in self.search.items():
             if not s.logarithmic and units[name] in ("rad", "m"):
-                low, high = (float(v) for v in np.quantile(motion.q[:, self.joint], [0.02, 0.98]))
+                low, high = (float(v) for v in np.quantile(motion.q[:, self.joint], thresholds.TRAVELLED))
                 search[name] = type(s)(low, high, s.count, s.logarithmic, s.cost)
         found = list(search_grid(search, self.shapes)) if search else []
-        if len(found) > GRID:
-            found = [found[i] for i in np.linspace(0, len(found) - 1, GRID).astype(int)]
+        if len(found) > thresholds.GRID:
+            found = [found[i] for i in np.linspace(0, len(found) - 1, thresholds.GRID).astype(int)]
         return [dict(self.shapes), *found[:: 2 if coarse else 1]]
 
     @property

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.next_experiment.motions import WITHIN, Leg, Space, sampled, straight
+from fmu_didim.discovery.next_experiment.motions import Leg, Space, sampled, straight
+from fmu_didim.discovery.next_experiment.thresholds import DRAWS, WITHIN
 from fmu_didim.excitation import Fourier, FourierJoint
 from fmu_didim.signals import Array, Trajectory
 
@@ -38,7 +39,7 @@ class Candidate:
     design: Design
 
 
-def candidates(space: Space, *, seed: int, draws: int = 3) -> list[Candidate]:
+def candidates(space: Space, *, seed: int, draws: int = DRAWS) -> list[Candidate]:
     """Fourier series with random phases, programs of one kind, and mixtures of them; the same ones for a seed."""
     found = []
     for i in range(draws):

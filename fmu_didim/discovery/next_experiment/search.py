@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate, candidates
@@ -14,13 +15,6 @@ from fmu_didim.discovery.next_experiment.separation import Table, amplitudes, se
 from fmu_didim.excitation import Fourier
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Trajectory
-
-SAME = 1e-4
-"""Members are the same to first order when less than this part of a signature is left on every motion."""
-MEAN_PART = 0.1
-"""Weight of the mean separation beside the smallest one."""
-MOST_SAMPLES = 600
-"""Samples that the search looks at; the result is computed with all."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +33,8 @@ class Search:
     duration_s: float | None = None
     follow: Follow | None = None
     seed: int = 0
-    draws: int = 3
-    evaluations: int = 30
+    draws: int = thresholds.DRAWS
+    evaluations: int = thresholds.EVALUATIONS
 
 
 class MotionEvaluator:
@@ -74,7 +68,9 @@ class MotionEvaluator:
         reference = self.reference(motion)
         if not self.space.limits.keeps(reference):
             return {}
-        motion_projection = ProjectedMotion(self.context, self.model, reference, most=MOST_SAMPLES if quickly else None)
+        motion_projection = ProjectedMotion(
+            self.context, self.model, reference, most=thresholds.MOST_SAMPLES if quickly else None
+        )
         return separations(motion_projection, self.members, self.theta)
 
     def smallest(self, table: Table) -> float:
@@ -87,7 +83,7 @@ class MotionEvaluator:
         A member that hardly shows on any motion would else hide that another one is split well.
         """
         found = [table[p].distance if p in table else 0.0 for p in self.open]
-        return float(min(found) + MEAN_PART * np.mean(found)) if found else 0.0
+        return float(min(found) + thresholds.MEAN_PART * np.mean(found)) if found else 0.0
 
 
 def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
@@ -102,7 +98,7 @@ def same_pairs(tables: Sequence[Table]) -> set[tuple[int, int]]:
     """Pairs of which nothing is left on any motion: the same to first order."""
     found = set(tables[0])
     for table in tables:
-        found -= {p for p, s in table.items() if s.distance**2 > SAME**2 * s.alone}
+        found -= {p for p, s in table.items() if s.distance**2 > thresholds.SAME**2 * s.alone}
     return {p for p in found if (p[1], p[0]) in found}
 
 
@@ -123,13 +119,13 @@ def improved(
             table = evaluator.table(candidate.build(u))
             if evaluator.score(table) > evaluator.score(kept[0][1]):
                 kept[0] = (u.copy(), table)
-            return -float(np.log(max(evaluator.score(table), 1e-12)))
+            return -float(np.log(max(evaluator.score(table), thresholds.SMALLEST_SCORE)))
 
         start, size = candidate.design, candidate.design.size
-        simplex = np.vstack(
-            [start, *(start + np.eye(size)[i] * (0.35 if start[i] < 0.6 else -0.35) for i in range(size))]
-        )
-        options = {"maxfev": evaluations // len(best), "initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}
+        moves = np.where(start < thresholds.TURNED, thresholds.FIRST_MOVE, -thresholds.FIRST_MOVE)
+        simplex = np.vstack([start, start + np.diag(moves)])
+        settled = {"xatol": thresholds.MOTION_SETTLED, "fatol": thresholds.MOTION_SETTLED}
+        options = {"maxfev": evaluations // len(best), "initial_simplex": simplex, **settled}
         minimize(cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * size, options=options)
         if evaluator.score(kept[0][1]) > evaluator.score(winner[2]):
             winner = (candidate, *kept[0])

@@ -17,14 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import shape_limits
+from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
+from fmu_didim.discovery.selection.thresholds import DEPENDENT
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.signals import Array
-
-REFINEMENTS = 6
-ABSORBED = 1e-6
-"""Part of a column below which the base absorbs it whole."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +103,14 @@ class _Columns:
                 size = np.linalg.norm(table, axis=0)
                 table = self._scene.base.rest_of(table)
                 # What the base absorbs to rounding explains nothing more.
-                table[:, np.linalg.norm(table, axis=0) <= ABSORBED * size] = 0.0
+                table[:, np.linalg.norm(table, axis=0) <= thresholds.ABSORBED * size] = 0.0
             self._made[key] = table
         return self._made[key]
 
     def coefficients(self, shapes: Mapping[str, float], target: Array) -> Array:
         table = self.at(shapes)
         assert table is not None
-        return np.asarray(np.linalg.lstsq(table, target, rcond=1e-8)[0])
+        return np.asarray(np.linalg.lstsq(table, target, rcond=DEPENDENT)[0])
 
     def rest(self, target: Array) -> Array:
         """The part of a target that the member cannot explain with its best shapes."""
@@ -148,7 +146,8 @@ class _Columns:
         def left(x: float) -> float:
             return float(np.sum(self._left({**shapes, name: float(np.exp(x))}, target) ** 2))
 
-        found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": REFINEMENTS, "xatol": 0.02})
+        options = {"maxiter": thresholds.REFINEMENTS, "xatol": thresholds.REFINED}
+        found = minimize_scalar(left, bounds=bounds, method="bounded", options=options)
         if found.fun < size:
             return float(found.fun), {**shapes, name: float(np.exp(found.x))}
         return size, shapes

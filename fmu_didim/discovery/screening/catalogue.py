@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
@@ -21,21 +22,6 @@ from fmu_didim.prediction.sensitivity import by_variation
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
-
-GRID_LIMIT = 400
-"""Largest number of shapes tried of one effect; a finer grid is thinned."""
-SEEN = 0.1
-"""Part of the largest column of an effect below which another one is of second order, such as a tilt out of the plane
-of an arm."""
-LARGEST = 1e12
-"""A column larger than this comes from states that the offline integration could not follow."""
-
-
-REPEATS = 0.05
-"""Two periods of the change that an effect makes are the same, for its signature, when they differ by less than this
-fraction of the root mean square of that change: elastic gears ring for a while."""
-TOGETHER = 32
-"""Shapes whose loads the closed loop answers in one go."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +45,9 @@ class Signature:
     def proposal(self, coefficients: Array) -> Proposal:
         """Start values of a fit, from the coefficients of the columns."""
         if self.inverse:
-            stiffness = {n: 1 / max(abs(float(c)), 1e-12) for n, c in zip(self.amplitudes, coefficients, strict=True)}
+            stiffness = {
+                n: 1 / max(abs(float(c)), limits.STIFFEST) for n, c in zip(self.amplitudes, coefficients, strict=True)
+            }
             return Proposal(self.effect_at, {**self.shapes, **stiffness})
         found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
         scales = {n: abs(float(c)) for n, c in zip(self.amplitudes, coefficients, strict=True)}
@@ -106,11 +94,11 @@ class SignatureCatalogue:
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
         tried = _thinned(effect, self.builder.search(effect_at), defaults)
-        for first in range(0, len(tried), TOGETHER):
+        for first in range(0, len(tried), limits.TOGETHER):
             kept, loads = [], []
-            for shapes in tried[first : first + TOGETHER]:
+            for shapes in tried[first : first + limits.TOGETHER]:
                 columns = [along.columns(made, shapes) for along in self._along]
-                if 0 < max(float(np.abs(c).max()) for c in columns) < LARGEST:
+                if 0 < max(float(np.abs(c).max()) for c in columns) < limits.LARGEST_COLUMN:
                     kept.append(shapes)
                     loads.append(columns)
             if kept:
@@ -164,7 +152,7 @@ class SignatureCatalogue:
         for first in range(0, len(columns), len(amplitudes)):
             together = columns[first : first + len(amplitudes)]
             sizes = np.array([np.linalg.norm(column) for column in together])
-            seen = np.flatnonzero(sizes > SEEN * sizes.max())
+            seen = np.flatnonzero(sizes > limits.SEEN * sizes.max())
             if seen.size:
                 names = tuple(amplitudes[i].name for i in seen)
                 table = np.stack([together[i] for i in seen], axis=2)
@@ -225,7 +213,7 @@ class SignatureCatalogue:
             try:
                 parts = [
                     change_of_torque(
-                        model, model.start, label, torque[part], self._beginnings[label], tolerance=REPEATS
+                        model, model.start, label, torque[part], self._beginnings[label], tolerance=limits.REPEATS
                     )
                     for label, part in rows.items()
                 ]
@@ -272,20 +260,20 @@ def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
     found = [middle]
     for name, s in search.items():
         found += [{**middle, **at} for at in search_grid({name: s}, {})]
-    distinct = {tuple(round(v, 12) for v in at.values()): at for at in found}
+    distinct = {tuple(round(v, limits.SAME_SHAPE) for v in at.values()): at for at in found}
     return list(distinct.values())
 
 
 def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
     """Values of a parameter to try: a smaller and a larger one; more of a stiffness, with which the loop resonates."""
     if variable.unit in ("N.m", "N"):
-        values = [0.03 * size, 0.2 * size]
+        values = [part * size for part in limits.TORQUE_TRIALS]
     elif search.logarithmic:
-        parts = (0.35, 0.75) if np.isfinite(neutral) else (0.35, 0.5, 0.65, 0.8)
+        parts = limits.TRIALS if np.isfinite(neutral) else limits.STIFFNESS_TRIALS
         values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
     else:
-        values = [search.lowest + 0.75 * (search.highest - search.lowest)]
-    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > 1e-9]
+        values = [search.lowest + limits.LINEAR_TRIAL * (search.highest - search.lowest)]
+    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > limits.APART]
     return apart or [search.highest]
 
 
@@ -298,8 +286,8 @@ def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:
 
 def _thinned(effect: Effect, search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
     grid = [shapes for shapes in search_grid(search, defaults) if effect.allows(shapes)]
-    if len(grid) > GRID_LIMIT:
-        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
+    if len(grid) > limits.GRID_LIMIT:
+        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, limits.GRID_LIMIT).astype(int)]
     return grid
 
 

@@ -19,22 +19,13 @@ from numpy.typing import NDArray
 from scipy import fft, sparse
 from scipy.linalg import toeplitz
 
+from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
-
-SPACING_S = 0.005
-"""Largest spacing of the instants at which loads are looked at, unless the control period is longer."""
-MEMORY_S = 0.5
-"""Time after which a lasting load is made up for."""
-MOST_TAPS = 200
-SIZE = 0.02
-"""Of the telegraph signal, as a part of the torque of the joint."""
-DWELL_S = (0.01, 0.2)
-"""Range of the times between its changes."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +74,9 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     model = fit.model
     time = model.experiments[label].reference.time
     step = float(time[1] - time[0])
-    every = max(round(SPACING_S / step), 1)
+    every = max(round(limits.SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
-    length = min(max(round(MEMORY_S / (every * step)), 1), MOST_TAPS, ticks.size // 4)
+    length = min(max(round(limits.MEMORY_S / (every * step)), 1), limits.MOST_TAPS, ticks.size // limits.MOST_OF_LOG)
     switched = _telegraph(ticks.size, every * step, np.random.default_rng(seed))
     table = toeplitz(switched, np.zeros(length))
     normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
@@ -101,10 +92,10 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
-    """(K,) of 1 and -1, constant for times spread evenly over the decades of DWELL_S."""
+    """(K,) of 1 and -1, constant for times spread evenly over the decades of ``DWELL_S``."""
     signal, at, level = np.zeros(count), 0, 1.0
     while at < count:
-        stay = max(round(float(np.exp(rng.uniform(*np.log(DWELL_S)))) / step), 1)
+        stay = max(round(float(np.exp(rng.uniform(*np.log(limits.DWELL_S)))) / step), 1)
         signal[at : at + stay] = level
         at, level = at + stay, -level
     return signal
@@ -116,7 +107,7 @@ def _answer(
     """What simulates the change (ticks, n) of the command by the telegraph signal on a joint, for its unit size."""
 
     def simulated() -> Array:
-        size = SIZE * float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
+        size = limits.SIZE * float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]

@@ -16,6 +16,7 @@ import numpy as np
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
+from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
@@ -25,26 +26,6 @@ from fmu_didim.prediction.noise import Noise, effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
-
-SHORTLIST = 6
-WORTH = 0.25
-"""Part of the best gain of the screening below which a candidate is not fitted: it would have to explain four times
-what its signature says."""
-LEADING = 0.75
-"""Part of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
-FURTHER = 3
-"""Largest number of those further shapes."""
-SIZES = (0.5, 1.0, 2.0)
-"""Tried of an effect outside the torque balance, in parts of what its signature says: gears rattle."""
-STARTS = 2
-"""Number of those from which it is fitted."""
-LEAST = 5.0
-"""What a candidate must promise to lower chi-square by, for its fit to be carried to the end."""
-SURVIVING = 5e-3
-"""Part of a signature that must survive the projection; below, the base parameters absorb it whole."""
-
-ROUNDING = 1e-7
-"""Part of the largest column of an effect below which another one is zero."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +86,7 @@ def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit, n
         rest = base.rest_of(table)
         size = float(np.linalg.norm(table))
         surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
-        if surviving < SURVIVING:
+        if surviving < limits.SURVIVING:
             continue
         coefficients = _coefficients(rest, residual)
         cost = builder.cost(signature.effect_at) - _idle(table)
@@ -120,7 +101,7 @@ def _best(shapes: Sequence[Screened], builder: LoopModelBuilder) -> Screened:
     best = ordered[0]
     if builder.effect(best.effect_at).is_linear:
         return best
-    near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
+    near = [s for s in ordered[1 : 1 + limits.FURTHER] if s.gain > limits.LEADING * best.gain]
     return replace(best, others=tuple(near))
 
 
@@ -128,7 +109,7 @@ def _coefficients(columns: Array, residual: Array) -> Array:
     """(m,) least squares of a residual (N n,) on columns (N n, m)."""
     if columns.shape[1] == 1:  # most are so, and a factorisation takes ten times as long
         return np.asarray(columns.T @ residual / np.sum(columns**2))
-    return np.asarray(np.linalg.lstsq(columns, residual, rcond=1e-8)[0], dtype=float)
+    return np.asarray(np.linalg.lstsq(columns, residual, rcond=limits.DEPENDENT)[0], dtype=float)
 
 
 def _idle(columns: Array) -> int:
@@ -136,12 +117,14 @@ def _idle(columns: Array) -> int:
     if columns.shape[-1] == 1:
         return 0
     sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
-    return int(np.sum(sizes <= ROUNDING * sizes.max(initial=0.0)))
+    return int(np.sum(sizes <= limits.IDLE * sizes.max(initial=0.0)))
 
 
-def shortlist(screened: Sequence[Screened], builder: LoopModelBuilder, *, size: int = SHORTLIST) -> list[Screened]:
+def shortlist(
+    screened: Sequence[Screened], builder: LoopModelBuilder, *, size: int = limits.SHORTLIST
+) -> list[Screened]:
     """The candidates worth a closed-loop fit: the best ones, the best of each class near them, a gear on all joints."""
-    worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
+    worth = [s for s in screened if s.gain > max(limits.WORTH * screened[0].gain, 0.0)]
     if not worth:
         return []
     chosen = worth[:size]
@@ -161,8 +144,8 @@ def contend(
 ) -> list[Contender]:
     """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
 
-    best = [fit.chi_square - LEAST]
-    leading = LEADING * max((s.gain for s in chosen), default=0.0)
+    best = [fit.chi_square - limits.LEAST]
+    leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
     base = BaseProjection.of_fit(fit, noise)
 
     def one(candidate: Screened) -> Contender | None:
@@ -214,7 +197,7 @@ def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, base: Bas
     first order, the best ones first."""
     tried: list[tuple[float, int, Proposal]] = []
     for screened in (candidate, *(candidate.others or ())):
-        for size in SIZES:
+        for size in limits.SIZES:
             proposal = screened.signature.proposal(size * screened.coefficients)
             model = builder.build(fit.model, [proposal])
             low, high = model.limits
@@ -224,7 +207,7 @@ def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, base: Bas
                 continue
             cost = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
             tried.append((cost, len(tried), proposal))
-    found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+    found = [proposal for _, _, proposal in sorted(tried)[: limits.STARTS]]
     return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
 
@@ -292,7 +275,7 @@ def refit(
         hold: whether its shapes stay as they are proposed.
     """
     neutral = builder.effect(proposal.effect_at).neutral
-    for part in (1.0, 0.3, 0.03):
+    for part in limits.SMALLER:
         values = dict(proposal.values)
         for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
             off = neutral.get(name, 0.0)

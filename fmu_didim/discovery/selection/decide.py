@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import BLOCK_S, Ratio, joint_gaps, part_of_first, rms_ratio
+from fmu_didim.diagnosis.gap import Ratio, joint_gaps, part_of_first, rms_ratio
+from fmu_didim.diagnosis.thresholds import BLOCK_S
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Contender, proposal_of
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
@@ -19,8 +21,6 @@ from fmu_didim.signals import Array
 
 FAILS_HELD_OUT = "held-out RMS ratio"
 """How the objection begins that a contender does not help on the held-out data."""
-NEAR = 0.02
-"""Part of the gain in BIC by which contenders may differ and still be ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Options:
 
     forbid: frozenset[str] = frozenset()
     prefer: tuple[str, ...] = ()
-    rounds: int = 5
-    threshold: float = 10.0
-    smallest_size: float = 0.6
-    smallest_gain: float = 0.2
-    smallest_share: float = 0.05
-    smallest_part: float = 0.03
+    rounds: int = limits.ROUNDS
+    threshold: float = limits.BIC
+    smallest_size: float = limits.SMALLEST_SIZE
+    smallest_gain: float = limits.SMALLEST_GAIN
+    smallest_share: float = limits.SMALLEST_SHARE
+    smallest_part: float = limits.SMALLEST_PART
     seed: int = 0
 
     def record(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *,
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
-    if ratio is not None and ratio.high >= 1.0:
+    if ratio is not None and ratio.high >= limits.HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
 
@@ -145,7 +145,7 @@ def _simplest(near: Sequence[Contender], options: Options) -> Contender:
 def _nearness(winner: Contender, options: Options) -> float:
     """BIC difference within which contenders are ambiguous: no form is exact, so that a small part of a large gain
     decides nothing."""
-    return max(options.threshold, NEAR * winner.delta_bic)
+    return max(options.threshold, limits.NEAR * winner.delta_bic)
 
 
 def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Contender, contender, refit, torque_change_without
 from fmu_didim.discovery.selection.decide import (
     FAILS_HELD_OUT,
@@ -22,14 +23,6 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
-
-FITTED = 4
-"""Largest number of trials, the best ones, whose joints are fitted."""
-PROMISING = 0.9
-"""Fraction of the sum of squares of the base model below which the best trial must come for a fit."""
-WORSE = 1.02
-"""Held-out RMS ratio beyond which data that do not reach the value still speak against it; a little comes from the base
-parameters, which are fitted along."""
 
 
 def pre_check(
@@ -63,10 +56,10 @@ def _checked(
     """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
     tried = _tried(name, check, builder, fit, noise)
     cost = float(np.sum((fit.residual * noise.weight) ** 2))
-    if not tried or tried[0][0] > PROMISING * cost:
+    if not tried or tried[0][0] > limits.PROMISING * cost:
         return None
     found: list[Contender] = []
-    for effect_at in dict.fromkeys(a for _, a, _ in tried[:FITTED]):
+    for effect_at in dict.fromkeys(a for _, a, _ in tried[: limits.FITTED]):
         value = next(v for _, a, v in tried if a == effect_at)
         start = {check.parameter: value}
         fitted = refit(Proposal(effect_at, start, start), builder, fit, noise)
@@ -117,4 +110,4 @@ def _held_out_tells(candidate: Contender, builder: LoopModelBuilder, fit: Fit, n
     ):
         return True
     ratio = held_out_ratio(fit, candidate.fit, noise, options)
-    return ratio is None or ratio.low > WORSE
+    return ratio is None or ratio.low > limits.WORSE

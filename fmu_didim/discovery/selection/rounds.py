@@ -9,6 +9,7 @@ from functools import partial
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Contender, Screened, contend, screen, shortlist, with_shapes_held
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
@@ -105,7 +106,7 @@ def _backward(
             continue
         worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), noise)
         size, _ = explained(without.residual, fit.residual, noise)
-        if worth < options.threshold or size < 0.5 * options.smallest_gain:
+        if worth < options.threshold or size < limits.KEPT_GAIN * options.smallest_gain:
             say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, noise)
             steps = [s for s in steps if s is not step]

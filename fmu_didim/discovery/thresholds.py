@@ -1,0 +1,52 @@
+"""Numbers that decide around the rounds of discovery: the base model, what is left out, the verdict."""
+
+from __future__ import annotations
+
+from fmu_didim.thresholds import Table
+
+TABLE = Table("discovery")
+
+SMOOTHING = TABLE(
+    "SMOOTHING", (0.003, 0.05), "1",
+    "Range of the smoothing velocity of Coulomb friction, as fractions of the largest speed of the joint; the value "
+    "of the description is always within.",
+)  # fmt: skip
+SMOOTHING_SCALE = TABLE("SMOOTHING_SCALE", 0.5, "1", "Noticeable change of it, as a fraction of its value.")
+FEWEST_SAMPLES = TABLE(
+    "FEWEST_SAMPLES", 5, "samples", "For each parameter of the base model; with fewer nothing more can be found."
+)
+NOT_NOISE = TABLE(
+    "NOT_NOISE", 1.25, "1",
+    "Periods whose difference is this many times the noise at high frequencies differ by more than noise.",
+)  # fmt: skip
+SLOW = TABLE("SLOW", 0.25, "1", "So do those whose difference is that correlated over a time in which noise is not,")
+CHANCE = TABLE(
+    "CHANCE", 3.0, "standard deviations", "unless a correlation as large comes about by chance in so many samples."
+)
+TRANSIENT = TABLE(
+    "TRANSIENT", 0.1, "1",
+    "Fraction of a period that is left out when periods are compared: the first one may begin with a transient.",
+)  # fmt: skip
+WHOLE_SAMPLES = TABLE(
+    "WHOLE_SAMPLES", 1e-3, "samples",
+    "A period that is farther from a whole number of samples is not compared: the difference would show the shift.",
+)  # fmt: skip
+REVERSAL = TABLE(
+    "REVERSAL", 0.01, "1",
+    "Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction drifts.",
+)  # fmt: skip
+STANDSTILL = TABLE("STANDSTILL", 1e-12, "SI", "Smallest of those speeds, of a joint that rests.")
+FIRST_NOISE = TABLE(
+    "FIRST_NOISE", 1e-9, "N.m or N", "Smallest deviation of a torque with which the first fit weights a joint."
+)
+BEGIN_S = TABLE(
+    "BEGIN_S", 0.25, "s",
+    "Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in their "
+    "play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for "
+    "with it.",
+)  # fmt: skip
+REMAINDER = TABLE(
+    "REMAINDER", 0.6, "standard deviations",
+    "Gap of a joint, in units of its noise, above which a model that found no more effects still counts as "
+    "incomplete: the clutter that is planted on clean plants in the blind benchmark reaches as far.",
+)  # fmt: skip

@@ -1,0 +1,186 @@
+"""Numbers that decide in the prediction: noise, repetition, steps of differences, the solver."""
+
+from __future__ import annotations
+
+from fmu_didim.thresholds import Table
+
+TABLE = Table("prediction")
+
+# Periods and noise ---------------------------------------------------------------------------------------------------
+REPEATS_WITHIN = TABLE(
+    "REPEATS_WITHIN", 1e-6, "1",
+    "Two periods of a reference are the same when they differ by less than this fraction of its range: what a file "
+    "with seven digits keeps. The search for the lag allows the same of the mean square.",
+)  # fmt: skip
+SHORTEST_PERIOD = TABLE("SHORTEST_PERIOD", 10, "ticks", "A shorter period would be one of the control.")
+LONGEST_PERIOD = TABLE(
+    "LONGEST_PERIOD", 0.75, "1", "Fraction of a reference that a period may last: a quarter must be there twice."
+)
+FEWEST_DIFFERENCES = TABLE(
+    "FEWEST_DIFFERENCES", 30, "samples",
+    "Fewer differences of two periods give no noise: the deviation of 30 is known to 13 %.",
+)  # fmt: skip
+LARGEST_CORRELATION = TABLE(
+    "LARGEST_CORRELATION", 0.98, "1",
+    "Correlation of neighbouring samples that is believed at most, so that one sample of a hundred still counts.",
+)  # fmt: skip
+SEGMENTS = TABLE("SEGMENTS", 6, "segments", "A residual's spectrum comes from at least as many, for their median.")
+SEGMENT = TABLE("SEGMENT", (32, 256), "samples", "Shortest and longest of those segments.")
+ABOVE_MOTION = TABLE(
+    "ABOVE_MOTION", 4.0, "1",
+    "From this many times the highest frequency of the motion on, a residual counts as noise: what friction adds to "
+    "the motion has faded there.",
+)  # fmt: skip
+HIGHEST_CUT = TABLE(
+    "HIGHEST_CUT", 0.3, "1", "Of the sample rate: the noise is looked for from there at the latest; half is the most."
+)
+FEWEST_FREQUENCIES = TABLE(
+    "FEWEST_FREQUENCIES", 4, "frequencies", "With fewer above the cut, the upper half of the spectrum is taken."
+)
+UPPER_HALF = TABLE("UPPER_HALF", 0.5, "1", "That half, as a fraction of the highest frequency.")
+CORRELATIONS = TABLE("CORRELATIONS", (-0.5, 0.9), "1", "Range of those tried for the colour of a residual.")
+CORRELATION_COUNT = TABLE("CORRELATION_COUNT", 57, "correlations", "Tried in that range, in steps of 0.025.")
+USUAL = TABLE("USUAL", (0.2, 0.2), "1", "Correlation of neighbouring samples that noise usually has, and its spread.")
+SLOW_S = TABLE("SLOW_S", 0.05, "s", "Noise of a current sensor has forgotten itself after this time.")
+LEAST_NOISE = TABLE(
+    "LEAST_NOISE", 1e-9, "1",
+    "Smallest noise, as a fraction of the torque: a simulated log may repeat exactly, its weight must stay finite.",
+)  # fmt: skip
+BLOCKS = TABLE("BLOCKS", 20, "blocks", "In a period, to find those in which something happened once.")
+SHORTEST_BLOCK = TABLE("SHORTEST_BLOCK", 10, "samples", "A block is not shorter: the power of fewer samples is chance.")
+OUTLIER = TABLE("OUTLIER", 6.0, "1", "A block of this many times the usual power is no noise.")
+MOST_OUTLIERS = TABLE(
+    "MOST_OUTLIERS", 0.4, "1", "Unless so large a fraction of them is: then the motion has loud and quiet parts."
+)
+OUTLIER_ROUNDS = TABLE("OUTLIER_ROUNDS", 4, "rounds", "Blocks are left out at most so often.")
+MOTION_POWER = TABLE(
+    "MOTION_POWER", 0.999, "1", "Fraction of the power of the velocities below the highest frequency of a motion."
+)
+NOISE_FLOOR = TABLE(
+    "NOISE_FLOOR", 1e-12, "1",
+    "Fraction of the torque below which a residual is rounding, so that data without noise have weights, too.",
+)  # fmt: skip
+HALF_OF_RESIDUAL = TABLE(
+    "HALF_OF_RESIDUAL", 0.5, "1",
+    "Fraction of its residual that a joint is weighted with at least in a projection: repeatable model error is no "
+    "precision.",
+)  # fmt: skip
+DEPENDENT = TABLE(
+    "DEPENDENT", 1e-9, "1",
+    "Singular value, relative to the largest one, of columns of length one that depend on others: rounding of the "
+    "sensitivities lies above it, that of the arithmetic below.",
+)  # fmt: skip
+
+# A log that repeats --------------------------------------------------------------------------------------------------
+REPEATS_TORQUE = TABLE(
+    "REPEATS_TORQUE", 1e-5, "1",
+    "Two periods of a torque are the same when they differ by less than this fraction of its root mean square.",
+)  # fmt: skip
+MARGIN = TABLE(
+    "MARGIN", 0.1, "1", "Fraction of a period after which a column of sensitivities repeats, once the torque does."
+)
+REPEATS_COLUMN = TABLE("REPEATS_COLUMN", 1e-3, "1", "The same for columns of sensitivities, which are differences.")
+OVERLAP = TABLE(
+    "OVERLAP",
+    0.1,
+    "1",
+    "Fraction of a period simulated twice, to see whether a column repeats like the torque.",
+)
+WHOLE_SAMPLES = TABLE(
+    "WHOLE_SAMPLES", 1e-6, "samples", "A period that is farther from a whole number of samples is not continued."
+)
+FEWEST_PERIODS = TABLE("FEWEST_PERIODS", 1.5, "periods", "A log of fewer is simulated to its end.")
+WORTHWHILE = TABLE(
+    "WORTHWHILE", 0.8, "1", "Fraction of a log up to which its first part is simulated alone: beyond, nothing is saved."
+)
+
+# Steps of differences ------------------------------------------------------------------------------------------------
+STEP = TABLE(
+    "STEP", 1e-4, "1",
+    "Step of the forward differences of a search, in units of a parameter's scale: our loops are smooth to 1e-10, "
+    "truncation rules.",
+)  # fmt: skip
+SHORTER_STEP = TABLE(
+    "SHORTER_STEP",
+    30.0,
+    "1",
+    "Where neither that step nor its opposite can be simulated, one so many times shorter.",
+)
+SMOOTH_STEP = TABLE(
+    "SMOOTH_STEP", 3e-7, "1",
+    "Of the value at which a parameter alone would make up the whole torque. The simulations of our own plants are "
+    "smooth in the parameters, so that truncation and rounding both stay at some 1e-6 of the sensitivity.",
+)  # fmt: skip
+ROUGH_STEPS = TABLE(
+    "ROUGH_STEPS", (1e-4, 1e-3, 1e-2, 0.03, 0.1), "1",
+    "Relative steps tried on a loop whose integrator is not ours: with its own step control, torque jitters when a "
+    "parameter changes ever so little.",
+)  # fmt: skip
+ROUGHNESS = TABLE(
+    "ROUGHNESS", 0.1, "1",
+    "A step is long enough when the second difference is at most this fraction of the first; otherwise jitter rules.",
+)  # fmt: skip
+
+# What may be simulated and returned ----------------------------------------------------------------------------------
+CHECKED_POSITIONS = TABLE(
+    "CHECKED_POSITIONS", 200, "positions", "Along the reference, at which the inertia matrix is checked."
+)
+FARTHEST = TABLE(
+    "FARTHEST", 1.0, "1",
+    "Relative error of the torque beyond which a model explains less than nothing: zero would be nearer.",
+)  # fmt: skip
+
+# The solver ----------------------------------------------------------------------------------------------------------
+DAMPINGS = TABLE(
+    "DAMPINGS", (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0), "1",
+    "Tried one after the other, for columns of the Jacobian of length one.",
+)  # fmt: skip
+ITERATIONS = TABLE("ITERATIONS", 8, "steps", "Largest number of a fit that does not ask for another.")
+PROMISE = TABLE(
+    "PROMISE", 0.02, "chi-square",
+    "A step of a search that promises to lower chi-square by less is not made: a BIC difference of 10 decides.",
+)  # fmt: skip
+UPDATES = TABLE(
+    "UPDATES", 3, "sensitivities", "Taken anew at most, in a fit that does not ask for another number: the costly part."
+)
+HOPE = TABLE("HOPE", 2.0, "1", "A fit is given up when not even so many times what a step promises would be enough.")
+CREEPING = TABLE(
+    "CREEPING", 0.01, "1", "Fraction of the cost that a step must gain along the edge of what can be simulated."
+)
+STALE = TABLE(
+    "STALE", 0.02, "standard deviations",
+    "Farther than this from where it was taken, a sensitivity is not the one that ends the steps: what it leaves of "
+    "the error is this fraction times its relative change, of a standard deviation.",
+)  # fmt: skip
+CONTRACTION = TABLE(
+    "CONTRACTION", 0.1, "1",
+    "A step that is at most this fraction of the one before shows that the sensitivity still serves.",
+)  # fmt: skip
+KEPT_PROMISE = TABLE(
+    "KEPT_PROMISE", (0.5, 1.5), "1",
+    "Gain of a step over what the linear model promised: outside, its slopes are stale.",
+)  # fmt: skip
+ROUNDING = TABLE(
+    "ROUNDING", 1e-6, "1", "A step that would lower the cost by a smaller fraction may fail by rounding alone."
+)
+EQUAL = TABLE(
+    "EQUAL", 1e-9, "1",
+    "Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows.",
+)  # fmt: skip
+TORQUE_FLOOR = TABLE(
+    "TORQUE_FLOOR", 1e-3, "1",
+    "Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, "
+    "in data without noise, has neither size nor standard deviation.",
+)  # fmt: skip
+POLISHING = TABLE(
+    "POLISHING", 2, "steps",
+    "From the minimum of a coarse integration to that of the full one, a small fraction of the noise away.",
+)  # fmt: skip
+SAME_DIRECTION = TABLE(
+    "SAME_DIRECTION", 1e-10, "1",
+    "Singular value of columns of length one, relative to the largest, below which a step leaves a direction alone.",
+)  # fmt: skip
+UNKNOWN_DIRECTION = TABLE(
+    "UNKNOWN_DIRECTION", 1e-14, "1",
+    "The same where standard deviations are taken: what can only just be told must show its large deviation.",
+)  # fmt: skip

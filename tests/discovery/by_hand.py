@@ -1,0 +1,130 @@
+"""Fits, contenders and builders by hand: their torques are tables, nothing is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
+from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.signals import Array
+
+SAMPLES = 400
+SIGNS = np.where(np.arange(SAMPLES) % 2 == 0, 1.0, -1.0)
+"""Neighbours that differ in sign: every sample of it counts as independent."""
+
+
+def noise(deviation: Sequence[float] = (1.0,), *, correlation: float = 0.0, period_s: float | None = None) -> Noise:
+    """White noise, or noise of one correlation, on each joint."""
+    return Noise(np.array(deviation), np.full(len(deviation), correlation), "periods", period_s)
+
+
+def residual(*mean_squares: float) -> Array:
+    """(SAMPLES, n) of the given mean squares."""
+    return np.column_stack([np.sqrt(m) * SIGNS for m in mean_squares])
+
+
+@dataclass(frozen=True)
+class TableModel:
+    """A model whose residuals are tables: of the data that are fitted, and of each held-out experiment.
+
+    Attributes:
+        held_out: label -> residual; None for a model that cannot be run there.
+    """
+
+    own: Array
+    held_out: Mapping[str, Array | None] = field(default_factory=dict)
+    added_effects: tuple[EffectAtJoint, ...] = ()
+    free_parameters: tuple[FreeParameter, ...] = ()
+    rate_hz: float = 10.0
+    workers: int = 1
+
+    @property
+    def measured(self) -> Array:
+        return self.own
+
+    @property
+    def validation_labels(self) -> tuple[str, ...]:
+        return tuple(self.held_out)
+
+    @property
+    def joint_count(self) -> int:
+        return int(self.own.shape[1])
+
+    @property
+    def experiments(self) -> dict[str, Any]:
+        return {label: SimpleNamespace(rate_hz=self.rate_hz) for label in ("fitted", *self.held_out)}
+
+    @property
+    def start(self) -> Array:
+        return np.array([parameter.value for parameter in self.free_parameters])
+
+    def residual(self, values: Array, label: str | None = None) -> Array:
+        table = self.own if label in (None, "fitted") else self.held_out[label]
+        if table is None:
+            raise SimulationError("It diverges.")
+        return table
+
+
+def fit_of(model: TableModel, *, values: Sequence[float] = (), jacobian: Array | None = None) -> Fit:
+    """A fit that leaves the model's table."""
+    table = model.own
+    slopes = np.zeros((*table.shape, 0)) if jacobian is None else jacobian
+    square = float(np.sum(table**2))
+    return Fit(model, np.array(values), np.zeros_like(table), slopes, np.ones(table.shape[1]), square)
+
+
+def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None = None, **more: Any) -> Fit:
+    """A fit that leaves these mean squares on the joints."""
+    return fit_of(TableModel(residual(*mean_squares), held_out or {}, **more))
+
+
+def contender_of(
+    effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
+    torque_change: float = 3.0, cost: float = 1.0, fit: Fit | None = None,
+) -> Contender:  # fmt: skip
+    """A contender that is accepted as it stands."""
+    at = EffectAtJoint(effect, joint)
+    parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
+    if fit is None:
+        fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
+    return Contender(at, fit, bic, size, share, torque_change, cost)
+
+
+def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
+    """An effect of the catalogue, as far as decisions look at it."""
+    known = dict(is_linear=True, shows_on_neighbours=False, is_proposed=True, pre_check=None, neutral={})
+    return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
+
+
+class Catalogue:
+    """A builder with a catalogue of hand-made effects.
+
+    Args:
+        costs: name -> parameters that an effect counts as; one where absent.
+    """
+
+    def __init__(self, *effects: Any, costs: Mapping[str, float] | None = None, joints: int = 1) -> None:
+        self.effects = {effect.name: effect for effect in effects}
+        self.description: Any = None
+        self._costs, self._joints = dict(costs or {}), joints
+
+    def effect(self, effect_at: EffectAtJoint) -> Any:
+        return self.effects[effect_at.effect]
+
+    def cost(self, effect_at: EffectAtJoint) -> float:
+        return self._costs.get(effect_at.effect, 1.0)
+
+    def joints(self, name: str) -> tuple[int, ...]:
+        return tuple(range(1, self._joints + 1))
+
+    def can_add(self, effect_at: EffectAtJoint) -> bool:
+        return True

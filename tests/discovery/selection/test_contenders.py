@@ -1,0 +1,493 @@
+"""The competition, on signatures and laws made by hand: screening, the shortlist, starts, what a contender is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.screening.catalogue import Signature
+from fmu_didim.discovery.selection import contenders
+from fmu_didim.discovery.selection.contenders import (
+    Screened,
+    _best,
+    _idle,
+    _scanned,
+    contend,
+    contender,
+    proposal_of,
+    refit,
+    screen,
+    shortlist,
+    torque_change_without,
+    with_shapes_held,
+)
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.free_parameter import FreeParameter
+from fmu_didim.prediction.least_squares import Fit, Stopping
+from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.noise import Noise
+from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
+from tests.prediction.law_model import LawModel, free
+
+WHITE = noise()
+K = np.arange(SAMPLES)
+BASE, OTHER, THIRD = (SIGNS * np.where(K // m % 2 == 0, 1.0, -1.0) for m in (2, 4, 8))
+"""Orthogonal columns of ones, white like noise; the base model has the first."""
+
+
+def column(*parts: tuple[float, np.ndarray]) -> np.ndarray:
+    """(N, 1, 1) sum of such columns."""
+    return sum(a * c for a, c in parts)[:, None, None]
+
+
+def signature(name: str, columns: np.ndarray, joint: int = 1, **more: Any) -> Signature:
+    names = tuple(f"F{i}" for i in range(columns.shape[2]))
+    return Signature(EffectAtJoint(name, joint), more.pop("shapes", {}), names, columns, {}, **more)
+
+
+def base_fit(rest: np.ndarray, *effects: EffectAtJoint) -> Fit:
+    """A fit with the base column that leaves this residual."""
+    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)))
+
+
+EFFECTS = Catalogue(
+    effect_of("a"), effect_of("b"), effect_of("c", class_name="a"), effect_of("gear", is_linear=False),
+    effect_of("spring", is_linear=False, shows_on_neighbours=True), costs={"b": 3.0}, joints=3,
+)  # fmt: skip
+
+
+def screened(
+    *signatures: Signature, rest: np.ndarray = 0.5 * OTHER, named: Sequence[EffectAtJoint] = (), white: Noise = WHITE
+) -> list[Screened]:
+    return screen(signatures, EFFECTS, base_fit(rest, *named), white)
+
+
+@pytest.mark.parametrize(("part", "found"), [(1.0, True), (0.00501, True), (0.00499, False), (0.0, False)], ids=str)
+def test_a_signature_that_the_base_absorbs_is_not_screened(part: float, found: bool) -> None:
+    columns = column((part, OTHER), (np.sqrt(1 - part**2), BASE))
+    result = screened(signature("a", columns))
+    assert bool(result) == found
+    if found:
+        assert result[0].surviving == pytest.approx(part, rel=1e-6)
+
+
+def test_a_signature_that_is_zero_is_not_screened() -> None:
+    assert screened(signature("a", column((0.0, OTHER)))) == []
+
+
+def test_gain_and_coefficients_by_hand() -> None:
+    # 400 independent samples, deviation 1: 0.5^2 * 400 = 100 of chi-square; a parameter costs log 400 = 5.99.
+    (one,) = screened(signature("a", column((2.0, OTHER), (5.0, BASE))))
+    assert one.gain == pytest.approx(100 - np.log(400), abs=1e-6)
+    assert one.coefficients == pytest.approx([0.25])
+    assert one.effect_at == EffectAtJoint("a", 1)
+
+
+def test_an_effect_costs_its_parameters_but_not_idle_ones() -> None:
+    tables = [column((1.0, OTHER)), column((1.0, THIRD)), 0.9e-7 * column((1.0, THIRD))]
+    (three,) = screened(signature("b", np.concatenate(tables, axis=2)))
+    assert three.gain == pytest.approx(100 - 2 * np.log(400), abs=1e-5)
+    tables[2] = 1.1e-7 * column((1.0, SIGNS))
+    (four,) = screened(signature("b", np.concatenate(tables, axis=2)))
+    assert four.gain == pytest.approx(100 - 3 * np.log(400), abs=1e-5)
+
+
+def test_the_best_come_first_and_each_at_its_best_shapes() -> None:
+    shapes = [
+        signature("a", column((1.0, OTHER), (1.0, THIRD)), shapes={"v": 1.0}),
+        signature("a", column((1.0, OTHER), (0.5, THIRD)), shapes={"v": 2.0}),
+        signature("b", column((1.0, OTHER)), shapes={}),
+    ]
+    found = screened(*shapes)
+    assert [s.effect_at.effect for s in found] == ["b", "a"]
+    assert found[1].signature.shapes == {"v": 2.0}
+    assert found[0].others is None
+
+
+def test_a_class_is_named_once_on_a_joint() -> None:
+    named = [EffectAtJoint("a", 1)]
+    tried = [signature(n, column((1.0, OTHER)), j) for n, j in (("a", 1), ("c", 1), ("c", 2), ("b", 1))]
+    assert [(s.effect_at.effect, s.effect_at.joint) for s in screened(*tried, named=named)] == [("c", 2), ("b", 1)]
+
+
+def test_a_small_residual_counts_by_the_noise() -> None:
+    (one,) = screened(signature("a", column((1.0, OTHER))), white=noise([2.0]))
+    assert one.gain == pytest.approx(25 - np.log(400), abs=1e-6)
+
+
+def scored(gain: float, name: str = "gear", joint: int = 1) -> Screened:
+    return Screened(signature(name, column((gain, OTHER)), joint), np.array([1.0]), gain, 1.0)
+
+
+def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
+    shapes = [scored(g) for g in (100.0, 76.0, 74.0, 90.0, 80.0, 78.0)]
+    best = _best(shapes, EFFECTS)
+    assert best.gain == 100.0
+    assert [s.gain for s in best.others or ()] == [90.0, 80.0, 78.0]  # three at most
+    alone = _best([scored(100.0), scored(75.0), scored(75.1)], EFFECTS)
+    assert [s.gain for s in alone.others or ()] == [75.1]
+    assert _best([scored(1.0, "a"), scored(9.0, "a")], EFFECTS).others is None
+
+
+def listed(*gains: tuple[float, str, int], **more: Any) -> list[tuple[str, int]]:
+    found = shortlist([scored(*g) for g in gains], EFFECTS, **more)
+    return [(s.effect_at.effect, s.effect_at.joint) for s in found]
+
+
+def test_the_shortlist_leaves_out_what_is_worth_little() -> None:
+    assert listed((100.0, "a", 1), (25.1, "a", 2), (25.0, "a", 3)) == [("a", 1), ("a", 2)]
+    assert listed((-1.0, "a", 1)) == []
+    assert listed((0.0, "a", 1)) == []
+    assert listed((1e-9, "a", 1)) == [("a", 1)]
+    assert shortlist([], EFFECTS) == []
+
+
+def test_beyond_the_shortlist_the_best_of_each_class_is_taken() -> None:
+    gains = [(100.0, "a", 1), (99.0, "c", 1), (98.0, "c", 2), (97.0, "b", 1), (96.0, "b", 1)]
+    assert listed(*gains, size=2) == [("a", 1), ("c", 1), ("c", 2), ("b", 1)]
+    assert listed(*gains, size=1) == [("a", 1), ("c", 2), ("b", 1)]
+    many = [(100.0 - i, "a", 1) for i in range(8)]
+    assert len(listed(*many)) == 6
+
+
+def test_a_gear_is_tried_on_all_joints() -> None:
+    gains = [(100.0, "spring", 2), (50.0, "a", 1), (20.0, "spring", 1), (0.0, "spring", 3), (19.0, "gear", 1)]
+    assert listed(*gains) == [("spring", 2), ("a", 1), ("spring", 1)]
+    assert listed((100.0, "spring", 2), (1e-9, "spring", 3)) == [("spring", 2), ("spring", 3)]
+
+
+@pytest.mark.parametrize(("small", "idle"), [(1.1e-7, 0), (0.9e-7, 1), (0.0, 1)])
+def test_columns_of_rounding_are_idle(small: float, idle: int) -> None:
+    columns = np.stack([3 * OTHER, -3 * small * THIRD], axis=1)
+    assert _idle(columns) == idle
+    assert _idle(columns[:, 1:]) == 0
+
+
+# ---- fits in the closed loop: tau = M base + F shape(v) on joint 1, where v is a shape
+
+
+class Builder(Catalogue):
+    """Adds effects to laws: an amplitude ``F`` times a column, in a place that the shape ``v`` moves.
+
+    Args:
+        broken: smallest amplitude with which a model cannot be simulated.
+    """
+
+    def __init__(self, *effects: Any, broken: float = np.inf, absent: bool = False, **more: Any) -> None:
+        super().__init__(*effects, **more)
+        self.broken, self.absent, self.built = broken, absent, 0
+
+    def parameters_of(self, effect_at: EffectAtJoint) -> tuple[Any, Any]:
+        return (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
+
+    def build(self, model: LawModel, proposals: Sequence[Proposal]) -> LawModel:
+        self.built += 1
+        (proposal,) = proposals
+        if self.absent:
+            return model
+        index, joint = len(model.added_effects), proposal.effect_at.joint
+        name = f"{proposal.effect_at.effect}.F{joint}"
+
+        def law(values: Mapping[str, float], label: str) -> np.ndarray:
+            if abs(values[name]) >= self.broken:
+                raise SimulationError("It diverges.")
+            shape = OTHER + values[f"{name}.v"] * THIRD
+            return model.law(values, label) + values[name] * shape[:, None]
+
+        own = (
+            free(name, proposal.values["F"], -50.0, 50.0, effect=index),
+            free(f"{name}.v", proposal.values.get("v", 0.0), -1.0, 1.0, effect=index, is_shape=True),
+        )
+        own = tuple(replace(p, key=k) for p, k in zip(own, (f"F{joint}", f"v_{joint}"), strict=True))
+        return replace(
+            model, law=law, free_parameters=(*model.free_parameters, *own),
+            added_effects=(*model.added_effects, proposal.effect_at),
+        )  # fmt: skip
+
+    def without(self, model: LawModel, index: int) -> LawModel:
+        names = [p.name for p in model.free_parameters if p.effect == index]
+
+        def law(values: Mapping[str, float], label: str) -> np.ndarray:
+            if label == "broken":
+                raise SimulationError("It diverges.")
+            return model.law({**values, **dict.fromkeys(names, 0.0)}, label)
+
+        return replace(
+            model, law=law, free_parameters=tuple(p for p in model.free_parameters if p.effect != index),
+            added_effects=tuple(a for i, a in enumerate(model.added_effects) if i != index),
+        )  # fmt: skip
+
+
+def plain(values: Mapping[str, float], label: str) -> np.ndarray:
+    return np.asarray(values["M"] * BASE[:, None])
+
+
+GEAR = EffectAtJoint("gear", 1)
+DATA = (2.0 * BASE + 3.0 * (OTHER + 0.5 * THIRD))[:, None]
+
+
+def plant(measured: np.ndarray = DATA, **more: Any) -> LawModel:
+    return LawModel(plain, {"one": measured}, (free("M", 2.0),), **more)
+
+
+def fitted(model: LawModel) -> Fit:
+    residual = model.measured - 2.0 * BASE[:, None]
+    square = float(np.sum(residual**2))
+    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), np.ones(1), square)
+
+
+def test_a_fit_starts_where_it_is_proposed() -> None:
+    builder = Builder(effect_of("gear", is_linear=False))
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant(workers=3)), WHITE)
+    assert found is not None
+    assert builder.built == 1
+    np.testing.assert_allclose(found.values, [2.0, 3.0, 0.5], atol=5e-3)
+    assert found.model.workers == 1
+
+
+def test_shapes_may_be_held() -> None:
+    builder = Builder(effect_of("gear"))
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant()), WHITE, hold=True)
+    assert found is not None
+    assert found.values[2] == 0.1
+    assert found.values[1] == pytest.approx(3 * (1 + 0.05) / (1 + 0.01), rel=1e-6)
+    assert (found.model.free_parameters[1].lowest, found.model.free_parameters[0].highest) == (-50.0, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("broken", "neutral", "starts"),
+    [(9.0, {}, [10.0, 3.0]), (2.0, {}, [10.0, 3.0, 0.3]), (5.0, {"F": 4.0}, [10.0, 5.8, 4.18])],
+)
+def test_smaller_starts_where_the_proposed_one_cannot_be_simulated(
+    monkeypatch: pytest.MonkeyPatch, broken: float, neutral: dict[str, float], starts: list[float]
+) -> None:
+    tried: list[float] = []
+    builder = Builder(effect_of("gear", neutral=neutral), broken=broken)
+    build = builder.build
+    monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
+    refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}), builder, fitted(plant()), WHITE)
+    assert tried == pytest.approx(starts)
+
+
+def test_a_stiffness_becomes_larger_instead(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
+    builder = Builder(effect_of("gear", neutral={"F": np.inf}), broken=0.0)
+    build = builder.build
+    monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
+    assert refit(Proposal(GEAR, {"F": 6.0, "v": 0.1}), builder, fitted(plant()), WHITE) is None
+    assert tried == pytest.approx([6.0, 20.0, 200.0])
+
+
+def test_an_effect_without_parameters_of_its_own_is_not_fitted() -> None:
+    builder = Builder(effect_of("gear"), absent=True)
+    assert refit(Proposal(GEAR, {"F": 1.0}), builder, fitted(plant()), WHITE) is None
+    assert builder.built == 1
+
+
+def test_a_start_lies_within_the_limits() -> None:
+    found = refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}), Builder(effect_of("gear")), fitted(plant()), WHITE)
+    assert found is not None
+    assert found.chi_square < 1e-3
+
+
+def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more, model=model))
+    refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), Builder(effect_of("gear")), fitted(plant()), WHITE, give_up_above=7.0)
+    assert asked["stopping"] == Stopping(updates=1, give_up_above=7.0, check_all=False)
+    np.testing.assert_allclose(
+        asked["jacobian"][:, 0], np.stack([BASE, OTHER + 0.1 * THIRD, 2.0 * THIRD], axis=1), atol=1e-6
+    )
+    np.testing.assert_allclose(asked["torque"][:, 0], 2.0 * BASE + 2.0 * (OTHER + 0.1 * THIRD))
+
+
+def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
+    """Builder, the fit without and the fit with an effect of amplitude 3."""
+    builder, before = Builder(effect_of("gear"), **more), fitted(plant())
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}), builder, before, WHITE)
+    assert found is not None
+    return builder, before, found
+
+
+def test_what_a_contender_is_worth() -> None:
+    builder, before, found = one_more(costs={"gear": 1.5})
+    one = contender(GEAR, found, builder, replace(before, model=replace(before.model, workers=3)), WHITE)
+    assert one.effect_at == GEAR
+    assert one.cost == 1.5
+    # Variances 9 * 1.25 before, and the floor of a quarter of the noise after.
+    assert one.delta_bic == pytest.approx(400 * np.log(11.25 / 0.25) - 1.5 * np.log(400), rel=1e-3)
+    assert one.size == pytest.approx(np.sqrt(11.25), rel=1e-4)
+    assert one.share == 1.0
+    assert one.torque_change == pytest.approx(3 * np.sqrt(1.25), rel=1e-4)
+    assert one.fit.model.workers == 3
+
+
+def test_amplitudes_that_change_nothing_cost_nothing() -> None:
+    builder, before, found = one_more(costs={"gear": 2.0})
+    names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
+    builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
+    assert contender(GEAR, found, builder, before, WHITE).cost == 1.0
+    further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
+    model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
+    idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
+    whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
+    monkey = builder.without
+    builder.without = lambda m, i: monkey(found.model, i)
+    assert contender(GEAR, whole, builder, before, WHITE).cost == 1.0
+
+
+def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
+    builder, _, found = one_more()
+    assert torque_change_without(GEAR, found, builder, noise([0.5])) == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
+    two = np.hstack([DATA, DATA])
+    model = replace(
+        found.model,
+        law=lambda v, label: np.hstack([np.ones((400, 1)) * v["gear.F1"], np.ones((400, 1))]),
+        data={"one": two},
+    )
+    both = replace(found, model=model, torque=model.torque(found.values))
+    change = torque_change_without(GEAR, both, builder, noise([1.0, 0.1]))
+    assert change == pytest.approx(3.0, rel=1e-4)
+
+
+def test_the_change_of_the_held_out_torque() -> None:
+    builder, _, found = one_more()
+
+    def law(values: Mapping[str, float], label: str) -> np.ndarray:
+        return np.full((100, 1), values["gear.F1"] * {"x": 1.0, "y": 2.0, "one": 9.0}[label])
+
+    held = replace(found, model=replace(found.model, law=law, held_out=("x", "y")), values=np.array([2.0, 3.0, 0.5]))
+    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == pytest.approx(3 * np.sqrt(2.5))
+
+
+def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
+    builder, _, found = one_more()
+    held = replace(found, model=replace(found.model, held_out=("broken",)))
+    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == np.inf
+
+
+def test_a_contender_proposes_its_fitted_values() -> None:
+    builder, before, found = one_more()
+    one = contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])), builder, before, WHITE)
+    assert proposal_of(one) == Proposal(GEAR, {"F": 3.25, "v": 0.75})
+
+
+def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), size: float = 3.0) -> Screened:
+    columns = (OTHER + v * THIRD)[:, None, None]
+    return Screened(
+        Signature(EffectAtJoint(name, 1), {"v": v}, ("F",), columns, {}), np.array([size]), gain, 1.0, others
+    )  # fmt: skip
+
+
+def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None:
+    before = fitted(plant())
+    near = tried(90.0, v=-0.5)
+    found = _scanned(
+        tried(100.0, others=(near,)), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE)
+    )
+    assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
+
+
+def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
+    before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
+    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    assert [p.values["F"] for p in found] == [1.5]
+    builder.broken = 0.0
+    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    assert [p.values["F"] for p in found] == [3.0]
+
+
+def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> None:
+    before = fitted(plant(DATA + 40.0 * BASE[:, None] + 47.0 * (OTHER + 0.5 * THIRD)[:, None]))
+    found = _scanned(tried(100.0, size=40.0), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE))
+    assert [p.values["F"] for p in found] == [80.0, 40.0]
+
+
+def competing(
+    *candidates: Screened, builder: Builder | None = None, before: Fit | None = None
+) -> tuple[Any, list[str]]:
+    said: list[str] = []
+    found = contend(
+        candidates, builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()), WHITE,
+        progress=said.append,
+    )  # fmt: skip
+    return found, said
+
+
+def test_contenders_come_the_best_first() -> None:
+    found, said = competing(tried(50.0, name="a", v=0.0, others=None, size=2.0), tried(100.0))
+    assert {c.effect_at.effect for c in found} == {"a", "gear"}
+    assert [c.delta_bic for c in found] == sorted((c.delta_bic for c in found), reverse=True)
+    assert (
+        said[0] == f"a on joint 1: BIC difference {next(c for c in found if c.effect_at.effect == 'a').delta_bic:.0f}"
+    )
+
+
+def test_one_that_cannot_be_simulated_is_left_out() -> None:
+    found, said = competing(tried(100.0), builder=Builder(effect_of("gear"), broken=0.0))
+    assert found == [] and said == []
+    assert competing() == ([], [])
+
+
+def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    scanned: list[float] = []
+    monkeypatch.setattr(
+        contenders, "_scanned", lambda c, *_: scanned.append(c.gain) or [c.signature.proposal(c.coefficients)]
+    )
+    competing(tried(100.0), tried(75.0), tried(74.9), tried(90.0, others=None))
+    assert scanned == [100.0, 75.0]
+
+
+def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+    squares = iter([900.0, 400.0, 600.0, 300.0])
+    before = fitted(plant())
+
+    def one(proposal: Proposal, *_: Any, give_up_above: float) -> Fit | None:
+        asked.append(give_up_above)
+        square = next(squares)
+        return None if square == 600.0 else replace(before, chi_square=square)
+
+    found: list[float] = []
+    monkeypatch.setattr(contenders, "refit", one)
+    monkeypatch.setattr(
+        contenders, "contender",
+        lambda at, fit, *_: found.append(fit.chi_square) or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square),
+    )  # fmt: skip
+    monkeypatch.setattr(contenders, "_scanned", lambda *_: ["one", "two"])
+    result, _ = competing(
+        tried(100.0), tried(60.0, others=None), tried(61.0, others=None), before=replace(before, chi_square=1000.0)
+    )
+    assert asked == [995.0, 900.0, 400.0, 400.0]
+    assert found == [400.0, 300.0]  # of two starts the better one
+    assert [c.delta_bic for c in result] == [-300.0, -400.0]
+
+
+def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    squares, before = iter([400.0, 900.0]), fitted(plant())
+    monkeypatch.setattr(contenders, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
+    monkeypatch.setattr(contenders, "_scanned", lambda *_: ["one", "two"])
+    monkeypatch.setattr(
+        contenders, "contender", lambda at, fit, *_: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square)
+    )
+    assert [c.delta_bic for c in competing(tried(100.0))[0]] == [400.0]
+
+
+def test_shapes_held_at_all_that_were_screened() -> None:
+    candidate = tried(100.0, v=0.4, others=(tried(90.0, v=0.5),))
+    found = list(with_shapes_held(candidate, Builder(effect_of("gear")), fitted(plant()), WHITE))
+    assert [c.fit.values[2] for c in found] == [0.4, 0.5]
+    assert found[1].fit.chi_square < 1e-6 < found[0].fit.chi_square
+    alone = list(
+        with_shapes_held(
+            replace(candidate, others=None), Builder(effect_of("gear"), broken=0.0), fitted(plant()), WHITE
+        )
+    )
+    assert alone == []

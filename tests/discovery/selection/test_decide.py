@@ -1,0 +1,310 @@
+"""The decision, on contenders made by hand: what is accepted, refused, ambiguous."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.discovery.selection.decide import (
+    Options,
+    _nearness,
+    _simplest,
+    decide,
+    gaps,
+    held_out_ratio,
+    objection,
+    step_of,
+)
+from fmu_didim.prediction.loop_model import EffectAtJoint
+from tests.discovery.by_hand import (
+    SIGNS,
+    Catalogue,
+    TableModel,
+    contender_of,
+    effect_of,
+    fit_of,
+    noise,
+    residual,
+    table_fit,
+)
+
+BEFORE, BASE = table_fit(50.0), table_fit(101.0)
+WHITE = noise()
+
+
+def refused(candidate: Contender, **options: Any) -> str:
+    return objection(candidate, BEFORE, WHITE, Options(**options), base=BASE)
+
+
+def verdict(*contenders: Contender, held: Any = lambda effect_at: (), **options: Any) -> Any:
+    return decide(
+        contenders, Catalogue(), BEFORE, WHITE, Options(**options), base=BASE, held=held
+    )  # fmt: skip
+
+
+def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple[Any, Contender]:
+    """The fit before with a residual on held-out data, and a contender with another one."""
+    before = table_fit(50.0, held_out={"other": first}, **more)
+    return before, contender_of(fit=table_fit(10.0, held_out={"other": second}))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"bic": 10.0}, ""),
+        ({"bic": 9.99}, "BIC difference 10.0 below 10"),
+        ({"bic": -3.0}, "BIC difference -3.0 below 10"),
+        ({"torque_change": 0.6}, ""),
+        ({"torque_change": 0.59}, "changes the torque by 0.59 of the noise, less than 0.6"),
+        ({"size": 0.2}, ""),
+        ({"size": 0.19}, "explains 0.19 of the noise, less than 0.2"),
+        ({"share": 0.05}, ""),
+        ({"share": 0.0499}, "explains 5 % of the gap, less than 5 %"),
+        ({"fit": table_fit(46.99)}, ""),
+        ({"fit": table_fit(47.01)}, "explains 3.0 % of the gap of the base model on its joint, less than 3 %"),
+    ],
+)
+def test_each_threshold_of_an_objection(change: dict[str, Any], reason: str) -> None:
+    assert refused(contender_of(**change)) == reason
+
+
+@pytest.mark.parametrize(
+    ("option", "change"),
+    [
+        ("threshold", {"bic": 150.0}),
+        ("smallest_size", {"torque_change": 150.0}),
+        ("smallest_gain", {"size": 150.0}),
+        ("smallest_share", {"share": 150.0}),
+    ],
+)
+def test_the_options_move_the_thresholds(option: str, change: dict[str, Any]) -> None:
+    candidate = contender_of(**{"bic": 1e3, **change})
+    assert refused(candidate, **{option: 149.0}) == ""
+    assert refused(candidate, **{option: 151.0}) != ""
+
+
+def test_the_smallest_part_is_an_option_too() -> None:
+    assert refused(contender_of(), smallest_part=0.39) == ""
+    assert refused(contender_of(), smallest_part=0.41).startswith("explains 40.0 % of the gap of the base model")
+
+
+@pytest.mark.parametrize(
+    ("second", "reason"),
+    [
+        (0.999, ""),
+        (1.0, "held-out RMS ratio 1.000, its interval reaches 1.000"),
+        (1.25, "held-out RMS ratio 1.250, its interval reaches 1.250"),
+    ],
+)
+def test_held_out_data_must_be_explained_better(second: float, reason: str) -> None:
+    before, candidate = held_out(residual(16.0), second * residual(16.0))
+    assert objection(candidate, before, WHITE, Options(), base=BASE) == reason
+
+
+def test_a_mean_below_one_is_not_enough_where_the_interval_reaches_it() -> None:
+    second = residual(16.0) * np.where(np.arange(SIGNS.size) < 200, 0.2, 1.3)[:, None]
+    before, candidate = held_out(residual(16.0), second)
+    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
+    assert ratio is not None
+    assert ratio.value == pytest.approx(np.sqrt((0.04 + 1.69) / 2), rel=1e-12)
+    assert ratio.low < ratio.value < 1.0 < ratio.high
+    assert objection(candidate, before, WHITE, Options(), base=BASE) == (
+        f"held-out RMS ratio 0.930, its interval reaches {ratio.high:.3f}"
+    )
+
+
+def test_blocks_of_half_a_second_are_drawn() -> None:
+    # Every second block of five samples (0.5 s at 10 Hz) is worse: drawn whole, their number varies.
+    worse = np.where(np.arange(SIGNS.size) // 5 % 2 == 0, 0.5, 1.0)[:, None]
+    before, candidate = held_out(residual(1.0), residual(1.0) * worse)
+    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
+    again = held_out_ratio(before, candidate.fit, WHITE, Options(seed=1))
+    assert ratio is not None and again is not None
+    deviation = 0.75 / 2 / np.sqrt(80) / (2 * 0.625**0.5)  # of the mean square over 80 blocks, then of its root
+    assert ratio.high - ratio.low == pytest.approx(2 * 1.96 * deviation, rel=0.06)
+    assert ratio.value == again.value == pytest.approx(np.sqrt(0.625))
+    assert (ratio.low, ratio.high) != (again.low, again.high)
+
+
+@pytest.mark.parametrize(("rate", "blocks"), [(10.0, 80), (1.0, 400)])
+def test_a_block_holds_one_sample_at_least(rate: float, blocks: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[tuple[int, ...]] = []
+    real = np.random.default_rng
+
+    class Spy:
+        def integers(self, low: int, high: int, size: tuple[int, int]) -> Any:
+            sizes.append((high, *size))
+            return real(0).integers(low, high, size=size)
+
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Spy())
+    before, candidate = held_out(residual(1.0), residual(0.5), rate_hz=rate)
+    held_out_ratio(before, candidate.fit, WHITE, Options())
+    assert sizes == [(blocks, 2000, blocks)]
+
+
+def test_without_held_out_data_there_is_no_ratio() -> None:
+    assert held_out_ratio(BEFORE, contender_of().fit, WHITE, Options()) is None
+
+
+def test_a_model_that_cannot_be_run_on_held_out_data_is_worse_than_any() -> None:
+    before, candidate = held_out(residual(16.0), None)
+    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
+    assert (ratio.value, ratio.low, ratio.high) == (np.inf, np.inf, np.inf)
+    assert objection(candidate, before, WHITE, Options(), base=BASE).startswith("held-out RMS ratio inf")
+
+
+def test_all_held_out_experiments_count() -> None:
+    before = table_fit(50.0, held_out={"a": residual(9.0), "b": residual(1.0)})
+    after = table_fit(10.0, held_out={"a": residual(1.0), "b": residual(1.0)})
+    assert held_out_ratio(before, after, WHITE, Options()).value == pytest.approx(np.sqrt(2 / 10))
+
+
+@pytest.mark.parametrize(
+    ("gain", "wanted"), [(10.0, 10.0), (499.0, 10.0), (501.0, 10.02), (1000.0, 20.0), (-2000.0, 10.0)]
+)
+def test_nearness_is_ten_or_two_percent_of_a_large_gain(gain: float, wanted: float) -> None:
+    assert _nearness(contender_of(bic=gain), Options()) == pytest.approx(wanted, rel=1e-12)
+    assert _nearness(contender_of(bic=gain), Options(threshold=30.0)) == 30.0
+
+
+def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
+    one = [
+        contender_of("a", bic=100.0, cost=2.0), contender_of("b", bic=95.0, cost=1.0),
+        contender_of("c", bic=97.0, cost=1.0),
+    ]  # fmt: skip
+    assert _simplest(one, Options()).effect_at.effect == "c"
+    assert _simplest(one, Options(prefer=("x", "a", "b"))).effect_at.effect == "a"
+    assert _simplest(one, Options(prefer=("b",))).effect_at.effect == "b"
+    assert _simplest(one, Options(prefer=("x",))).effect_at.effect == "c"
+
+
+def test_the_best_is_accepted() -> None:
+    assert verdict(contender_of("a", bic=100.0), contender_of("b", bic=50.0)).effect_at == EffectAtJoint("a", 1)
+
+
+@pytest.mark.parametrize(
+    ("best", "other", "chosen"),
+    [(100.0, 90.01, "b"), (100.0, 90.0, "a"), (1000.0, 980.1, "b"), (1000.0, 980.0, "a")],
+)
+def test_of_those_as_good_the_simpler_one_is_taken(best: float, other: float, chosen: str) -> None:
+    first, second = contender_of("a", bic=best, cost=2.0), contender_of("b", bic=other, cost=1.0)
+    assert verdict(first, second).effect_at.effect == chosen
+
+
+def test_a_simpler_one_with_an_objection_is_not_taken() -> None:
+    first, second = contender_of("a", bic=100.0, cost=2.0), contender_of("b", bic=99.0, cost=1.0, share=0.01)
+    assert verdict(first, second).effect_at.effect == "a"
+
+
+def test_a_refused_one_gives_way_to_the_next() -> None:
+    first, second = contender_of("a", bic=200.0, torque_change=0.1), contender_of("b", bic=100.0)
+    assert verdict(first, second).effect_at.effect == "b"
+
+
+def test_all_reasons_are_kept_in_order() -> None:
+    found = verdict(contender_of("a", bic=20.0, size=0.1), contender_of("b", 2, bic=5.0))
+    assert found == (
+        (EffectAtJoint("a", 1), "explains 0.10 of the noise, less than 0.2"),
+        (EffectAtJoint("b", 2), "BIC difference 5.0 below 10"),
+    )
+
+
+def test_none_is_accepted_of_none() -> None:
+    assert verdict() == ()
+
+
+def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
+    before, failing = held_out(residual(16.0), 1.1 * residual(16.0))
+    asked: list[EffectAtJoint] = []
+    worse = replace(failing, delta_bic=99.0)
+    better = contender_of(bic=80.0, fit=table_fit(12.0, held_out={"other": 0.5 * residual(16.0)}))
+    last = replace(better, delta_bic=70.0)
+
+    def held(effect_at: EffectAtJoint) -> Iterator[Contender]:
+        asked.append(effect_at)
+        yield from (worse, better, last)
+
+    small = contender_of("b", 2, bic=90.0, share=0.01)
+    found = decide([small, failing], Catalogue(), before, WHITE, Options(), base=BASE, held=held)
+    assert found is better
+    assert asked == [EffectAtJoint("coulomb", 1)]
+    refusal = decide([small, failing], Catalogue(), before, WHITE, Options(), base=BASE)
+    assert [a.effect for a, _ in refusal] == ["b", "coulomb"]
+
+
+def test_gaps_of_all_experiments() -> None:
+    fit = fit_of(TableModel(residual(5.0, 1.0), {"other": residual(17.0, 0.5), "broken": None}))
+    found = gaps(fit, noise((1.0, 1.0)))
+    assert {label: values.tolist() for label, values in found.items()} == {
+        "fitted": [pytest.approx(2.0), pytest.approx(0.0, abs=1e-7)], "other": [4.0, 0.0], "broken": [np.inf, np.inf],
+    }  # fmt: skip
+
+
+CATALOGUE = Catalogue(
+    effect_of("coulomb", class_name="friction"),
+    effect_of("viscous", class_name="friction"),
+    effect_of("offset"),
+    effect_of("delay", class_name="lag"),
+    effect_of("log shift", class_name="lag", place="measurement"),
+)
+
+
+def step(accepted: Contender, contenders: list[Contender], before: Any = BEFORE) -> Any:
+    return step_of(accepted, contenders, CATALOGUE, before, WHITE, Options())
+
+
+def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:
+    best, accepted = contender_of("offset", bic=100.0), contender_of("coulomb", bic=95.0, share=0.7, size=2.0)
+    near, far = contender_of("delay", 2, bic=85.1), contender_of("delay", 3, bic=84.9)
+    found = step(accepted, [best, accepted, near, far])
+    assert (found.effect_at, found.delta_bic, found.size, found.share) == (EffectAtJoint("coulomb", 1), 95.0, 2.0, 0.7)
+    assert found.ambiguous[:2] == ((EffectAtJoint("offset", 1), 0.0), (EffectAtJoint("delay", 2), pytest.approx(14.9)))
+    assert [a for a, _ in found.ambiguous[2:]] == [EffectAtJoint("viscous", 1)]
+    assert np.isnan(found.ambiguous[2][1])
+    assert [(p.effect_at.effect, p.effect_at.joint) for p in found.members] == [
+        ("coulomb", 1), ("offset", 1), ("delay", 2)
+    ]  # fmt: skip
+    assert found.members[0].values == {"coulomb": 2.5}
+    assert found.ratio is None and found.remark == ""
+
+
+def test_nearness_of_a_step_is_that_of_the_best() -> None:
+    best, accepted, other = (contender_of(n, bic=b) for n, b in (("a", 1000.0), ("coulomb", 985.0), ("offset", 966.0)))
+    assert [a.effect for a, _ in step(accepted, [best, accepted, other]).ambiguous][:2] == ["a", "offset"]
+
+
+def test_a_member_that_was_fitted_is_named_once() -> None:
+    accepted, other = contender_of("coulomb", bic=100.0), contender_of("viscous", bic=99.0)
+    assert step(accepted, [accepted, other]).ambiguous == ((EffectAtJoint("viscous", 1), 1.0),)
+
+
+@pytest.mark.parametrize("name", ["delay", "log shift"])
+def test_a_shift_of_the_log_and_a_lag_stand_for_each_other_by_their_fits_alone(name: str) -> None:
+    assert step(contender_of(name), [contender_of(name)]).ambiguous == ()
+
+
+def test_gaps_and_ratio_of_a_step() -> None:
+    before = table_fit(50.0, held_out={"other": residual(26.0)})
+    accepted = contender_of("offset")
+    model = replace(accepted.fit.model, own=residual(10.0), held_out={"other": residual(6.5)})
+    accepted = replace(accepted, fit=fit_of(model, values=[2.5]))
+    found = step(accepted, [accepted], before)
+    assert {k: v.tolist() for k, v in found.before.items()} == {"fitted": [pytest.approx(7.0)], "other": [5.0]}
+    assert {k: v.tolist() for k, v in found.after.items()} == {
+        "fitted": [pytest.approx(3.0)],
+        "other": [pytest.approx(5.5**0.5)],
+    }
+    assert found.ratio.value == pytest.approx(0.5)
+
+
+def test_options_as_they_are_written_down() -> None:
+    found = Options(forbid=frozenset({"b", "a"}), prefer=("c",), rounds=2).record()
+    assert found == {
+        "forbid": ["a", "b"], "prefer": ["c"], "rounds": 2, "threshold": 10.0, "smallest_size": 0.6,
+        "smallest_gain": 0.2, "smallest_share": 0.05, "smallest_part": 0.03, "seed": 0,
+    }  # fmt: skip
