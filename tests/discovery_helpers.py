@@ -10,13 +10,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import yaml
+from fmu_didim.prediction.problem import Problem, predict_torque
 from scipy.signal import lfilter
 
 from fmu_didim.case import load_case
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
 from tests.blind.campaign import Order, make_order
 from tests.blind.translate import translate

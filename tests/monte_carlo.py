@@ -17,12 +17,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from fmu_didim.prediction.finish import evaluate
+from fmu_didim.prediction.problem import Problem, predict_torque
 from scipy import stats
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.prediction.finish import evaluate
-from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.prediction.weighting import whitened
 from fmu_didim.statistics import covariance_efficient
 

@@ -10,13 +10,13 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.prediction.problem import Experiment, Problem, predict_torque
 
 from fmu_didim.components import load_fmu, rename
 from fmu_didim.estimators import Clie
 from fmu_didim.export import compile_shared_library
 from fmu_didim.master import closed_loop, decimated_times, sample_operator
 from fmu_didim.prediction.parameters import NamedParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict_torque
 from fmu_didim.signals import trajectory
 from fmu_didim.workflow import identify, simulate_case
 from tests.test_case import scara

@@ -9,9 +9,9 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import drive_torque, joint_signals
 
 from fmu_didim.master import simulate
-from fmu_didim.prediction.problem import drive_torque, joint_signals
 from tests.benchmarks import scara, tx40
 from tests.benchmarks.__main__ import BENCHMARKS, main
 from tests.benchmarks.cheap_fmus import Slaves, reference, system

@@ -6,10 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.case import load_case
 from fmu_didim.master import InstancePool, simulate
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.signals import trajectory
 from tests.benchmarks.counting import simulated
 

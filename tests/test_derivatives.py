@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.plant_sensitivity import sensitivity
+from fmu_didim.prediction.problem import Problem, predict
 
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu
@@ -16,8 +18,6 @@ from fmu_didim.effects import EFFECTS
 from fmu_didim.export import build_fmu
 from fmu_didim.master import System, simulate, splice_effect
 from fmu_didim.master.variation import with_derivatives
-from fmu_didim.prediction.plant_sensitivity import sensitivity
-from fmu_didim.prediction.problem import Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel
 from tests.benchmarks.counting import simulated
 from tests.helpers import PERIOD, law_block, loop, reference, scara, scara_cascade, scara_pd

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import Problem
 from scipy.optimize import least_squares
 
 from fmu_didim.block import choose_substeps
@@ -14,7 +15,6 @@ from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel, loop_model
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import STEP, sensitivity
 from tests.discovery_helpers import TRUTH, arm_problem, coloured, known_noise, with_torque

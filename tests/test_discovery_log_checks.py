@@ -6,11 +6,11 @@ import re
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.loop_model import LoopModel, loop_model
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.signals import Array
 from tests.discovery_helpers import arm_problem, with_torque
 

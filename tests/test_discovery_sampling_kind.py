@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import Problem, predict_torque
 
 from fmu_didim.diagnosis.sampling_kind import Way, other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
@@ -14,7 +15,6 @@ from fmu_didim.effects import EFFECTS
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
-from fmu_didim.prediction.problem import Problem, predict_torque
 from fmu_didim.robot import read_robot
 from tests.discovery_helpers import arm_problem, known_noise, with_torque
 

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from fmu_didim.prediction.problem import Experiment, Problem, predict
 from scipy.integrate import solve_ivp
 
 import fmu_didim
@@ -24,7 +25,6 @@ from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import Status
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.along import observed_along
 from fmu_didim.robot.description import write_robot

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.finish import Point, efficient_finish, evaluate
+from fmu_didim.prediction.problem import Prediction, Problem
 
 from fmu_didim.case import load_case
 from fmu_didim.prediction import finish
-from fmu_didim.prediction.finish import Point, efficient_finish, evaluate
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.problem import Prediction, Problem
 
 NEAR = np.array([3.41, 0.04, 0.81, 0.0637, 0.2455, 0.0145, 0.0127, 0.1373])
 

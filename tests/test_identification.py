@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.plant_sensitivity import sensitivity
+from fmu_didim.prediction.problem import Problem, predict, predict_torque
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.components import ModelComponent
@@ -15,8 +17,6 @@ from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import RefusedError, Status
 from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.plant_sensitivity import sensitivity
-from fmu_didim.prediction.problem import Problem, predict, predict_torque
 
 PAPER_TABLE_1 = {
     "ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137,

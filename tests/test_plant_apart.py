@@ -10,6 +10,7 @@ import control
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.block import Block
 from fmu_didim.case import load_case
@@ -21,7 +22,6 @@ from fmu_didim.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import RefusedError
 from fmu_didim.identification.result import load_result
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.report import result_table, write_report
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.workflow import identify, simulate_case

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.prediction.problem import Problem, predict
 
 from fmu_didim.case import load_case
 from fmu_didim.errors import InputError
-from fmu_didim.prediction.problem import Problem, predict
 from fmu_didim.workflow import identify
 from tests.test_clie import ENTRIES, plant_case
 from tests.test_identification import TRUTH

@@ -25,6 +25,13 @@ from fmu_didim.report.figures import decimated
 from fmu_didim.report.numbers import loop_summary, pretty_unit, rounding, significant
 
 
+def experiment(role: str) -> dict[str, object]:
+    """An experiment as a result holds it."""
+    error = {"total": None, "per_joint": []}
+    return dict(role=role, samples=101, rate_hz=10.0, noise_std=[0.17], relative_error_percent=error, own=[],
+                agreement=None)  # fmt: skip
+
+
 def document(**changes: object) -> ResultDocument:
     """A small result made by hand."""
     parameters = {
@@ -40,7 +47,13 @@ def document(**changes: object) -> ResultDocument:
             standard="Fv1",
         ),
         "delay": ParameterResult(
-            value=0.404, std=0.0213, rel_std_percent=5.27, interval=(0.3618, 0.4462), unit="1", standard=""
+            value=0.404,
+            std=0.0213,
+            rel_std_percent=5.27,
+            interval=(0.3618, 0.4462),
+            unit="1",
+            standard="",
+            of="delay",
         ),
     }
     history = [
@@ -60,10 +73,12 @@ def document(**changes: object) -> ResultDocument:
         regrouping=["ZZ1R = ZZ1 + Ia1"], correlations=[("ZZ1R", "Fv1", -0.953)], condition_number=3.392,
         noise_std=[0.1712], torque_unit=["N.m"],
         relative_error_percent={
-            "train": ErrorResult(total=4.831, per_joint=[4.831]), "validation": ErrorResult(total=5.1, per_joint=[5.1]),
+            "estimation": ErrorResult(total=4.831, per_joint=[4.831]),
+            "validation": ErrorResult(total=5.1, per_joint=[5.1]),
         },
+        experiments={"estimation": experiment("estimation"), "validation": experiment("validation")},
         integration_error=2.9e-10, history=history, loop={"step_size_s": 0.005, "order": ["controller", "plant"]},
-        signals={"train": "torque_train.csv"}, checks=["M(q) positive definite"],
+        signals={"estimation": "torque_estimation.csv"}, checks=["M(q) positive definite"],
         remarks=["Something to know."], provenance={"versions": {"python": "3"}},
     )  # fmt: skip
     return ResultDocument.model_validate(content | changes)
@@ -85,8 +100,8 @@ parameter  value      σ      %σ  unit       95 % interval
 ---------------------------------------------------------
 ZZ1R       3.406  0.018    0.52  kg·m²       3.370  3.441
 Fv1 *      0.046  0.052  110     N·m·s/rad  -0.058  0.149
----------------------------------------------------------
-delay      0.404  0.021    5.3   –           0.362  0.446
+-- the loop ---------------------------------------------
+delay      0.404  0.021    5.3   samples     0.362  0.446
 * not significantly different from zero
 delay = (0.404 ± 0.021) samples = (2.02 ± 0.11) ms at a step of 5 ms
 
@@ -196,7 +211,7 @@ def test_units_and_significant_digits() -> None:
 def saved(folder: Path, result: ResultDocument, *, count: int = 200) -> Path:
     time = np.linspace(0, 1, count)
     torque = np.sin(7 * time)[:, None]
-    validation = Validation("train", time, torque, torque + 0.01, 1.0, np.array([1.0]))
+    validation = Validation("estimation", "estimation", time, torque, torque + 0.01, 1.0, np.array([1.0]))
     save_result(result, [validation], folder)
     return folder
 
@@ -244,7 +259,7 @@ def test_result_of_another_version_is_refused(tmp_path: Path) -> None:
     folder = saved(tmp_path, document())
     path = folder / "result.json"
     path.write_text(
-        path.read_text(encoding="utf-8").replace('"schema_version": 1', '"schema_version": 2'), encoding="utf-8"
+        path.read_text(encoding="utf-8").replace('"schema_version": 2', '"schema_version": 3'), encoding="utf-8"
     )
     with pytest.raises(InputError, match="does not follow the schema"):
         write_report(folder)
@@ -256,7 +271,7 @@ def test_parameters_that_are_not_finite_are_saved_and_read(tmp_path: Path) -> No
 
 
 def test_converged_without_validation_is_not_called_valid() -> None:
-    errors = {"train": {"total": 4.8, "per_joint": [4.8]}, "validation": {"total": None, "per_joint": [None]}}
+    errors = {"estimation": {"total": 4.8, "per_joint": [4.8]}, "validation": {"total": None, "per_joint": [None]}}
     assert "NOT VALIDATED" in result_table(document(relative_error_percent=errors))
 
 

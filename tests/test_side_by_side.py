@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fmu_didim.prediction.plant_sensitivity import sensitivity
+from fmu_didim.prediction.problem import Problem, predict, predict_torque
 
 from fmu_didim.case import load_case
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Status
-from fmu_didim.prediction.plant_sensitivity import sensitivity
-from fmu_didim.prediction.problem import Problem, predict, predict_torque
 from fmu_didim.prediction.workers import VARIABLE, allowed_workers, default_workers, side_by_side
 
 TRUTH = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from fmpy.validation import validate_fmu
+from fmu_didim.prediction.problem import Experiment, Problem, predict
 from scipy.integrate import solve_ivp
 
 from fmu_didim.base_parameters import base_parameters
@@ -24,7 +25,6 @@ from fmu_didim.export import build_fmu
 from fmu_didim.identification.estimate import Status
 from fmu_didim.master import Connection, System, logged_torque, sample_operator, simulate, splice_effect
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem, predict
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.robot.description import write_robot
 from fmu_didim.robot.tilt import horizontal_axes

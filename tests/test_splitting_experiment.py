@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.prediction.problem import Experiment, Problem
 
 from fmu_didim.base_parameters import base_parameters
 from fmu_didim.case.data import read_reference
@@ -35,7 +36,6 @@ from fmu_didim.prediction.least_squares import minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint, loop_model
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.problem import Experiment, Problem
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Array, Trajectory
 from tests.helpers import PERIOD, ROOT, on_reference

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import read_experiment
@@ -20,7 +21,6 @@ from fmu_didim.diagnosis.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.master import decimated_times, sample_operator
-from fmu_didim.prediction.problem import Problem
 
 HERE = Path(__file__).parent
 RATES_HZ = (1000.0, 100.0, 10.0, 4.0)

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.case import load_case
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.estimators import Didim
 from fmu_didim.master import decimated_times, sample_operator
-from fmu_didim.prediction.problem import Problem
 
 HERE = Path(__file__).parent
 RATES_HZ = (200, 100, 50, 20, 10, 8, 6, 5, 4, 3, 2.5, 2, 1.5, 1, 0.7, 0.5)

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from fmu_didim.prediction.problem import predict_torque
 
 from fmu_didim.case import load_case
-from fmu_didim.prediction.problem import predict_torque
 from fmu_didim.robot import RobotDescription, read_robot, write_robot
 
 HERE = Path(__file__).parent

@@ -13,7 +13,22 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.identification.result import ResultDocument, load_result
-from fmu_didim.report.figures import history_figure, points_per_trace, torque_figure
+from fmu_didim.report.experiments import (
+    ALL_FITTED,
+    agreement_text,
+    at,
+    delay_lines,
+    difference_text,
+    disagreeing,
+    error_rows,
+    experiment_title,
+    noise_text,
+    own_names,
+    parameter_groups,
+    shown_parameter,
+    shown_unit,
+)
+from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, torque_figure
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -21,16 +36,13 @@ from fmu_didim.report.numbers import (
     consistency_line,
     decimal_aligned,
     iteration_count,
-    loop_line,
-    loop_parameters,
     loop_summary,
-    parameter_text,
     percentage,
     pretty_unit,
     rounding,
     significant,
-    verdict,
 )
+from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
 
 REPORT_FILE = "report.html"
@@ -54,7 +66,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class TorquePlot:
-    """One experiment: its title, the figure as JSON, and what to say about its points."""
+    """One experiment: its title, the figure as JSON, and what to say of it."""
 
     title: str
     figure: Markup
@@ -78,18 +90,20 @@ def write_report(directory: Path) -> Path:
     """
     document = load_result(directory)
     plots = _torque_plots(document, directory)
-    history = Markup(history_figure(document.history)) if document.history else None
-    loop = loop_parameters(document)
+    history = Markup(figure_json(history_figure(document.history))) if document.history else None
     return write_page(
         directory / REPORT_FILE,
         TEMPLATE,
         document=document,
         verdict=verdict(document),
         cards=_cards(document),
-        parameters=_parameter_rows(document),
+        parameters=_parameter_groups(document),
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
-        loop_lines=[loop_line(document, name) for name in loop],
+        delay_lines=delay_lines(document),
+        experiments=_experiment_table(document),
+        warnings=[agreement.warning for agreement in disagreeing(document).values()],
         errors=_error_table(document),
+        noise=noise_text(document),
         plots=plots,
         stages=_stage_table(document),
         history=_history_table(document),
@@ -126,9 +140,11 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     """The figures at the top: a head and a value each."""
-    cards = [
-        (f"torque error, {label}", percentage(error.total)) for label, error in document.relative_error_percent.items()
-    ]
+    shown = {label: values[0] for label, values in error_rows(document)}
+    if ALL_FITTED in shown:  # the cards have no room for each of them
+        fitted = [label for label, e in document.experiments.items() if e.role == "estimation"]
+        shown = {ALL_FITTED: shown[ALL_FITTED]} | {k: v for k, v in shown.items() if k not in fitted}
+    cards = [(f"torque error, {experiment_title(document, k)}", percentage(v)) for k, v in shown.items()]
     if document.parameters:
         cards.append(("parameters", str(len(document.parameters))))
         cards.append(("condition number", significant(document.condition_number)))
@@ -136,9 +152,11 @@ def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     return cards
 
 
-def _parameter_rows(document: ResultDocument) -> list[tuple[ParameterText, Bar | None, str]]:
-    """Each parameter with its numbers aligned, its bar and the standard parameter behind it."""
-    rows = [parameter_text(name, p) for name, p in document.parameters.items()]
+def _parameter_groups(document: ResultDocument) -> list[tuple[str, list[tuple[ParameterText, Bar | None, str]]]]:
+    """Head of each group -> each parameter with its numbers aligned, its bar and what carries it."""
+    groups = parameter_groups(document)
+    listed = [(name, p) for group in groups for name, p in group.parameters.items()]
+    rows = [shown_parameter(name, p) for name, p in listed]
     columns = [
         decimal_aligned(texts)
         for texts in (
@@ -149,13 +167,12 @@ def _parameter_rows(document: ResultDocument) -> list[tuple[ParameterText, Bar |
             [row.interval[1] for row in rows],
         )
     ]
-    result = []
-    for row, parameter, cells in zip(rows, document.parameters.values(), zip(*columns, strict=True), strict=True):
+    shown = []
+    for row, (name, parameter), cells in zip(rows, listed, zip(*columns, strict=True), strict=True):
         value, std, percent, low, high = cells
-        unit = "samples" if row.name == "delay" and not parameter.standard else row.unit
-        shown = ParameterText(row.name, value, std, percent, unit or MISSING, (low, high), row.insignificant)
-        result.append((shown, _bar(parameter.rel_std_percent), parameter.standard))
-    return result
+        text = ParameterText(name, value, std, percent, row.unit or MISSING, (low, high), row.insignificant)
+        shown.append((text, _bar(parameter.rel_std_percent), parameter.standard or parameter.of))
+    return [(group.head, [shown.pop(0) for _ in group.parameters]) for group in groups]
 
 
 def _bar(percent: float | None) -> Bar | None:
@@ -173,27 +190,55 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
     plots = []
     for label, file in document.signals.items():
         signals = read_trajectory(directory / file)
-        figure = torque_figure(signals, units, document.relative_error_percent.get(label), limit=limit)
+        joints = range(1, len(units) + 1)
+        measured, simulated = (signals.select([f"tau_{s}{j}" for j in joints]) for s in ("measured", "simulated"))
+        error = document.relative_error_percent.get(label)
+        figure = torque_figure(
+            signals.time, measured, {"simulated": simulated}, units,
+            percent=error.per_joint if error is not None else (), limit=limit,
+        )  # fmt: skip
         count = signals.time.size
         note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
         if count > limit:
             note += f"; drawn by the extremes of {(limit - 2) // 2} stretches"
-        plots.append(TorquePlot(label, Markup(figure), note))
+        plots.append(TorquePlot(experiment_title(document, label), Markup(figure_json(figure)), note))
     return plots
 
 
+def _experiment_table(document: ResultDocument) -> Table | None:
+    """What each experiment is, how it agrees with the others, and why it could not be simulated."""
+    found = document.experiments
+    if not found:
+        return None
+    columns = {"experiment": list(found), "role": [e.role for e in found.values()]}
+    columns["samples"] = [str(e.samples) for e in found.values()]
+    columns["rate (Hz)"] = [f"{e.rate_hz:.6g}" for e in found.values()]
+    for j, unit in enumerate(document.torque_unit):
+        head = f"RMS residual, joint {j + 1} ({pretty_unit(unit)})"
+        columns[head] = [significant(at(e.noise_std, j), 2) for e in found.values()]
+    words = ["experiment", "role"]
+    if any(e.agreement is not None for e in found.values()):
+        columns["p-value of its agreement"] = [agreement_text(e.agreement) for e in found.values()]
+        columns["would differ most"] = [difference_text(e.agreement) for e in found.values()]
+        words.append("would differ most")
+    if any(e.own for e in found.values()):
+        columns["own parameters"] = [", ".join(own_names(label, e)) or MISSING for label, e in found.items()]
+        words.append("own parameters")
+    if any(e.failure for e in found.values()):
+        columns["failure"] = [e.failure or MISSING for e in found.values()]
+        words.append("failure")
+    places = tuple(k for k, head in enumerate(columns) if head in words)
+    return aligned(Table(tuple(columns), tuple(zip(*columns.values(), strict=True)), places))
+
+
 def _error_table(document: ResultDocument) -> Table | None:
-    """Relative error of each experiment and noise, a row a joint."""
-    errors, units = document.relative_error_percent, document.torque_unit
+    """Relative error of each experiment, of all fitted ones, and noise, a row an experiment."""
+    errors = error_rows(document)
     if not errors:
         return None
-    heads = ("", *(f"{label} (%)" for label in errors), "noise σ", "unit")
-    rows = [("total", *(significant(e.total) for e in errors.values()), "", "")]
-    for j, unit in enumerate(units):
-        shares = (significant(e.per_joint[j] if j < len(e.per_joint) else None) for e in errors.values())
-        noise = significant(document.noise_std[j] if j < len(document.noise_std) else None, 2)
-        rows.append((f"joint {j + 1}", *shares, noise, pretty_unit(unit)))
-    return aligned(Table(heads, tuple(rows), (0, len(heads) - 1)))
+    heads = ("", "total", *(f"joint {j + 1}" for j in range(len(document.torque_unit))))
+    rows = tuple((label, *(significant(v) for v in values)) for label, values in errors)
+    return aligned(Table(heads, rows, (0,)))
 
 
 def _stage_table(document: ResultDocument) -> Table | None:
@@ -211,7 +256,7 @@ def _stage_table(document: ResultDocument) -> Table | None:
                 heads.append(f"{stage}: {FORMULAS.get(head, head)}")
             columns.append([_deviation(digits.get(n), deviations.get(n)) for n in document.parameters])
     heads.append("unit")
-    columns.append([pretty_unit(p.unit) or MISSING for p in document.parameters.values()])
+    columns.append([shown_unit(p) or MISSING for p in document.parameters.values()])
     rows = tuple(zip(document.parameters, *columns, strict=True))
     return aligned(Table(tuple(heads), rows, (0, len(heads) - 1)))
 

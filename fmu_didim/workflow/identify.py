@@ -13,16 +13,10 @@ from fmu_didim.diagnosis.consistency import check_consistency
 from fmu_didim.diagnosis.validation import Validation, validate
 from fmu_didim.documents import load_yaml
 from fmu_didim.estimators import Progress, no_progress
+from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
 from fmu_didim.identification.provenance import provenance
-from fmu_didim.identification.result import (
-    ConsistencyResult,
-    ResultDocument,
-    consistency_result,
-    refused_document,
-    result_document,
-    save_result,
-)
+from fmu_didim.identification.result import ConsistencyResult, ResultDocument, save_result
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 from unittest.mock import patch
 
+from fmu_didim.prediction.problem import Problem
+
 from fmu_didim.estimators import Estimator
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.master import Recording, System
 from fmu_didim.prediction import plant_sensitivity as sensitivity_module
 from fmu_didim.prediction import problem as problem_module
-from fmu_didim.prediction.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -46,9 +46,10 @@ class _Stopwatch:
 def _measure() -> dict[str, float]:
     """Seconds by phase in this process."""
     begin = time.perf_counter()
+    import fmu_didim.prediction.problem as problem
+
     import fmu_didim.export.build as build
     import fmu_didim.export.fmu as export
-    import fmu_didim.prediction.problem as problem
     import fmu_didim.report as report
     from fmu_didim import workflow
 

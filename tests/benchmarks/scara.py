@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.block import choose_substeps
 from fmu_didim.case import Case, load_case
 from fmu_didim.controllers import read_controller
-from fmu_didim.prediction.problem import Problem
 from fmu_didim.robot import RobotModel, read_robot
 from tests.benchmarks.c_program import ClosedLoop
 from tests.helpers import ROOT

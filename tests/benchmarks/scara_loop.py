@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.master import Recording, simulate
-from fmu_didim.prediction.problem import Problem
 from tests.benchmarks import scara
 from tests.benchmarks.figure import Figure, Settings, interleaved
 

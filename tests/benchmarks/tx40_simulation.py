@@ -7,11 +7,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from fmu_didim.prediction.problem import Problem
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Estimator
 from fmu_didim.master import simulate
-from fmu_didim.prediction.problem import Problem
 from tests.benchmarks import tx40
 from tests.benchmarks.c_program import doubles
 from tests.benchmarks.figure import Figure, Settings, interleaved
