@@ -20,9 +20,10 @@ from fmu_didim.report.discovery_figures import (
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.discovery_words import (
-    FILES,
+    SIGNALS,
     error_text,
     experiment_head,
+    file_title,
     interval_text,
     located,
     noise_source,
@@ -40,7 +41,6 @@ from fmu_didim.signals import Trajectory, read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"
-SIGNALS = "signals_"
 REGIONS_PER_JOINT = 3
 TRACES_PER_JOINT = 2
 
@@ -96,7 +96,7 @@ def write_discovery_report(folder: Path | str) -> Path:
         noise_source=noise_source(document.noise),
         refused=[refused_line(r) for r in document.refused],
         base=_values(document.base_parameters),
-        files=[(FILES.get(key, key), name, _link(name)) for key, name in document.files.items()],
+        files=[(file_title(key), name, _link(name)) for key, name in document.files.items()],
         plotly=Markup(get_plotlyjs()),
     )
 

@@ -8,9 +8,9 @@ from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPai
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.discovery_words import (
-    FILES,
     error_text,
     experiment_head,
+    file_title,
     interval_text,
     located,
     noise_joint,
@@ -28,6 +28,8 @@ from fmu_didim.report.table import listing, wrapped
 BAR = 14
 """Characters of the longest bar."""
 NAME_WIDTH = 36
+SIDE_BY_SIDE = 2
+"""Experiments whose gaps stand beside each other; further ones come below."""
 SHOWN_REFUSED = 6
 SHOWN_WINDOWS = 6
 REGIONS_PER_JOINT = 3
@@ -45,7 +47,7 @@ def discovery_table(document: FindingsDocument) -> str:
         _facts(document),
         listing("Not accepted", _refused(document)),
         listing("Notes", document.notes),
-        listing("Files", [f"{FILES.get(key, key)}: {name}" for key, name in document.files.items()]),
+        listing("Files", [f"{file_title(key)}: {name}" for key, name in document.files.items()]),
     ]
     return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
 
@@ -85,18 +87,37 @@ def _gaps(document: FindingsDocument) -> list[str]:
     longest = max(
         (v for _, pairs in rows for p in pairs if p for v in (p.before, p.after) if v is not None), default=0.0
     )
+    lines = []
+    for first in range(0, len(labels), SIDE_BY_SIDE):
+        chosen = slice(first, first + SIDE_BY_SIDE)
+        part = [(name, pairs[chosen]) for name, pairs in rows]
+        lines += [*([""] if first else []), *_gap_block(labels[chosen], part, longest, changed=changed)]
+    return [*lines, *(["█ what remains, ░ what was closed"] if changed else [])] if labels else []
+
+
+def _gap_block(
+    labels: Sequence[str],
+    rows: Sequence[tuple[str, Sequence[GapPair | None]]],
+    longest: float,
+    *,
+    changed: bool,
+) -> list[str]:
+    """The gaps of a few experiments beside each other."""
     texts = [[step_text(pair, changed=changed) for pair in pairs] for _, pairs in rows]
     widths = [max(len(row[k]) for row in texts) for k in range(len(labels))]
-    heads = [label.ljust(width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
+    heads = [_cut(label, width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
     lines = ["  ".join(["Gap, in times the noise".ljust(NAME_WIDTH), *heads]).rstrip()]
     for (name, pairs), cells in zip(rows, texts, strict=True):
-        shown = name if len(name) <= NAME_WIDTH else name[: NAME_WIDTH - 1] + "…"
         parts = [
             f"{cell.rjust(width)}  {_bar(pair, longest)}"
             for cell, width, pair in zip(cells, widths, pairs, strict=True)
         ]
-        lines.append("  ".join([shown.ljust(NAME_WIDTH), *parts]).rstrip())
-    return [*lines, *(["█ what remains, ░ what was closed"] if changed else [])] if labels else []
+        lines.append("  ".join([_cut(name, NAME_WIDTH), *parts]).rstrip())
+    return lines
+
+
+def _cut(text: str, width: int) -> str:
+    return (text if len(text) <= width else text[: width - 1] + "…").ljust(width)
 
 
 def _of_joint(pair: GapPair, index: int) -> GapPair:

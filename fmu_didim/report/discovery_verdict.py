@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_words import gap_text, located
@@ -21,10 +23,10 @@ def verdict_of(document: FindingsDocument) -> Verdict:
     sentences = [document.text[:1].upper() + document.text[1:]]
     if document.findings:
         sentences.append("; ".join(_named(f, first=k == 0) for k, f in enumerate(document.findings)))
-    held_out = [label for label, role in document.roles.items() if role == "validation"]
-    label = next(iter(held_out or document.gap), "")
-    if label:
-        sentences.append(_change(document.gap[label], label, bool(document.findings)))
+    judged = _experiments(document, "validation") or _experiments(document, "estimation")
+    if judged:
+        label = max(judged, key=lambda label: _size(document.gap[label].after))
+        sentences.append(_change(document.gap[label], _data(document, label), bool(document.findings)))
     if document.verdict == "named_with_remainder":
         sentences += _remainder(document)
     if document.verdict == "unknown":
@@ -44,8 +46,25 @@ def _named(finding: FindingResult, *, first: bool) -> str:
     return text
 
 
-def _change(pair: GapPair, experiment: str, changed: bool) -> str:
-    on = f"on {experiment} data"
+def _experiments(document: FindingsDocument, role: str) -> list[str]:
+    """Labels of the experiments that have this role."""
+    return [label for label in document.gap if document.roles.get(label) == role]
+
+
+def _data(document: FindingsDocument, label: str) -> str:
+    """What the data of an experiment are called; of several the one that is meant."""
+    role = document.roles[label]
+    data = "held-out data" if role == "validation" else "estimation data"
+    several = _experiments(document, role)
+    return data if len(several) == 1 else f"the {data} that fit worst, {label},"
+
+
+def _size(gap: float | None) -> float:
+    return inf if gap is None else gap
+
+
+def _change(pair: GapPair, data: str, changed: bool) -> str:
+    on = f"on {data}"
     if not changed:
         return f"The gap {on} is {gap_text(pair.before)} times the noise"
     if pair.before is None or pair.after is None:
@@ -57,9 +76,15 @@ def _change(pair: GapPair, experiment: str, changed: bool) -> str:
 
 def _remainder(document: FindingsDocument) -> list[str]:
     """Where most of what is left lies."""
-    pair = document.gap.get(next(iter(document.gap), ""))
-    left = {j: v for j, v in enumerate(pair.after_per_joint if pair else [], start=1) if v is not None}
-    if len(left) < 2:
+    fitted = _experiments(document, "estimation")
+    left = {
+        (label, j): v
+        for label in fitted
+        for j, v in enumerate(document.gap[label].after_per_joint, start=1)
+        if v is not None
+    }
+    if len({j for _, j in left}) < 2:
         return []
-    worst = max(left, key=lambda j: left[j])
-    return [f"Most of what remains is on joint {worst}: {gap_text(left[worst])} times the noise on estimation data"]
+    label, worst = max(left, key=lambda place: left[place])
+    on = "on estimation data" if len(fitted) == 1 else f"in the experiment {label}"
+    return [f"Most of what remains is on joint {worst}: {gap_text(left[label, worst])} times the noise {on}"]

@@ -31,6 +31,15 @@ FILES = {
 }
 
 
+SIGNALS = "signals_"
+"""Begin of the keys of the files that hold the torques of an experiment; its label follows."""
+
+
+def file_title(key: str) -> str:
+    """What a file is."""
+    return f"torques, {key.removeprefix(SIGNALS)}" if key.startswith(SIGNALS) else FILES.get(key, key)
+
+
 def gap_text(gap: float | None) -> str:
     """A gap, two decimals as far as they mean something."""
     if gap is None or not math.isfinite(gap):
