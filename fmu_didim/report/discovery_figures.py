@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fmu_didim.discovery.findings import FindingsDocument, GapPair
+from fmu_didim.report.discovery_words import experiment_name
 from fmu_didim.report.figures import AXIS_TITLE, FONT, FRAME, RESIDUAL, SIMULATED, decimated, figure_json
 from fmu_didim.report.numbers import pretty_unit
 from fmu_didim.signals import Array, Trajectory
@@ -74,7 +75,8 @@ def gap_figure(document: FindingsDocument) -> str:
                                          "nticks": 6, "title": AXIS_TITLE | {"text": "gap / noise"}},
             }
         )  # fmt: skip
-        _head(figure, label.capitalize(), domains[row][1])
+        title = experiment_name(document, label)
+        _head(figure, title[:1].upper() + title[1:], domains[row][1])
     _finish(figure, height)
     figure.update_layout(barmode="group", bargap=0.35, uniformtext={"mode": "hide", "minsize": 9})
     return figure_json(figure)
