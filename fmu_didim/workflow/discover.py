@@ -50,7 +50,6 @@ def discover(
     say = progress or (lambda text: None)
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
-    assert model is not None
     catalogue = effect_catalogue(effects)
     for name in (*forbid, *prefer):
         if name not in catalogue:

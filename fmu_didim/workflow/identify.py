@@ -58,7 +58,6 @@ def identify(
     """
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
-    assert model is not None
     known, remarks = _known_of_plant(case, model)
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
