@@ -110,7 +110,7 @@ def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[tuple[str, 
     dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
     colours = [(SIMULATED, RESIDUAL)] if len(simulated) == 1 else [(RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED)]
     traces: list[tuple[str, Array, bool, dict[str, Any]]] = [("measured", measured, False, dots)]
-    for (name, torque), (wide, thin) in zip(simulated.items(), colours, strict=True):
+    for (name, torque), (wide, thin) in zip(simulated.items(), colours[: len(simulated)], strict=True):
         residual = "residual" if len(simulated) == 1 else f"residual of the {name}"
         traces.append((name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
         traces.append((residual, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}}))

@@ -175,7 +175,11 @@ def component_line(name: str, told: Mapping[str, Any]) -> str:
 
 def loop_summary(document: ResultDocument) -> list[str]:
     """The loop in words, a line a component in their order and one for rate, order and delay; empty if unknown."""
-    loop = document.loop
+    return loop_lines(document.loop)
+
+
+def loop_lines(loop: Mapping[str, Any]) -> list[str]:
+    """The same of the description of a system."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -42,6 +41,7 @@ from fmu_didim.report.numbers import (
     rounding,
     significant,
 )
+from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
 
@@ -123,11 +123,7 @@ def write_report(directory: Path) -> Path:
 
 def write_page(path: Path, template: str, **values: Any) -> Path:
     """Write the page that a template of this folder gives with these values, and return its path."""
-    environment = Environment(
-        loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    path.write_text(environment.get_template(template).render(**values), encoding="utf-8")
+    path.write_text(rendered(template, **values), encoding="utf-8")
     return path
 
 

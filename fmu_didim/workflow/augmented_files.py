@@ -131,6 +131,8 @@ def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -
         return content
     result = {}
     for key, value in content.items():
+        if key == "time" and content.get("file") in written:
+            continue  # the new file has its own name for it
         named = key in _PATH_KEYS and isinstance(value, str)
         result[key] = _seen_from(value, old, new, written) if named else _relocated(value, old, new, written)
     return result
