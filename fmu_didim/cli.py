@@ -43,9 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     one.add_argument("--quiet", action="store_true", help="print the table only")
     one.set_defaults(run=_identify)
-    first = commands.add_parser(
-        "check", help="what can be said of a case before any long work", description=_check.__doc__
-    )
+    first = commands.add_parser("check", help="look at a case before any long work", description=_check.__doc__)
     first.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
     first.set_defaults(run=_check)
     two = commands.add_parser("simulate", help="simulate the closed loop of a case", description=_simulate.__doc__)

@@ -173,6 +173,7 @@ def load_case(
     """
     if isinstance(source, Mapping):
         document, folder, path = validate(CaseDocument, dict(source), where="case"), Path(folder), Path()
+        _check_folder(document, folder)
     else:
         document, path = read_case(source), Path(source)
         folder = path.parent
@@ -191,6 +192,18 @@ def load_case(
     if require_torque:
         _ = case.model  # what is wrong with the data is found now
     return case
+
+
+def _check_folder(document: CaseDocument, folder: Path) -> None:
+    """Refuse a case in memory whose files are looked for in the wrong folder."""
+    sources = [document.plant.source, document.controller.source if document.controller is not None else None]
+    sources += [document.robot, document.system.source if document.system is not None else None]
+    absent = [name for name in sources if name is not None and ":" not in name and not (folder / name).is_file()]
+    if absent:
+        raise InputError(
+            "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),
+            next_step="Say to which folder its paths are relative: load_case(content, folder=...).",
+        )  # fmt: skip
 
 
 def _with_data(case: Case) -> LoopModel:

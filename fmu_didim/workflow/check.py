@@ -63,8 +63,8 @@ class Checked:
         return not self.problems and not self.confounded
 
     def __repr__(self) -> str:
-        found = f"{len(self.problems) + bool(self.confounded)} problems, {len(self.warnings)} warnings"
-        return f"Checked({self.name!r}, {found})"
+        problems = len(self.problems) + bool(self.confounded)
+        return f"Checked({self.name!r}, problems: {problems}, warnings: {len(self.warnings)})"
 
     def summary(self) -> str:
         """What was found, at most 100 columns wide; the verdict comes last."""
