@@ -74,11 +74,13 @@ def torque_figure(
     for j, unit in enumerate(units):
         shown = pretty_unit(unit)
         upper, lower = _axis(2 * j), _axis(2 * j + 1)
-        for name, values, is_residual, style in _traces(measured[:, j], {k: v[:, j] for k, v in simulated.items()}):
+        for name, group, values, is_residual, style in _traces(
+            measured[:, j], {k: v[:, j] for k, v in simulated.items()}
+        ):
             x, y = decimated(time, values, limit)
             figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name, legendgroup=name, showlegend=j == 0, xaxis="x",
-                yaxis=f"y{lower if is_residual else upper}", **style,
+                x=x, y=y.astype(np.float32), name=name, legendgroup=group, showlegend=j == 0 and name == group,
+                xaxis="x", yaxis=f"y{lower if is_residual else upper}", **style,
                 hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
             )  # fmt: skip
         quantity = "force" if unit == "N" else "torque"
@@ -104,16 +106,23 @@ def torque_figure(
     return figure
 
 
-def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[tuple[str, Array, bool, dict[str, Any]]]:
-    """Name, values (N,), whether it is a residual, and style of what is drawn of one joint."""
+Trace = tuple[str, str, Array, bool, dict[str, Any]]
+"""Name, group in the legend, values (N,), whether it is a residual, and style of a line."""
+
+
+def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[Trace]:
+    """What is drawn of one joint; of two models each has one colour and one entry in the legend."""
     mode = "markers" if measured.size <= MARKERS_UP_TO else "lines"
     dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
-    colours = [(SIMULATED, RESIDUAL)] if len(simulated) == 1 else [(RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED)]
-    traces: list[tuple[str, Array, bool, dict[str, Any]]] = [("measured", measured, False, dots)]
-    for (name, torque), (wide, thin) in zip(simulated.items(), colours[: len(simulated)], strict=True):
-        residual = "residual" if len(simulated) == 1 else f"residual of the {name}"
-        traces.append((name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
-        traces.append((residual, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}}))
+    traces: list[Trace] = [("measured", "measured", measured, False, dots)]
+    one = len(simulated) == 1
+    colours = ((SIMULATED, RESIDUAL),) if one else ((RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED))
+    for (name, torque), (wide, thin) in zip(simulated.items(), colours, strict=False):
+        residual, group = ("residual", "residual") if one else (f"residual of the {name}", name)
+        traces.append((name, name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
+        traces.append(
+            (residual, group, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}})
+        )
     return traces
 
 
