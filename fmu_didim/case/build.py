@@ -202,7 +202,7 @@ def _check_folder(document: CaseDocument, folder: Path) -> None:
     if absent:
         raise InputError(
             "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),
-            next_step="Say to which folder its paths are relative: load_case(content, folder=...).",
+            next_step="Paths are relative to that folder; of a case in memory it is load_case(content, folder=...).",
         )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
+from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.report.experiments import titled
 from fmu_didim.report.numbers import loop_lines, significant
 from fmu_didim.report.table import wrapped
@@ -185,7 +185,9 @@ def _confounded(model: LoopModel, values: Array, torque: Array) -> tuple[str, ..
     columns, residual = sensitivity(model, values, torque), model.measured - torque
     flat = columns.reshape(-1, values.size)
     left = residual - columns @ np.linalg.lstsq(flat, residual.reshape(-1), rcond=1e-9)[0]
-    deviation = NoiseOfResidual(model).deviation(left, columns)
+    deviation = model.torque_deviation
+    if deviation is None:
+        deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
     size = float(np.linalg.norm(model.measured / deviation))
     return confounded(whitened(columns, deviation), values, model.names, torque=size)
 
