@@ -37,7 +37,8 @@ from fmu_didim.report.discovery_words import (
 )
 from fmu_didim.report.figures import points_per_trace
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
-from fmu_didim.report.page import Table, aligned, write_page
+from fmu_didim.report.page import write_page
+from fmu_didim.report.tables import Table, aligned
 from fmu_didim.signals import Trajectory, read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
