@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fmu_didim import __version__
 from fmu_didim.errors import FmuDidimError, InputError
+from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
     from fmu_didim.prediction.iteration import Iteration
@@ -43,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     one.add_argument("--quiet", action="store_true", help="print the table only")
     one.set_defaults(run=_identify)
+    first = commands.add_parser("check", help="look at a case before any long work", description=_check.__doc__)
+    first.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    first.set_defaults(run=_check)
     two = commands.add_parser("simulate", help="simulate the closed loop of a case", description=_simulate.__doc__)
     two.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
     two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
@@ -100,7 +103,6 @@ def _parser() -> argparse.ArgumentParser:
 def _identify(options: argparse.Namespace) -> int:
     """Identify the parameters of a case, print the table, save result.json and report.html."""
     from fmu_didim.case import load_case
-    from fmu_didim.report import result_table
     from fmu_didim.workflow import identify
 
     out = options.out or Path("results") / _stem(options.case)
@@ -111,17 +113,25 @@ def _identify(options: argparse.Namespace) -> int:
     say(f"Ready after {time.perf_counter() - started:.1f} s. Identifying {case.name} ...")
     outcome = identify(case, out=out, progress=_Progress(started, say))
     print()
-    print(result_table(outcome.document))
+    print(outcome.summary())
     robot = out / "robot_identified.yaml"
     if robot.is_file():
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
-    return 0 if outcome.document.status == "converged" else EXIT_NOT_SETTLED
+    return 0 if outcome.converged else EXIT_NOT_SETTLED
+
+
+def _check(options: argparse.Namespace) -> int:
+    """Look at plant, parameters, torque logs and start of a case; the exit code is 1 where something must be mended."""
+    from fmu_didim.workflow import check
+
+    found = check(options.case)
+    print(found.summary(), end="")
+    return 0 if found.ok else EXIT_ERROR
 
 
 def _discover(options: argparse.Namespace) -> int:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink."""
-    from fmu_didim.report.discovery_table import discovery_table
     from fmu_didim.workflow import discover
 
     out = options.out or Path("results") / f"{_stem(options.case)}_discover"
@@ -132,12 +142,12 @@ def _discover(options: argparse.Namespace) -> int:
 
     say = _silent if options.quiet else progress
     say(f"reading {options.case}")
-    document = discover(
+    found = discover(
         options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
         rounds=options.rounds, seed=options.seed, progress=say,
     )  # fmt: skip
     print()
-    print(discovery_table(document))
+    print(found.summary())
     took = f"({time.perf_counter() - started:.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
     return 0
@@ -146,10 +156,10 @@ def _discover(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     """Simulate the closed loop of a case with the values of its robot description, write a CSV table."""
     from fmu_didim.signals import write_csv
-    from fmu_didim.workflow import simulate_case
+    from fmu_didim.workflow import simulate
 
     out = options.out or Path("results") / f"{_stem(options.case)}.csv"
-    table = simulate_case(options.case, parameters=_assignments(options.set), experiment=options.experiment)
+    table = simulate(options.case, parameters=_assignments(options.set), experiment=options.experiment)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_csv(table, out)
     print(f"{table.time.size} rows, columns t, {', '.join(table.names)}: {out}")

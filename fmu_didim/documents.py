@@ -88,6 +88,8 @@ def _problem(detail: Any, model: type[BaseModel]) -> str:
         return f"{path}: unknown key.{hint} Valid keys: {', '.join(names)}"
     if detail["type"] == "missing":
         return f"{path}: this key is required"
+    if not path:  # of the document as a whole
+        return str(detail["msg"].removeprefix("Value error, "))
     got = repr(detail.get("input"))
     return f"{path}: {detail['msg']} (got {got[:60]})"
 
@@ -103,7 +105,7 @@ def _fields_at(model: type[BaseModel], location: list[Any]) -> list[str]:
         if info is None:
             continue  # the tag of a union
         current = models[0] if models else None
-    return list(current.model_fields) if current is not None else []
+    return [info.alias or name for name, info in current.model_fields.items()] if current is not None else []
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -15,7 +15,6 @@ from fmu_didim.identification.result import (
     ColumnResult,
     ConsistencyResult,
     ErrorResult,
-    ExperimentResult,
     IterationResult,
     ParameterResult,
     ResultDocument,
@@ -30,6 +29,13 @@ ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
     "estimation": ErrorResult(total=4.831, per_joint=[4.831]),
     "validation": ErrorResult(total=5.1, per_joint=[5.1]),
 }
+
+
+def experiment(role: str) -> dict[str, object]:
+    """An experiment as a result holds it."""
+    error = {"total": None, "per_joint": []}
+    return dict(role=role, samples=101, rate_hz=10.0, noise_std=[0.17], relative_error_percent=error, own=[],
+                agreement=None)  # fmt: skip
 
 
 def document(**changes: object) -> ResultDocument:
@@ -47,7 +53,13 @@ def document(**changes: object) -> ResultDocument:
             standard="Fv1",
         ),
         "delay": ParameterResult(
-            value=0.404, std=0.0213, rel_std_percent=5.27, interval=(0.3618, 0.4462), unit="1", standard=""
+            value=0.404,
+            std=0.0213,
+            rel_std_percent=5.27,
+            interval=(0.3618, 0.4462),
+            unit="1",
+            standard="",
+            of="delay",
         ),
     }
     history = [
@@ -66,14 +78,11 @@ def document(**changes: object) -> ResultDocument:
         stages={"didim": StageResult(value={"ZZ1R": 3.41}, std={"ZZ1R": 0.018}, formulas={"paper": {"ZZ1R": 0.017}})},
         regrouping=["ZZ1R = ZZ1 + Ia1"], correlations=[("ZZ1R", "Fv1", -0.953)], condition_number=3.392,
         noise_std=[0.1712], torque_unit=["N.m"],
-        experiments={
-            label: ExperimentResult(
-                role=label, samples=100, rate_hz=10.0, noise_std=[0.1712], relative_error_percent=error, own=[],
-                agreement=None,
-            )
-            for label, error in ERRORS.items()
+        relative_error_percent={
+            "estimation": ErrorResult(total=4.831, per_joint=[4.831]),
+            "validation": ErrorResult(total=5.1, per_joint=[5.1]),
         },
-        relative_error_percent=ERRORS,
+        experiments={"estimation": experiment("estimation"), "validation": experiment("validation")},
         integration_error=2.9e-10, history=history, loop={"step_size_s": 0.005, "order": ["controller", "plant"]},
         signals={"estimation": "torque_estimation.csv"}, checks=["M(q) positive definite"],
         remarks=["Something to know."], provenance={"versions": {"python": "3"}},
@@ -97,8 +106,8 @@ parameter  value      σ      %σ  unit       95 % interval
 ---------------------------------------------------------
 ZZ1R       3.406  0.018    0.52  kg·m²       3.370  3.441
 Fv1 *      0.046  0.052  110     N·m·s/rad  -0.058  0.149
----------------------------------------------------------
-delay      0.404  0.021    5.3   –           0.362  0.446
+-- the loop ---------------------------------------------
+delay      0.404  0.021    5.3   samples     0.362  0.446
 * not significantly different from zero
 delay = (0.404 ± 0.021) samples = (2.02 ± 0.11) ms at a step of 5 ms
 
@@ -256,7 +265,7 @@ def test_result_of_another_version_is_refused(tmp_path: Path) -> None:
     folder = saved(tmp_path, document())
     path = folder / "result.json"
     path.write_text(
-        path.read_text(encoding="utf-8").replace('"schema_version": 2', '"schema_version": 1'), encoding="utf-8"
+        path.read_text(encoding="utf-8").replace('"schema_version": 2', '"schema_version": 3'), encoding="utf-8"
     )
     with pytest.raises(InputError, match="does not follow the schema"):
         write_report(folder)

@@ -2,50 +2,36 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from fmu_didim.base_parameters import base_parameters
-from fmu_didim.block import Block
 from fmu_didim.case.archive import loop_of_archive
+from fmu_didim.case.changes import CaseChanges, merged
 from fmu_didim.case.data import read_experiment, read_reference
-from fmu_didim.case.document import CaseDocument, ComponentSource, make_estimator, read_case
+from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.free import free_parameters, with_drive_gains
+from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.case.spliced import with_spliced_effects
 from fmu_didim.case.timing import communication_step, delay_in_samples, with_timing
-from fmu_didim.components import (
-    Component,
-    FmuComponent,
-    ModelComponent,
-    block_as_control,
-    load_fmu,
-    rename,
-    wrap_control,
-)
-from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.controllers import read_controller
+from fmu_didim.components import Component
 from fmu_didim.documents import validate
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
-from fmu_didim.export import build_fmu
-from fmu_didim.imports import import_object
 from fmu_didim.master import System, closed_loop
 from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.free_parameter import PLANT
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
+from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.signals import Trajectory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """A case that is ready to run; made by :func:`load_case`.
 
@@ -54,8 +40,8 @@ class Case:
         parameters: what is identified of the plant; plant, controller: the components; no controller where an archive
             gives the whole loop.
         base: that loop; step_size: communication step of the loop in s.
-        model: the loop with all experiments that have a torque log, None if the logs were not read.
         estimator: with its options.
+        signals: name of a file in the document -> the signals that are taken instead of reading it.
     """
 
     document: CaseDocument
@@ -65,26 +51,63 @@ class Case:
     controller: Component | None
     base: System | None
     step_size: float
-    model: LoopModel | None
     estimator: Estimator
     path: Path = Path()
+    signals: Mapping[str, Trajectory] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        runs = ", ".join(f"{label}: {run.role}" for label, run in self.document.runs.items())
+        return f"Case({self.name!r}, {self.estimator.name}, {{{runs}}})"
 
     @property
     def name(self) -> str:
         """Name of the case."""
         return self.document.name
 
-    def with_(self, **changes: Any) -> Case:
+    @property
+    def content(self) -> dict[str, Any]:
+        """What the case file says, as a mapping that :func:`load_case` takes."""
+        return self.document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+    @cached_property
+    def model(self) -> LoopModel:
+        """The loop with all experiments that have a torque log, with the values of the description.
+
+        Raises:
+            InputError: a log is missing or does not fit; found by :func:`load_case`, unless it was to read no logs.
+        """
+        return _with_data(self)
+
+    def with_(self, **changes: Unpack[CaseChanges]) -> Case:
         """The case with other entries, loaded anew: ``case.with_(torque_std=[0.1], loop={"delay_samples": 1})``.
 
         Args:
-            changes: keys of the case file; mappings are merged with what is there, all else replaces it.
+            changes: keys of the case file. Mappings are merged with what is there, all else replaces it, None takes
+                an entry out: ``case.with_(train={"torque": {"rate_hz": 20}}, validation=None)``. Start values, and a
+                reference or an estimator of another kind, replace the former ones as a whole.
 
         Raises:
             InputError, FmuError, BuildError: as of :func:`load_case`.
         """
-        content = self.document.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        return load_case(_merged(content, changes), folder=self.folder, require_torque=self.model is not None)
+        content = merged(self.content, changes)
+        return load_case(content, folder=self.folder, signals=self.signals, require_torque="model" in self.__dict__)
+
+    def with_signals(self, signals: Mapping[str, Trajectory]) -> Case:
+        """The case with signals in memory instead of files: ``case.with_signals({"train_10hz.csv": log})``.
+
+        Args:
+            signals: name of a file as the case has it -> its content, with the columns that the file would have.
+
+        Raises:
+            UnknownNameError: the case names no such file; InputError: the signals do not fit.
+        """
+        for name in signals:
+            if name not in self.document.files:
+                raise UnknownNameError("file in the case", name, self.document.files, where=self.name)
+        changed = replace(self, signals={**self.signals, **signals})
+        if "model" in self.__dict__:
+            _ = changed.model  # what does not fit is found now
+        return changed
 
     def reference(self, label: str) -> Trajectory:
         """The reference of an experiment."""
@@ -92,7 +115,8 @@ class Case:
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         source = runs[label].reference
-        return read_reference(source, self.folder, step=self.step_size, joint_count=self.parameters.joint_count)
+        n = self.parameters.joint_count
+        return read_reference(source, self.folder, step=self.step_size, joint_count=n, signals=self.signals)
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
@@ -129,37 +153,57 @@ class Case:
         )
 
 
-def load_case(source: Path | str | Mapping[str, Any], *, folder: Path | str = ".", require_torque: bool = True) -> Case:
+def load_case(
+    source: Path | str | Mapping[str, Any],
+    *,
+    folder: Path | str = ".",
+    signals: Mapping[str, Trajectory] | None = None,
+    require_torque: bool = True,
+) -> Case:
     """Read a case, build its FMUs and load its data; all that can be wrong is found here.
 
     Args:
         source: the case file, or its content.
         folder: to which the paths of a content are relative; those of a file are relative to its own folder.
-        require_torque: whether the torque logs are read; a mere simulation needs none.
+        signals: name of a data file as the case has it -> signals in memory that are taken instead.
+        require_torque: whether the torque logs are read at once; a mere simulation needs none.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
     """
     if isinstance(source, Mapping):
         document, folder, path = validate(CaseDocument, dict(source), where="case"), Path(folder), Path()
+        _check_folder(document, folder)
     else:
         document, path = read_case(source), Path(source)
         folder = path.parent
     model = RobotModel(read_robot(folder / document.robot)) if document.robot is not None else None
     controller, base = None, None
     if document.controller is not None:
-        controller = _component(document.controller, folder, _controller_block)
-        plant = _component(document.plant, folder, lambda path: _plant_block(model, path))
+        controller = component_of(document.controller, folder, controller_block)
+        plant = component_of(document.plant, folder, lambda path: plant_block(model, path))
         step = communication_step(document, controller)
     else:
         base = loop_of_archive(document, folder)
         plant, step = base.components[document.plant.component], base.step_size
-    parameters = _parameters(document, model, plant)
-    case = Case(
-        document, folder, parameters, plant, controller, base, step, model=None,
-        estimator=make_estimator(document.estimator), path=path,
-    )  # fmt: skip
-    return replace(case, model=_with_data(case)) if require_torque else case
+    parameters = identified(document, model, plant)
+    estimator = make_estimator(document.estimator)
+    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, dict(signals or {}))
+    if require_torque:
+        _ = case.model  # what is wrong with the data is found now
+    return case
+
+
+def _check_folder(document: CaseDocument, folder: Path) -> None:
+    """Refuse a case in memory whose files are looked for in the wrong folder."""
+    sources = [document.plant.source, document.controller.source if document.controller is not None else None]
+    sources += [document.robot, document.system.source if document.system is not None else None]
+    absent = [name for name in sources if name is not None and ":" not in name and not (folder / name).is_file()]
+    if absent:
+        raise InputError(
+            "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),
+            next_step="Paths are relative to that folder; of a case in memory it is load_case(content, folder=...).",
+        )  # fmt: skip
 
 
 def _with_data(case: Case) -> LoopModel:
@@ -172,6 +216,7 @@ def _with_data(case: Case) -> LoopModel:
             drive_gains=document.loop.drive_gains,
             joint_count=case.parameters.joint_count,
             label=label,
+            signals=case.signals,
         )
         for label, run in document.runs.items()
         if run.role == "estimation" or run.torque is not None
@@ -183,14 +228,6 @@ def _with_data(case: Case) -> LoopModel:
     model = case.model_on(experiments)
     _check(document, model, case.estimator)
     return model
-
-
-def _merged(content: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(content)
-    for key, value in changes.items():
-        both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = _merged(dict(result[key]), value) if both else value
-    return result
 
 
 def _system(
@@ -241,87 +278,3 @@ def _check_motion(plant: Component, n: int, signals: tuple[str, ...]) -> None:
             "The plant lacks outputs that the regressor needs.", where="plant", got=", ".join(missing),
             valid=sorted(given), next_step="Map them: plant: {outputs: {q1: name in the plant, ...}}.",
         )  # fmt: skip
-
-
-def _parameters(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
-    """The base parameters of the robot, or the parameters of the plant that the case names."""
-    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of == PLANT}
-    if not chosen and model is not None:
-        return RobotParameters(model, base_parameters(model))
-    offered = {v.name: v for v in plant.parameters}
-    joints = [v for v in plant.inputs if re.fullmatch(r"tau\d+", v.name)]
-    if not joints:
-        raise InputError(
-            "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
-            next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
-        )  # fmt: skip
-    plant_names = []
-    for name, entry in chosen.items():
-        plant_names.append(entry.parameter or name)
-        if plant_names[-1] not in offered:
-            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
-    return NamedParameters(
-        names=tuple(chosen),
-        units=tuple(offered[name].unit for name in plant_names),
-        plant_names=tuple(plant_names),
-        torque_units=tuple(v.unit or "N.m" for v in joints),
-        start=tuple(
-            entry.start if entry.start is not None else offered[name].start
-            for name, entry in zip(plant_names, chosen.values(), strict=True)
-        ),
-        lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
-        highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),
-        probed=document.estimator.get("kind") == "didim",
-    )
-
-
-def _plant_block(model: RobotModel | None, path: Path | None) -> Block:
-    if path is not None:
-        return RobotModel(read_robot(path)).block()
-    assert model is not None  # the document says so
-    return model.block()
-
-
-def _controller_block(path: Path | None) -> Block:
-    if path is None:
-        raise InputError("The controller needs a source.", where="controller", valid=".yaml, .fmu, package.module:name")
-    return read_controller(path)
-
-
-def _component(source: ComponentSource, folder: Path, make_block: Any) -> Component:
-    named = source.source
-    if named is not None and named.endswith(".fmu"):
-        if source.kind != "fmu":
-            raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
-        component: Component = _fmu(folder / named, source)
-    elif named is not None and ":" in named:
-        if source.kind != "control":
-            raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
-        found = import_object(named, folder=folder, where="case")
-        system = found() if callable(found) and not hasattr(found, "nstates") else found
-        component = wrap_control(system, origin=named, initial_state=source.initial_state, substeps=source.substeps)
-    else:
-        block = make_block(folder / named if named is not None else None)
-        component = _from_block(block, source)
-    if source.parameters:
-        component = component.with_parameters(source.parameters)
-    if source.substeps is not None:
-        component = component.with_substeps(source.substeps) or component
-    component = name_parameters(component, source.parameter_names)
-    return rename(component, inputs=source.inputs, outputs=source.outputs)
-
-
-def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
-    return load_fmu(
-        path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
-        time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
-    )  # fmt: skip
-
-
-def _from_block(block: Block, source: ComponentSource) -> Component:
-    if source.kind == "fmu":
-        # An FMU does not tell its sample time; the description does.
-        return _fmu(build_fmu(block, fmi_version=source.fmi), source).built_from(block)
-    if source.kind == "control":
-        return block_as_control(block)
-    return with_compiled_twin(ModelComponent(block))

@@ -6,10 +6,11 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
-from fmu_didim.case.document import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
+from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
 from fmu_didim.master import decimated_times, grid_places, sample_operator
@@ -18,6 +19,7 @@ from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
 DATA_PREFIX = "data:"
+NONE_GIVEN: Mapping[str, Trajectory] = MappingProxyType({})
 
 
 def data_folder(folder: Path) -> Path:
@@ -49,15 +51,24 @@ def resolve(source: SignalFile, folder: Path) -> Path:
     return path
 
 
-def read_signals(source: SignalFile, folder: Path) -> Trajectory:
-    """The signals of a file under the names of the case."""
-    found = read_trajectory(resolve(source, folder), time=source.time)
+def read_signals(source: SignalFile, folder: Path, signals: Mapping[str, Trajectory] = NONE_GIVEN) -> Trajectory:
+    """The signals of a file, or those given under its name, under the names of the case."""
+    found = signals.get(source.file)
+    if found is None:
+        found = read_trajectory(resolve(source, folder), time=source.time)
     back: Mapping[str, str] = {column: name for name, column in source.columns.items()}
     found.select(list(source.columns.values()))  # a missing column is an error before any work
     return replace(found, variables=tuple(Variable(back.get(v.name, v.name), v.unit) for v in found.variables))
 
 
-def read_reference(source: Excitation | ReferenceFile, folder: Path, *, step: float, joint_count: int) -> Trajectory:
+def read_reference(
+    source: Excitation | ReferenceFile,
+    folder: Path,
+    *,
+    step: float,
+    joint_count: int,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+) -> Trajectory:
     """The reference, one row a control period; a warm-up starts before t = 0."""
     if isinstance(source, Excitation):
         if source.joint_count != joint_count:
@@ -66,7 +77,7 @@ def read_reference(source: Excitation | ReferenceFile, folder: Path, *, step: fl
                 got=source.joint_count, valid=str(joint_count),
             )  # fmt: skip
         return source.trajectory(1.0 / step)
-    found = read_signals(source, folder)
+    found = read_signals(source, folder, signals)
     if source.warm_up_s > 0 and source.period_s is not None:
         return _with_warm_up(found, step, source.period_s, source.warm_up_s)
     return found
@@ -112,16 +123,17 @@ def read_experiment(
     drive_gains: tuple[float, ...] | None,
     joint_count: int,
     label: str,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
 ) -> Experiment:
-    """The data of one run.
+    """The data of one run; signals in memory stand for the files of their names.
 
     Raises:
         InputError: a file or column is missing, or the log does not fit the reference.
     """
-    reference = read_reference(source.reference, folder, step=step, joint_count=joint_count)
+    reference = read_reference(source.reference, folder, step=step, joint_count=joint_count, signals=signals)
     if source.torque is None:
         raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
-    log = read_signals(source.torque, folder)
+    log = read_signals(source.torque, folder, signals)
     torque = log.select([f"tau{j}" for j in range(1, joint_count + 1)])
     if source.torque.quantity == "command":
         torque = torque * np.array(drive_gains or (1.0,) * joint_count)
@@ -134,5 +146,5 @@ def read_experiment(
         times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
-    positions = read_signals(source.positions, folder) if source.positions is not None else None
+    positions = read_signals(source.positions, folder, signals) if source.positions is not None else None
     return Experiment(reference, times, torque, operator, positions, label, source.role)

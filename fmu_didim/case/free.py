@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.case.document import CaseDocument, IdentifiedParameter
+from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.sources import IdentifiedParameter
 from fmu_didim.effects import EFFECTS
 from fmu_didim.effects.drive_gain import DriveGain
 from fmu_didim.errors import InputError, UnknownNameError

@@ -6,23 +6,17 @@ The models of this module are the schema of the file (``result_schema()`` gives 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from fmu_didim.diagnosis.agreement import Agreement
-from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
-from fmu_didim.identification.estimate import Estimate, RefusedError, Status
-from fmu_didim.prediction.free_parameter import BASE
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import Array, trajectory, write_csv
+from fmu_didim.signals import trajectory, write_csv
 
 RESULT_FILE = "result.json"
 
@@ -36,6 +30,8 @@ class ParameterResult(Strict):
     interval: tuple[float, float] = Field(description="95 % confidence interval")
     unit: str = Field(description="FMI unit string")
     standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
+    of: str = Field(default="plant", description="plant, delay, log, or the name of another component of the loop")
+    experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
 
 
 class StageResult(Strict):
@@ -94,6 +90,7 @@ class AgreementResult(Strict):
     agrees: bool
     differs_most: str = Field(description="shared parameter that would change most if it were its own here")
     change_in_std: float = Field(description="by how many standard deviations")
+    warning: str = Field(default="", description="what to do about it; empty where they agree")
 
 
 class ExperimentResult(Strict):
@@ -125,10 +122,15 @@ class ResultDocument(Strict):
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     condition_number: Number
-    noise_std: list[Number] = Field(description="standard deviation of the torque residual, per joint")
+    noise_std: list[Number] = Field(
+        description="standard deviation of the torque residual of all fitted experiments, per joint"
+    )
     torque_unit: list[str] = Field(description="per joint")
     experiments: dict[str, ExperimentResult] = Field(description="by label")
     relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
+    fitted_error_percent: ErrorResult | None = Field(
+        default=None, description="of all fitted experiments together; null where no values are given"
+    )
     integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
     history: list[IterationResult]
     loop: dict[str, Any]
@@ -141,167 +143,9 @@ class ResultDocument(Strict):
     provenance: dict[str, Any]
 
 
-def consistency_result(found: Consistency) -> ConsistencyResult:
-    """The comparison of plant and robot description as it is saved."""
-    warnings = found.warnings()
-    return ConsistencyResult(
-        agrees=not warnings,
-        worst=found.worst,
-        points=found.points,
-        torque_difference=list(found.torque),
-        columns={
-            name: ColumnResult(difference=c.difference, cosine=c.cosine, size=c.size, joint=c.joint)
-            for name, c in (found.columns or {}).items()
-        },
-        method=found.method,
-        acceleration="difference of velocities" if found.by_differences else "output of the plant",
-        warnings=warnings,
-    )
-
-
 def result_schema() -> dict[str, Any]:
     """JSON Schema of ``result.json``."""
     return ResultDocument.model_json_schema()
-
-
-def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
-    return {name: float(v) for name, v in zip(names, values, strict=False)}
-
-
-def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[IterationResult]:
-    return [
-        IterationResult(
-            stage=it.stage,
-            number=it.number,
-            relative_error_percent=float(it.relative_error_percent),
-            change=float(it.change),
-            condition_number=float(it.condition_number),
-            parameters=_by_name(names, it.parameters),
-            note=it.note,
-        )
-        for it in iterations
-    ]
-
-
-def result_document(
-    name: str,
-    model: LoopModel,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    description: str = "",
-) -> ResultDocument:
-    """The document of an estimate and its validations."""
-    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
-    if model.parameters.has_regressor and not model.gives_acceleration:
-        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
-    found = estimate.agreements
-    return ResultDocument(
-        name=name,
-        description=description,
-        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
-        advice=estimate.status.value,
-        estimator=estimate.estimator,
-        iterations=estimate.iteration_count,
-        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
-        parameters=_parameters(model, estimate),
-        stages={
-            stage: StageResult(
-                value=_by_name(estimate.names, content.value),
-                std=_by_name(estimate.names, content.standard_deviation),
-                formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
-            )
-            for stage, content in estimate.stages.items()
-        },
-        regrouping=model.parameters.relations(),
-        correlations=estimate.correlations(),
-        condition_number=estimate.condition_number,
-        noise_std=[float(v) for v in estimate.noise],
-        torque_unit=list(model.parameters.torque_units),
-        experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
-        relative_error_percent={v.label: _errors(v) for v in validations},
-        integration_error=float(estimate.integration_error),
-        history=_history(estimate.names, estimate.iterations),
-        loop=model.system(model.start).describe(),
-        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
-        checks=model.parameters.checks(),
-        remarks=[*estimate.remarks, *(a.warning() for a in found.values() if not a.agrees), *notes],
-        provenance=dict(estimate.provenance),
-    )
-
-
-def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
-    intervals = estimate.interval()
-    carriers = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
-    standard = [carriers[p.key] if p.owner == BASE else "" for p in model.free_parameters]
-    return {
-        parameter: ParameterResult(
-            value=float(estimate.value[i]),
-            std=float(estimate.standard_deviation[i]),
-            rel_std_percent=float(estimate.relative_deviation_percent[i]),
-            interval=(float(intervals[i, 0]), float(intervals[i, 1])),
-            unit=estimate.units[i],
-            standard=standard[i],
-        )
-        for i, parameter in enumerate(estimate.names)
-    }
-
-
-def _errors(validation: Validation) -> ErrorResult:
-    return ErrorResult(
-        total=validation.total_percent, per_joint=[float(e) for e in validation.per_joint_percent]
-    )  # fmt: skip
-
-
-def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
-    experiment = model.experiments[validation.label]
-    residual = validation.measured - validation.simulated
-    return ExperimentResult(
-        role=validation.role,
-        samples=int(validation.time.size),
-        rate_hz=round(experiment.rate_hz, 6),
-        noise_std=[float(v) for v in np.sqrt((residual**2).mean(axis=0))],
-        relative_error_percent=_errors(validation),
-        own=[p.name for p in model.free_parameters if p.experiment == validation.label],
-        agreement=None
-        if agreement is None
-        else AgreementResult(
-            p_value=agreement.p_value,
-            agrees=agreement.agrees,
-            differs_most=agreement.parameter,
-            change_in_std=agreement.change_in_std,
-        ),
-        failure=validation.failure,
-    )
-
-
-def refused_document(
-    name: str, model: LoopModel, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
-) -> ResultDocument:
-    """The document of a refusal: the reason and the iterations, no values."""
-    return ResultDocument(
-        name=name,
-        status="refused",
-        advice=str(error),
-        estimator=estimator,
-        iterations=len(error.iterations),
-        finish_iterations=0,
-        parameters={},
-        stages={},
-        regrouping=model.parameters.relations(),
-        correlations=[],
-        condition_number=None,
-        noise_std=[],
-        torque_unit=list(model.parameters.torque_units),
-        experiments={},
-        relative_error_percent={},
-        integration_error=None,
-        history=_history(model.names, error.iterations),
-        loop=model.systems[model.first].describe(),
-        signals={},
-        remarks=[],
-        provenance=dict(provenance),
-    )
 
 
 def save_result(document: ResultDocument, validations: Sequence[Validation], directory: Path) -> Path:

@@ -9,7 +9,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fmu_didim.discovery.findings import FindingsDocument, GapPair
-from fmu_didim.report.figures import AXIS_TITLE, FONT, FRAME, RESIDUAL, SIMULATED, _json, decimated
+from fmu_didim.report.discovery_words import experiment_name
+from fmu_didim.report.figures import AXIS_TITLE, FONT, FRAME, RESIDUAL, SIMULATED, decimated, figure_json
 from fmu_didim.report.numbers import pretty_unit
 from fmu_didim.signals import Array, Trajectory
 
@@ -74,10 +75,11 @@ def gap_figure(document: FindingsDocument) -> str:
                                          "nticks": 6, "title": AXIS_TITLE | {"text": "gap / noise"}},
             }
         )  # fmt: skip
-        _head(figure, label.capitalize(), domains[row][1])
+        title = experiment_name(document, label)
+        _head(figure, title[:1].upper() + title[1:], domains[row][1])
     _finish(figure, height)
     figure.update_layout(barmode="group", bargap=0.35, uniformtext={"mode": "hide", "minsize": 9})
-    return _json(figure)
+    return figure_json(figure)
 
 
 def _bars(pair: GapPair, column: str, joints: int) -> list[float | None]:
@@ -134,7 +136,7 @@ def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[f
         hovermode="x unified",
     )  # fmt: skip
     _finish(figure, height)
-    return _json(figure)
+    return figure_json(figure)
 
 
 def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int) -> list[str]:
@@ -166,7 +168,7 @@ def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: s
     )
     _head(figure, f"Joint {joint}, against {kind.title.partition(' of ')[0]}", 1.0)
     _finish(figure, _rows(1, BINNED_HEIGHT)[1])
-    return _json(figure)
+    return figure_json(figure)
 
 
 def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array, Array]:

@@ -23,6 +23,7 @@ from fmu_didim.report.discovery_words import (
     SIGNALS,
     error_text,
     experiment_head,
+    experiment_name,
     file_title,
     interval_text,
     located,
@@ -36,7 +37,8 @@ from fmu_didim.report.discovery_words import (
 )
 from fmu_didim.report.figures import points_per_trace
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
-from fmu_didim.report.page import Table, aligned, write_page
+from fmu_didim.report.page import write_page
+from fmu_didim.report.tables import Table, aligned
 from fmu_didim.signals import Trajectory, read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
@@ -86,7 +88,7 @@ def write_discovery_report(folder: Path | str) -> Path:
         verdict=verdict_of(document),
         cards=_headline(document),
         gap_figure=Markup(gap_figure(document)) if document.gap and document.torque_unit else None,
-        findings=[_card(number, f) for number, f in enumerate(document.findings, start=1)],
+        findings=[_card(number, f, document) for number, f in enumerate(document.findings, start=1)],
         rounds=_rounds(document),
         plots=_plots(document, folder),
         places=[line for j in joints for line in strongest_regions(document, joint=j, count=REGIONS_PER_JOINT)],
@@ -106,18 +108,18 @@ def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
     changed = bool(document.findings)
     cards = [("effects named", str(len(document.findings)))]
     for label, pair in document.gap.items():
-        cards.append((f"gap / noise, {label}", step_text(pair, changed=changed)))
+        cards.append((f"gap / noise, {experiment_name(document, label)}", step_text(pair, changed=changed)))
     if document.ratio_interval is not None:
-        cards.append(("held-out RMS, part of the base model's, 95 %", interval_text(document.ratio_interval)))
+        cards.append(("held-out RMS over the base model's, 95 %", interval_text(document.ratio_interval)))
     for label, errors in document.error_percent.items():
-        cards.append((f"torque error, {label}", error_text(*errors, changed=changed)))
+        cards.append((f"torque error, {experiment_name(document, label)}", error_text(*errors, changed=changed)))
     cards.append(("time taken", f"{significant(document.seconds)} s"))
     return cards
 
 
-def _card(number: int, finding: FindingResult) -> Card:
+def _card(number: int, finding: FindingResult, document: FindingsDocument) -> Card:
     facts = [("share of the gap", share_text(finding.share_of_gap))]
-    facts += [(f"gap, {label}", step_text(pair)) for label, pair in finding.gap.items()]
+    facts += [(f"gap, {experiment_name(document, label)}", step_text(pair)) for label, pair in finding.gap.items()]
     facts.append(("held-out RMS ratio, 95 %", interval_text(finding.ratio_interval)))
     facts.append(("gain in BIC", significant(finding.delta_bic)))
     return Card(
@@ -148,7 +150,7 @@ def _rounds(document: FindingsDocument) -> Table | None:
     if not document.findings:
         return None
     heads = ["round", "added", "share of the gap", "gain in BIC"]
-    heads += [f"gap, {label}" for label in labels] + ["held-out RMS ratio, 95 %"]
+    heads += [f"gap, {experiment_name(document, label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
     rows = [
         (
             str(number), f"{f.title}, {located(f.effect, f.joint)}",
@@ -180,7 +182,8 @@ def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
             for quantity in panel_quantities(document, signals, j)
         ]
-        title = key.removeprefix(SIGNALS).capitalize()
+        title = experiment_name(document, key.removeprefix(SIGNALS))
+        title = title[:1].upper() + title[1:]
         plots.append(ResidualPlots(title, Markup(over_time), tuple(panels), _note(signals, limit)))
     return plots
 

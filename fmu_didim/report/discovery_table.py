@@ -10,6 +10,7 @@ from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.discovery_words import (
     error_text,
     experiment_head,
+    experiment_name,
     file_title,
     interval_text,
     located,
@@ -151,7 +152,10 @@ def _facts(document: FindingsDocument) -> list[str]:
     stds = ", ".join(noise_joint(noise, k, document.torque_unit) for k in range(len(noise.std)))
     entries = [("Noise σ", f"{stds} ({noise_source(noise)})")] if noise.std else []
     changed = bool(document.findings)
-    errors = ", ".join(f"{k} {error_text(*pair, changed=changed)}" for k, pair in document.error_percent.items())
+    errors = ", ".join(
+        f"{experiment_name(document, k)} {error_text(*pair, changed=changed)}"
+        for k, pair in document.error_percent.items()
+    )
     if errors:
         entries.append(("Torque error", errors))
     if document.ratio_interval is not None:

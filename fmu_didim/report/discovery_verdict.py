@@ -7,7 +7,7 @@ from math import inf
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_words import gap_text, located
-from fmu_didim.report.numbers import Verdict
+from fmu_didim.report.verdict import Verdict
 
 HEADS = {
     "nothing": ("good", "NOTHING MISSING"),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from fmu_didim.discovery.findings import (
     FindingResult,
+    FindingsDocument,
     GapPair,
     NoiseResult,
     Rival,
@@ -14,6 +15,7 @@ from fmu_didim.discovery.findings import (
     WindowResult,
 )
 from fmu_didim.effects import EFFECTS
+from fmu_didim.report.experiments import titled
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -32,12 +34,17 @@ FILES = {
 
 
 SIGNALS = "signals_"
-"""Begin of the keys of the files that hold the torques of an experiment; its label follows."""
+"""How the keys of the files begin that hold the torques of an experiment; its label follows."""
 
 
 def file_title(key: str) -> str:
     """What a file is."""
     return f"torques, {key.removeprefix(SIGNALS)}" if key.startswith(SIGNALS) else FILES.get(key, key)
+
+
+def experiment_name(document: FindingsDocument, label: str) -> str:
+    """An experiment with its role, if its label does not say it."""
+    return titled(label, document.roles.get(label))
 
 
 def gap_text(gap: float | None) -> str:

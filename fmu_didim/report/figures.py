@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from fmu_didim.identification.result import ErrorResult, IterationResult
+from fmu_didim.identification.result import IterationResult
 from fmu_didim.report.numbers import percentage, pretty_unit
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.signals import Array
 
 MEASURED, MEASURED_DENSE, SIMULATED, RESIDUAL, FAILED = "#374151", "#a3acb9", "#0072b2", "#d55e00", "#b42318"
 MARKERS_UP_TO = 1500
@@ -52,33 +53,34 @@ def points_per_trace(traces: int) -> int:
     return max(min(POINTS_PER_TRACE, POINTS_PER_PAGE // max(traces, 1)), 200)
 
 
-def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult | None, *, limit: int) -> str:
+def torque_figure(
+    time: Array,
+    measured: Array,
+    simulated: Mapping[str, Array],
+    units: Sequence[str],
+    *,
+    percent: Sequence[float | None] = (),
+    limit: int = POINTS_PER_TRACE,
+) -> go.Figure:
     """Measured and simulated torque with the residual below, joint by joint over one time axis.
 
     Args:
-        signals: columns ``tau_measured<j>`` and ``tau_simulated<j>``.
-        units: (n,) FMI units of the joints; limit: points a trace.
+        time: (N,) s; measured: (N, n); simulated: name of each model -> (N, n), at most two.
+        units: (n,) FMI units of the joints; percent: (n,) relative errors; limit: points a trace.
     """
     count = len(units)
-    names = [(f"tau_measured{j}", f"tau_simulated{j}") for j in range(1, count + 1)]
     figure = go.Figure()
     domains, height = _domains(count)
-    mode = "markers" if signals.time.size <= MARKERS_UP_TO else "lines"
-    for j, (pair, unit) in enumerate(zip(names, units, strict=True)):
-        measured, simulated = signals.select(pair).T
+    for j, unit in enumerate(units):
         shown = pretty_unit(unit)
         upper, lower = _axis(2 * j), _axis(2 * j + 1)
-        dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
-        traces = (
-            ("measured", measured, upper, dots),
-            ("simulated", simulated, upper, {"mode": "lines", "line": {"color": SIMULATED, "width": 1.6}}),
-            ("residual", measured - simulated, lower, {"mode": "lines", "line": {"color": RESIDUAL, "width": 1}}),
-        )
-        for name, values, axis, style in traces:
-            x, y = decimated(signals.time, values, limit)
+        for name, group, values, is_residual, style in _traces(
+            measured[:, j], {k: v[:, j] for k, v in simulated.items()}
+        ):
+            x, y = decimated(time, values, limit)
             figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name,
-                legendgroup=name, showlegend=j == 0, xaxis="x", yaxis=f"y{axis}", **style,
+                x=x, y=y.astype(np.float32), name=name, legendgroup=group, showlegend=j == 0 and name == group,
+                xaxis="x", yaxis=f"y{lower if is_residual else upper}", **style,
                 hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
             )  # fmt: skip
         quantity = "force" if unit == "N" else "torque"
@@ -87,8 +89,8 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
                 {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": ticks,
                                           "title": AXIS_TITLE | {"text": f"{title} ({shown})"}}}
             )  # fmt: skip
-        percent = error.per_joint[j] if error is not None and j < len(error.per_joint) else None
-        text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(percent)}" if percent is not None else "")
+        error = percent[j] if j < len(percent) else None
+        text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
         figure.add_annotation(
             text=text, x=0, y=domains[2 * j][1], xref="paper", yref="paper", xanchor="left", yanchor="bottom",
             showarrow=False,
@@ -100,8 +102,28 @@ def torque_figure(signals: Trajectory, units: Sequence[str], error: ErrorResult 
         legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
                 "itemsizing": "constant"},
     )  # fmt: skip
-    figure.update_layout(legend={"y": 1 - 8 / height, "yanchor": "top"})
-    return _json(figure)
+    figure.update_layout(legend={"y": 1 - 8 / height, "yanchor": "top"}, template="none")
+    return figure
+
+
+Trace = tuple[str, str, Array, bool, dict[str, Any]]
+"""Name, group in the legend, values (N,), whether it is a residual, and style of a line."""
+
+
+def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[Trace]:
+    """What is drawn of one joint; of two models each has one colour and one entry in the legend."""
+    mode = "markers" if measured.size <= MARKERS_UP_TO else "lines"
+    dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
+    traces: list[Trace] = [("measured", "measured", measured, False, dots)]
+    one = len(simulated) == 1
+    colours = ((SIMULATED, RESIDUAL),) if one else ((RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED))
+    for (name, torque), (wide, thin) in zip(simulated.items(), colours, strict=False):
+        residual, group = ("residual", "residual") if one else (f"residual of the {name}", name)
+        traces.append((name, name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
+        traces.append(
+            (residual, group, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}})
+        )
+    return traces
 
 
 def _axis(row: int) -> str:
@@ -121,7 +143,7 @@ def _domains(count: int) -> tuple[list[tuple[float, float]], int]:
     return [(max(low, 0.0), min(high, 1.0)) for low, high in domains], inner + MARGIN["t"] + MARGIN["b"]
 
 
-def history_figure(history: Sequence[IterationResult]) -> str:
+def history_figure(history: Sequence[IterationResult]) -> go.Figure:
     """Relative torque error and change of the parameters by iteration, logarithmic; failures are crosses."""
     ticks = [html.escape(f"{it.stage} {it.number}") for it in history]
     positions = list(range(1, len(history) + 1))
@@ -153,7 +175,7 @@ def history_figure(history: Sequence[IterationResult]) -> str:
     figure.update_layout(
         height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
     )
-    return _json(figure)
+    return figure
 
 
 def _scale(values: Sequence[float | None]) -> dict[str, object]:
@@ -165,7 +187,7 @@ def _scale(values: Sequence[float | None]) -> dict[str, object]:
     return {"type": "log", "exponentformat": "e", "dtick": int(max(1, decades // 5))}
 
 
-def _json(figure: go.Figure) -> str:
+def figure_json(figure: go.Figure) -> str:
     """JSON that is safe inside a script element."""
     figure.update_layout(template="none")
     text = str(figure.to_json())

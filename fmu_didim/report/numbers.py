@@ -80,8 +80,8 @@ class ParameterText:
     insignificant: bool
 
 
-def parameter_text(name: str, parameter: ParameterResult) -> ParameterText:
-    """The texts of a parameter."""
+def parameter_text(name: str, parameter: ParameterResult, unit: str | None = None) -> ParameterText:
+    """The texts of a parameter; ``unit`` stands for its own."""
     digits = rounding(parameter.value, parameter.std)
     low, high = parameter.interval
     return ParameterText(
@@ -89,7 +89,7 @@ def parameter_text(name: str, parameter: ParameterResult) -> ParameterText:
         value=digits.text(parameter.value),
         std=digits.deviation(parameter.std),
         percent=percent_std(parameter.rel_std_percent),
-        unit=pretty_unit(parameter.unit),
+        unit=pretty_unit(parameter.unit) if unit is None else unit,
         interval=(digits.text(low), digits.text(high)),
         insignificant=low <= 0.0 <= high,
     )
@@ -138,56 +138,6 @@ def _is_number(text: str) -> bool:
     return re.fullmatch(r"[-+.\de]+", text) is not None
 
 
-def loop_parameters(document: ResultDocument) -> dict[str, ParameterResult]:
-    """The parameters of the loop: those no standard parameter of the plant carries."""
-    return {name: p for name, p in document.parameters.items() if not p.standard}
-
-
-def loop_line(document: ResultDocument, name: str) -> str:
-    """A parameter of the loop in words; a delay also in milliseconds."""
-    parameter = document.parameters[name]
-    shown = parameter_text(name, parameter)
-    unit = "samples" if name == "delay" else shown.unit
-    line = f"{name} = ({shown.value} ± {shown.std}) {unit}".rstrip()
-    step = document.loop.get("step_size_s")
-    if name == "delay" and isinstance(step, int | float):
-        value, std = 1e3 * step * parameter.value, 1e3 * step * parameter.std
-        digits = rounding(value, std)
-        line += f" = ({digits.text(value)} ± {digits.deviation(std)}) ms at a step of {1e3 * step:.6g} ms"
-    return line
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether the values may be used: grade ``good``, ``doubtful`` or ``refused``, a head and its text."""
-
-    grade: str
-    head: str
-    text: str
-
-
-def verdict(document: ResultDocument) -> Verdict:
-    """The validity of a result, in words."""
-    if document.status == "refused":
-        return Verdict("refused", "REFUSED", document.advice)
-    if document.status == "maximum_iterations":
-        return Verdict("doubtful", "NOT SETTLED", document.advice)
-    errors = {k: e.total for k, e in document.relative_error_percent.items()}
-    parts = [f"converged in {iteration_count(document)} iterations", *document.checks]
-    known = [f"{percentage(total)} {'off ' if i == 0 else ''}on {label}"
-             for i, (label, total) in enumerate((k, v) for k, v in errors.items() if v is not None)]  # fmt: skip
-    if known:
-        parts.append("simulated torque " + ", ".join(known))
-    failed = [label for label, total in errors.items() if total is None]
-    if failed:
-        parts.append(f"the simulation failed on {', '.join(failed)}")
-        return Verdict("doubtful", "NOT VALIDATED", "; ".join(parts))
-    if document.consistency is not None and document.consistency.points and not document.consistency.agrees:
-        parts.append("but the plant differs from the robot description: see the warning")
-        return Verdict("doubtful", "DOUBTFUL", "; ".join(parts))
-    return Verdict("good", "Valid", "; ".join(parts))
-
-
 def iteration_count(document: ResultDocument) -> str:
     """Iterations of the main stage, and of the efficient finish if there was one."""
     finish = document.finish_iterations
@@ -225,7 +175,11 @@ def component_line(name: str, told: Mapping[str, Any]) -> str:
 
 def loop_summary(document: ResultDocument) -> list[str]:
     """The loop in words, a line a component in their order and one for rate, order and delay; empty if unknown."""
-    loop = document.loop
+    return loop_lines(document.loop)
+
+
+def loop_lines(loop: Mapping[str, Any]) -> list[str]:
+    """The same of the description of a system."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []

@@ -6,24 +6,35 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from fmu_didim.identification.result import ResultDocument
+from fmu_didim.report.experiments import (
+    agreement_text,
+    at,
+    delay_lines,
+    disagreeing,
+    error_rows,
+    is_short_form,
+    noise_text,
+    own_names,
+    parameter_groups,
+    shown_parameter,
+)
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
     consistency_line,
     decimal_aligned,
     iteration_count,
-    loop_line,
-    loop_parameters,
-    parameter_text,
     percentage,
     pretty_unit,
     significant,
-    verdict,
 )
+from fmu_didim.report.verdict import verdict
 
 WIDTH = 100
 SHOWN_CORRELATIONS = 5
 GAP = "  "
+LABEL = 24
+"""Characters of the name of an experiment that are shown."""
 
 
 def result_table(document: ResultDocument) -> str:
@@ -33,7 +44,8 @@ def result_table(document: ResultDocument) -> str:
     sections = [
         [*wrapped(title), *wrapped(document.description)],
         _parameters(document),
-        _torque(document),
+        _experiments(document),
+        _torque(document) if is_short_form(document) else _errors_by_experiment(document),
         _figures(document),
         listing("Regrouping", document.regrouping),
         listing("Notes of the iterations", _notes(document)),
@@ -57,23 +69,21 @@ def listing(head: str, items: Iterable[str]) -> list[str]:
 
 
 def _parameters(document: ResultDocument) -> list[str]:
-    """The table; the parameters of the loop follow those of the plant below a second rule."""
+    """The table; parameters of one experiment alone and those of the loop follow below rules of their own."""
     if not document.parameters:
         return []
-    loop = loop_parameters(document)
-    rows = [parameter_text(name, p) for name, p in document.parameters.items()]
-    columns = _columns(rows)
-    head, *body = [line.rstrip() for line in _joined(columns)]
-    rule = "-" * max(len(head), *(len(line) for line in body))
-    plant = [line for line, row in zip(body, rows, strict=True) if row.name not in loop]
-    lines = [head, rule, *plant]
-    if loop:
-        lines += [rule, *(line for line, row in zip(body, rows, strict=True) if row.name in loop)]
+    groups = parameter_groups(document)
+    rows = [shown_parameter(name, p) for group in groups for name, p in group.parameters.items()]
+    head, *body = [line.rstrip() for line in _joined(_columns(rows))]
+    width = max(len(head), *(len(line) for line in body))
+    lines = [head]
+    for group in groups:
+        lines.append(f"-- {group.head} ".ljust(width, "-") if group.head else "-" * width)
+        lines += body[: len(group.parameters)]
+        body = body[len(group.parameters) :]
     if any(row.insignificant for row in rows):
         lines.append("* not significantly different from zero")
-    for name in loop:
-        lines += wrapped(loop_line(document, name))
-    return lines
+    return lines + [line for text in delay_lines(document) for line in wrapped(text)]
 
 
 def _columns(rows: Sequence[ParameterText]) -> list[list[str]]:
@@ -106,25 +116,69 @@ def _clipped(text: str, width: int) -> str:
 
 def _torque(document: ResultDocument) -> list[str]:
     """Relative error of each experiment and noise, a line a joint."""
-    errors = document.relative_error_percent
+    errors = error_rows(document)
     if not errors and not document.noise_std:
         return []
     joints = range(len(document.torque_unit))
     columns = [_column("Torque", ["total", *(f"joint {j + 1}" for j in joints)], left=True)]
-    for label, error in errors.items():
-        per_joint = [_at(error.per_joint, j) for j in joints]
-        texts = [significant(v) for v in (error.total, *per_joint)]
-        columns.append(_column(f"{label} %", decimal_aligned(texts)))
+    for label, values in errors:
+        columns.append(_column(f"{label} %", decimal_aligned([significant(v) for v in values])))
     if document.noise_std:
-        texts = decimal_aligned(["", *(significant(_at(document.noise_std, j), 2) for j in joints)])
+        texts = decimal_aligned(["", *(significant(at(document.noise_std, j), 2) for j in joints)])
         units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
         columns.append(_column("noise σ", [f"{t} {u}" for t, u in zip(texts, _column("", units, left=True)[1:],
                                                                        strict=True)]))  # fmt: skip
     return [line.rstrip() for line in _joined(columns)]
 
 
-def _at(values: Sequence[float | None], index: int) -> float | None:
-    return values[index] if index < len(values) else None
+def _experiments(document: ResultDocument) -> list[str]:
+    """What each experiment is and how it agrees with the others; nothing where the torque says it all."""
+    found = document.experiments
+    if is_short_form(document):
+        return []
+    columns = [
+        _column("Experiment", [_clipped(label, LABEL) for label in found], left=True),
+        _column("role", [e.role for e in found.values()], left=True),
+        _column("samples", [str(e.samples) for e in found.values()]),
+        _column("Hz", decimal_aligned([f"{e.rate_hz:.6g}" for e in found.values()])),
+    ]
+    if any(e.agreement is not None for e in found.values()):
+        marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in found.values()]
+        texts = decimal_aligned([agreement_text(e.agreement) for e in found.values()])
+        columns.append(_column("agreement p", [f"{t}{m:2}" for t, m in zip(texts, marks, strict=True)]))
+    own = [", ".join(own_names(label, e)) for label, e in found.items()]
+    if any(own):
+        room = WIDTH - sum(len(column[0]) + len(GAP) for column in columns)
+        columns.append(_column("own", [_clipped(text, room) for text in own], left=True))
+    lines = [line.rstrip() for line in _joined(columns)]
+    for agreement in disagreeing(document).values():
+        lines += wrapped(f"! WARNING: {agreement.warning}", "", "  ")
+    return lines
+
+
+def _errors_by_experiment(document: ResultDocument) -> list[str]:
+    """Relative errors, a line an experiment, and the noise."""
+    errors = error_rows(document)
+    if not errors:
+        return []
+    heads = ["total %", *(f"joint {j + 1} %" for j in range(len(document.torque_unit)))]
+    columns = [_column("Torque", [_clipped(label, LABEL) for label, _ in errors], left=True)]
+    for j, head in enumerate(heads):
+        columns.append(_column(head, decimal_aligned([significant(values[j]) for _, values in errors])))
+    noise = noise_text(document)
+    return [*(line for block in _blocks(columns) for line in block), *(wrapped(f"noise σ: {noise}") if noise else [])]
+
+
+def _blocks(columns: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Columns beside each other as far as there is room, the others below, each time behind the first column."""
+    first, *others = columns
+    blocks, chosen = [], [first]
+    for column in others:
+        if len(GAP.join(part[0] for part in (*chosen, column))) > WIDTH:
+            blocks.append(chosen)
+            chosen = [first]
+        chosen.append(column)
+    return [[line.rstrip() for line in _joined(block)] for block in (*blocks, chosen)]
 
 
 def _figures(document: ResultDocument) -> list[str]:

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
-import fmu_didim
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.master import System
 from fmu_didim.ssp.compose import Part, Route
 from fmu_didim.ssp.document import FMU_TYPE, LOOP, LOOP_TYPE, SSC, SSD, SSV
 from fmu_didim.ssp.transform import Unit
 from fmu_didim.units import BASE_UNITS
+from fmu_didim.version import __version__
 
 
 def parameter_set(name: str, part: Part) -> str:
@@ -186,7 +186,7 @@ def _units(root: ET.Element, tag: str, units: Iterable[Unit]) -> None:
 
 def _root(tag: str, namespaces: Mapping[str, str], name: str) -> ET.Element:
     attributes = {f"xmlns:{prefix}": uri for prefix, uri in namespaces.items()}
-    tool = f"fmu_didim {fmu_didim.__version__}"
+    tool = f"fmu_didim {__version__}"
     return ET.Element(tag, {**attributes, "version": "1.0", "name": name, "generationTool": tool})
 
 

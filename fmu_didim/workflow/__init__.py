@@ -1,8 +1,21 @@
-"""The verbs of the Python API, one module each: identify, discover, simulate, export, and the files they write."""
+"""The verbs of the Python API, one module each: check, identify, discover, simulate, export; and what they return."""
 
+from fmu_didim.workflow.check import Checked, check
 from fmu_didim.workflow.discover import discover
+from fmu_didim.workflow.discovered import Discovered
 from fmu_didim.workflow.export import export_ssp
-from fmu_didim.workflow.identify import ROBOT_FILE, Outcome, identify
-from fmu_didim.workflow.simulate import simulate_case
+from fmu_didim.workflow.identify import ROBOT_FILE, identify
+from fmu_didim.workflow.outcome import Outcome
+from fmu_didim.workflow.simulate import simulate
 
-__all__ = ["ROBOT_FILE", "Outcome", "discover", "export_ssp", "identify", "simulate_case"]
+__all__ = [
+    "ROBOT_FILE",
+    "Checked",
+    "Discovered",
+    "Outcome",
+    "check",
+    "discover",
+    "export_ssp",
+    "identify",
+    "simulate",
+]

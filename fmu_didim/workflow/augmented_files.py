@@ -15,7 +15,6 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.components import load_fmu
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.run import Found
-from fmu_didim.documents import load_yaml
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export import build_fmu
 from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
@@ -102,7 +101,7 @@ def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> 
     robot = augmented_robot(builder, fit)
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
-    document = _relocated(load_yaml(case.path), case.folder, out)
+    document = _relocated(case.content, case.folder, out, _write_given(case, out))
     document["robot"] = ROBOT_FILE
     chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
     document["plant"] = {"kind": "fmu", **chosen}
@@ -115,17 +114,36 @@ def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> 
     return {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
 
 
-def _relocated(content: Any, old: Path, new: Path) -> Any:
-    """A case document whose relative paths are seen from another folder."""
+def _write_given(case: Case, out: Path) -> dict[str, str]:
+    """Signals that were given in memory, as files: name in the case -> name in the folder."""
+    written = {}
+    for number, (name, signals) in enumerate(case.signals.items(), start=1):
+        written[name] = f"data_{number}.csv"
+        write_csv(signals, out / written[name])
+    return written
+
+
+def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -> Any:
+    """A case document whose relative paths are seen from another folder, in which some files were written anew."""
     if isinstance(content, list):
-        return [_relocated(item, old, new) for item in content]
+        return [_relocated(item, old, new, written) for item in content]
     if not isinstance(content, dict):
         return content
     result = {}
     for key, value in content.items():
-        is_file = key in _PATH_KEYS and isinstance(value, str) and (old / value).is_file()
-        result[key] = os.path.relpath(old / value, new) if is_file else _relocated(value, old, new)
+        if key == "time" and content.get("file") in written:
+            continue  # the new file has its own name for it
+        named = key in _PATH_KEYS and isinstance(value, str)
+        result[key] = _seen_from(value, old, new, written) if named else _relocated(value, old, new, written)
     return result
+
+
+def _seen_from(name: str, old: Path, new: Path, written: Mapping[str, str]) -> str:
+    """A path, or ``file.py:name``, seen from another folder; whatever is no file there stays as it is."""
+    if name in written:
+        return written[name]
+    file, colon, member = name.partition(":")
+    return os.path.relpath(old / file, new) + colon + member if (old / file).is_file() else name
 
 
 def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:
@@ -174,7 +192,6 @@ def _rerun(path: Path, final: Fit, found: Found) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
     case = load_case(path)
     model = case.model
-    assert model is not None
     worst = 0.0
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)

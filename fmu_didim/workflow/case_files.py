@@ -7,11 +7,11 @@ from pathlib import Path
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case
 from fmu_didim.case.data import resolve
-from fmu_didim.case.document import SignalFile
+from fmu_didim.case.sources import SignalFile
 
 
 def case_files(case: Case) -> dict[str, str]:
-    """SHA-256 of the files that the case reads, under the names it gives them."""
+    """SHA-256 of the files that the case reads, under the names it gives them, or of the signals given for them."""
     document = case.document
     named: dict[str, Path] = {}
     controller = document.controller.source if document.controller is not None else None
@@ -21,6 +21,7 @@ def case_files(case: Case) -> dict[str, str]:
             named[source] = case.folder / source
     for run in document.runs.values():
         for part in (run.reference, run.torque, run.positions):
-            if isinstance(part, SignalFile):
+            if isinstance(part, SignalFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
-    return {name: file_digest(path) for name, path in named.items() if path.is_file()}
+    given = {name: signals.digest() for name, signals in case.signals.items()}
+    return {name: file_digest(path) for name, path in named.items() if path.is_file()} | given

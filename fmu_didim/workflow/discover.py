@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.discovery.findings import FindingsDocument, save_findings
@@ -18,13 +19,14 @@ from fmu_didim.identification.provenance import provenance
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.workflow.augmented_files import augmented_robot, write_augmented, write_signals
 from fmu_didim.workflow.case_files import case_files
+from fmu_didim.workflow.discovered import Discovered
 
 NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
 
 
 def discover(
-    case: Case | Path | str,
+    case: Case | Path | str | Mapping[str, Any],
     out: Path | str | None = None,
     *,
     forbid: Sequence[str] = (),
@@ -33,11 +35,11 @@ def discover(
     rounds: int = 5,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
-) -> FindingsDocument:
+) -> Discovered:
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
     Args:
-        case: a loaded case or the path of its file; its validation experiments are the held-out data.
+        case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
         effects: further effects, ``package.module:Name``.
@@ -50,7 +52,6 @@ def discover(
     say = progress or (lambda text: None)
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
-    assert model is not None
     catalogue = effect_catalogue(effects)
     for name in (*forbid, *prefer):
         if name not in catalogue:
@@ -66,7 +67,8 @@ def discover(
         provenance={**record, "loop": model.systems[model.first].describe()},
         say=say,
     )
-    return found.document if out is None else _saved(case, found, description, Path(out), say)
+    document = found.document if out is None else _saved(case, found, description, Path(out), say)
+    return Discovered(document, found)
 
 
 def _description(case: Case) -> RobotDescription | None:

@@ -17,7 +17,7 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array, Trajectory, Variable
 
 
-def simulate_case(
+def simulate(
     case: Case | Path | str | Mapping[str, Any],
     *,
     parameters: Mapping[str, float] | None = None,
@@ -26,11 +26,13 @@ def simulate_case(
     """Simulate the loop of a case at the control rate.
 
     Args:
+        case: a loaded case, the path of its file, or its content; torque logs are not needed.
         parameters: free parameters by name; the values of the robot description by default.
         experiment: label of the experiment whose reference is followed; the first one by default.
 
     Returns:
-        Columns ``tau<j>``, ``q<j>``, ``dq<j>``, ``ddq<j>`` at the ticks.
+        Columns ``tau<j>`` (N.m or N), ``q<j>``, ``dq<j>``, ``ddq<j>`` (rad or m, per s, per s2) at the ticks; motions
+        that the plant does not give are left out.
 
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the loop diverged.

@@ -1,0 +1,126 @@
+"""Components and identified parameters of a case document."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.base_parameters import base_parameters
+from fmu_didim.block import Block
+from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.sources import ComponentSource
+from fmu_didim.components import (
+    Component,
+    FmuComponent,
+    ModelComponent,
+    block_as_control,
+    load_fmu,
+    rename,
+    wrap_control,
+)
+from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.controllers import read_controller
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.export import build_fmu
+from fmu_didim.imports import import_object
+from fmu_didim.prediction.free_parameter import PLANT
+from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
+from fmu_didim.robot import RobotModel, read_robot
+
+
+def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
+    """The base parameters of the robot, or the parameters of the plant that the case names."""
+    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of == PLANT}
+    if not chosen and model is not None:
+        return RobotParameters(model, base_parameters(model))
+    offered = {v.name: v for v in plant.parameters}
+    joints = [v for v in plant.inputs if re.fullmatch(r"tau\d+", v.name)]
+    if not joints:
+        raise InputError(
+            "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
+            next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
+        )  # fmt: skip
+    plant_names = []
+    for name, entry in chosen.items():
+        plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered:
+            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
+    return NamedParameters(
+        names=tuple(chosen),
+        units=tuple(offered[name].unit for name in plant_names),
+        plant_names=tuple(plant_names),
+        torque_units=tuple(v.unit or "N.m" for v in joints),
+        start=tuple(
+            entry.start if entry.start is not None else offered[name].start
+            for name, entry in zip(plant_names, chosen.values(), strict=True)
+        ),
+        lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
+        highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),
+        probed=document.estimator.get("kind") == "didim",
+    )
+
+
+def plant_block(model: RobotModel | None, path: Path | None) -> Block:
+    """The block of the robot of a case, or of the description of another one."""
+    if path is not None:
+        return RobotModel(read_robot(path)).block()
+    assert model is not None  # the document says so
+    return model.block()
+
+
+def controller_block(path: Path | None) -> Block:
+    """The block of a controller description; raises InputError without a path."""
+    if path is None:
+        raise InputError("The controller needs a source.", where="controller", valid=".yaml, .fmu, package.module:name")
+    return read_controller(path)
+
+
+def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Path | None], Block]) -> Component:
+    """The component of a source.
+
+    Args:
+        make_block: from the path of a description, or None, to its block.
+
+    Raises:
+        InputError, FmuError, BuildError: the source does not fit its kind, or cannot be read.
+    """
+    named = source.source
+    if named is not None and named.endswith(".fmu"):
+        if source.kind != "fmu":
+            raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
+        component: Component = _fmu(folder / named, source)
+    elif named is not None and ":" in named:
+        if source.kind != "control":
+            raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
+        found = import_object(named, folder=folder, where="case")
+        system = found() if callable(found) and not hasattr(found, "nstates") else found
+        component = wrap_control(system, origin=named, initial_state=source.initial_state, substeps=source.substeps)
+    else:
+        block = make_block(folder / named if named is not None else None)
+        component = _from_block(block, source)
+    if source.parameters:
+        component = component.with_parameters(source.parameters)
+    if source.substeps is not None:
+        component = component.with_substeps(source.substeps) or component
+    component = name_parameters(component, source.parameter_names)
+    return rename(component, inputs=source.inputs, outputs=source.outputs)
+
+
+def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
+    return load_fmu(
+        path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
+        time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
+    )  # fmt: skip
+
+
+def _from_block(block: Block, source: ComponentSource) -> Component:
+    if source.kind == "fmu":
+        # An FMU does not tell its sample time; the description does.
+        return _fmu(build_fmu(block, fmi_version=source.fmi), source).built_from(block)
+    if source.kind == "control":
+        return block_as_control(block)
+    return with_compiled_twin(ModelComponent(block))

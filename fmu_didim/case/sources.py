@@ -1,0 +1,217 @@
+"""What a case says of its components, its loop and its data: the parts of the case document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter, field_validator, model_validator
+
+from fmu_didim.documents import Strict
+from fmu_didim.excitation import AnyExcitation
+
+Role = Literal["estimation", "validation"]
+Positive = Annotated[float, Field(gt=0)]
+Kind = Literal["fmu", "model", "control"]
+
+
+class ComponentSource(Strict):
+    """A plant or a controller.
+
+    Attributes:
+        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
+        source: a description (``.yaml``), an ``.fmu`` file, or ``package.module:name`` (``file.py:name``) of a
+            python-control system or of a function that returns one. A plant without source is the robot.
+        inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
+            ``q_ref1 - q1``) -> name in the component, where they differ.
+        parameter_names: name here -> name in the component, where they differ: of the identified parameters
+            (``Fv1``), and of what a plant starts from (``q_start1``, ``dq_start1``), which in an FMU may be the start
+            value of a state.
+        parameters: values that replace those of the source, by the component's own names.
+        component: name of the plant in the system, where the case has ``system``.
+        substeps: integration substeps in a control period; chosen automatically by default. An identification takes
+            more where so few would be unstable.
+        initial_state: of a python-control system.
+        fmi: version of the standard of an FMU that is built from a description.
+        interface, solver: how an FMU is run; co-simulation by default, model exchange by ``rk4`` or ``cvode``.
+        rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
+        outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
+            FMU that computes its command in the step.
+        isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
+        rerun: how an FMU is run again; by default what a trial of it shows to be right.
+        event_mode: whether the events of FMI 3.0 co-simulation are handled.
+    """
+
+    kind: Kind = "fmu"
+    source: str | None = None
+    component: str = "plant"
+    inputs: Mapping[str, str] = Field(default_factory=dict)
+    outputs: Mapping[str, str] = Field(default_factory=dict)
+    parameter_names: Mapping[str, str] = Field(default_factory=dict)
+    parameters: Mapping[str, float] = Field(default_factory=dict)
+    substeps: Annotated[int, Field(ge=1, le=1024)] | None = None
+    initial_state: tuple[float, ...] = ()
+    fmi: Literal["2.0", "3.0"] = "2.0"
+    interface: Literal["co-simulation", "model-exchange"] | None = None
+    solver: Literal["rk4", "cvode"] = "rk4"
+    rate_hz: Positive | None = None
+    outputs_after_step: bool = False
+    isolated: bool = False
+    time_limit_s: Positive = 10.0
+    rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
+    event_mode: bool = False
+
+
+class Loop(Strict):
+    """Timing and wiring of the loop.
+
+    Attributes:
+        rate_hz: control rate; that of the controller by default.
+        delay_samples, delay_s: delay of the command, a fraction of a sample allowed; one of the two.
+        algorithm: ``gauss_seidel`` (controller first), or ``jacobi``: every component gets what the others gave at
+            the end of the last step.
+        algebraic_loops: ``refuse``, ``iterate`` at each tick, or take ``previous`` values.
+        drive_gains: g_t of tau = g_t command (eq. 21), one a joint; beside ``system``, which holds them already, only
+            for a log of the command.
+        injections: ``command<j>`` -> column of the reference added to it.
+    """
+
+    rate_hz: Positive | None = None
+    delay_samples: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    delay_s: Annotated[float, Field(ge=0)] | None = None
+    algorithm: Literal["gauss_seidel", "jacobi"] = "gauss_seidel"
+    algebraic_loops: Literal["refuse", "iterate", "previous"] = "refuse"
+    drive_gains: tuple[float, ...] | None = None
+    injections: Mapping[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_delay(self) -> Loop:
+        if self.delay_s is not None and self.delay_samples:
+            raise ValueError("give delay_samples or delay_s, not both")
+        return self
+
+
+class SignalFile(Strict):
+    """Signals in a file.
+
+    Attributes:
+        file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
+        columns: name here (``q1``, ``tau1``) -> column in the file, where they differ.
+        time: name of the time column.
+        obtain: where a user gets the file, shown when it is absent.
+    """
+
+    file: str
+    columns: Mapping[str, str] = Field(default_factory=dict)
+    time: str | None = None
+    obtain: str = ""
+
+
+class ReferenceFile(SignalFile):
+    """A reference trajectory from a file, one row a control period.
+
+    A log of a periodic motion seldom starts at rest: with ``period_s`` and ``warm_up_s`` the simulation
+    starts earlier, on the end of the period before.
+    """
+
+    period_s: Positive | None = None
+    warm_up_s: Annotated[float, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _period_of_the_warm_up(self) -> ReferenceFile:
+        if self.warm_up_s > 0 and (self.period_s is None or self.warm_up_s > self.period_s):
+            raise ValueError("warm_up_s needs a period_s that is at least as long")
+        return self
+
+
+class TorqueFile(SignalFile):
+    """The torque log.
+
+    Attributes:
+        quantity: ``torque`` (N.m, N), or ``command``: what the controller gives, times the drive gains.
+        rate_hz, phase_s: use only the samples phase + i / rate of the log (made by ``sampling``).
+        sampling: ``point`` samples, or the ``average`` over a window.
+        window, window_s: where the window of an average lies, and its length (one period by default).
+        offset_s: added to the time of the log, to bring it on the clock of the reference.
+        log_shift_s: how late the log is stamped, at most a second either way: the samples at t show the torque at
+            t - log_shift_s, interpolated between ticks; what lies before the reference or after it counts as its end.
+    """
+
+    quantity: Literal["torque", "command"] = "torque"
+    rate_hz: Positive | None = None
+    phase_s: float = 0.0
+    sampling: Literal["point", "average"] = "point"
+    window: Literal["preceding", "centred", "following"] = "preceding"
+    window_s: Positive | None = None
+    offset_s: float = 0.0
+    log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
+
+
+class ExperimentSource(Strict):
+    """Reference, torque and, for some estimators, positions of one run.
+
+    Attributes:
+        role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
+        own: names of parameters that have values of their own in this experiment, such as those of a link with another
+            payload; the others are shared by all experiments.
+    """
+
+    reference: AnyExcitation | ReferenceFile
+    torque: TorqueFile | None = None
+    positions: SignalFile | None = None
+    role: Role = "estimation"
+    own: tuple[str, ...] = ()
+
+    @field_validator("reference", mode="wrap")
+    @classmethod
+    def _by_kind(cls, value: Any, handler: Any) -> Any:
+        """Only one of the two forms is tried, so that its own errors are shown."""
+        if isinstance(value, Mapping):
+            form: Any = AnyExcitation if "kind" in value else ReferenceFile
+            return TypeAdapter(form).validate_python(dict(value))
+        return handler(value)
+
+
+class IdentifiedParameter(Strict):
+    """A parameter that is identified beside the base parameters of the robot, or of a plant without robot description.
+
+    Attributes:
+        of: what it belongs to: ``plant``; another component of the loop, such as ``controller`` or the component of an
+            effect that the robot description lists (``actuator_lag2``); ``drive`` (the gain of the drive of ``joint``);
+            ``delay`` (of the command, in samples); ``log`` (how late its stamps are, in s).
+        parameter: its name there; by default that under which it is listed.
+        joint: of a drive, counted from 1.
+        start: value to start from; that of the plant by default.
+        minimum, maximum: limits; a result at a limit is refused.
+    """
+
+    of: str = "plant"
+    parameter: str | None = None
+    joint: Annotated[int, Field(ge=1)] | None = None
+    start: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+
+
+class LowPassSource(Strict):
+    """Zero-phase Butterworth filter of torque and regressor."""
+
+    cutoff_hz: Positive
+    order: Annotated[int, Field(ge=1, le=10)] = 4
+
+
+class SystemSource(Strict):
+    """The whole loop from an SSP archive; written short as the path alone.
+
+    Attributes:
+        source: the ``.ssp`` file: components, connections, values, order, step and delay.
+        inputs: column of the reference (``q1``, ``dq1``) -> input of the system that it feeds, where they differ.
+    """
+
+    source: str
+    inputs: Mapping[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, value: Any) -> Any:
+        return {"source": value} if isinstance(value, str) else value

@@ -1,0 +1,207 @@
+"""From an estimate and its validations to what ``result.json`` holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.consistency import Consistency
+from fmu_didim.diagnosis.validation import Validation
+from fmu_didim.identification.estimate import Estimate, RefusedError, Status
+from fmu_didim.identification.result import (
+    AgreementResult,
+    ColumnResult,
+    ConsistencyResult,
+    ErrorResult,
+    ExperimentResult,
+    IterationResult,
+    ParameterResult,
+    ResultDocument,
+    StageResult,
+)
+from fmu_didim.prediction.free_parameter import BASE, PLANT
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.signals import Array
+from fmu_didim.statistics import relative_error_percent
+
+
+def consistency_result(found: Consistency) -> ConsistencyResult:
+    """The comparison of plant and robot description as it is saved."""
+    warnings = found.warnings()
+    return ConsistencyResult(
+        agrees=not warnings,
+        worst=found.worst,
+        points=found.points,
+        torque_difference=list(found.torque),
+        columns={
+            name: ColumnResult(difference=c.difference, cosine=c.cosine, size=c.size, joint=c.joint)
+            for name, c in (found.columns or {}).items()
+        },
+        method=found.method,
+        acceleration="difference of velocities" if found.by_differences else "output of the plant",
+        warnings=warnings,
+    )
+
+
+def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(v) for name, v in zip(names, values, strict=False)}
+
+
+def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[IterationResult]:
+    return [
+        IterationResult(
+            stage=it.stage,
+            number=it.number,
+            relative_error_percent=float(it.relative_error_percent),
+            change=float(it.change),
+            condition_number=float(it.condition_number),
+            parameters=_by_name(names, it.parameters),
+            note=it.note,
+        )
+        for it in iterations
+    ]
+
+
+def result_document(
+    name: str,
+    model: LoopModel,
+    estimate: Estimate,
+    validations: Sequence[Validation],
+    *,
+    description: str = "",
+) -> ResultDocument:
+    """The document of an estimate and its validations."""
+    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    if model.parameters.has_regressor and not model.gives_acceleration:
+        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
+    found = estimate.agreements
+    return ResultDocument(
+        name=name,
+        description=description,
+        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
+        advice=estimate.status.value,
+        estimator=estimate.estimator,
+        iterations=estimate.iteration_count,
+        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
+        parameters=_parameters(model, estimate),
+        stages={
+            stage: StageResult(
+                value=_by_name(estimate.names, content.value),
+                std=_by_name(estimate.names, content.standard_deviation),
+                formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
+            )
+            for stage, content in estimate.stages.items()
+        },
+        regrouping=model.parameters.relations(),
+        correlations=estimate.correlations(),
+        condition_number=estimate.condition_number,
+        noise_std=[float(v) for v in estimate.noise],
+        torque_unit=list(model.parameters.torque_units),
+        experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
+        relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
+        fitted_error_percent=_fitted_errors(validations),
+        integration_error=float(estimate.integration_error),
+        history=_history(estimate.names, estimate.iterations),
+        loop=model.system(model.start).describe(),
+        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        checks=model.parameters.checks(),
+        remarks=[*estimate.remarks, *notes],
+        provenance=dict(estimate.provenance),
+    )
+
+
+def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
+    intervals = estimate.interval()
+    standard = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
+    return {
+        parameter.name: ParameterResult(
+            value=float(estimate.value[i]),
+            std=float(estimate.standard_deviation[i]),
+            rel_std_percent=float(estimate.relative_deviation_percent[i]),
+            interval=(float(intervals[i, 0]), float(intervals[i, 1])),
+            unit=estimate.units[i],
+            standard=standard[parameter.key] if parameter.owner == BASE else "",
+            of=PLANT if parameter.owner == BASE else parameter.owner,
+            experiment=parameter.experiment,
+        )
+        for i, parameter in enumerate(model.free_parameters)
+    }
+
+
+def _errors(total: float, per_joint: Array) -> ErrorResult:
+    return ErrorResult(total=total, per_joint=[float(e) for e in per_joint])
+
+
+def _fitted_errors(validations: Sequence[Validation]) -> ErrorResult:
+    """Of all fitted experiments, one below the other."""
+    fitted = [v for v in validations if v.role == "estimation"]
+    measured, simulated = (np.concatenate([getattr(v, name) for v in fitted]) for name in ("measured", "simulated"))
+    return _errors(*relative_error_percent(measured, simulated))
+
+
+def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
+    noise = np.sqrt(((validation.measured - validation.simulated) ** 2).mean(axis=0))
+    found = dict(
+        noise_std=[float(v) if np.isfinite(v) else None for v in noise],
+        relative_error_percent=_errors(validation.total_percent, validation.per_joint_percent),
+        agreement=None if agreement is None else _agreement(agreement),
+        failure=validation.failure,
+    )
+    return _data(model, validation.label).model_copy(update=found)
+
+
+def _agreement(found: Agreement) -> AgreementResult:
+    return AgreementResult(
+        p_value=found.p_value,
+        agrees=found.agrees,
+        differs_most=found.parameter,
+        change_in_std=found.change_in_std,
+        warning="" if found.agrees else found.warning(),
+    )
+
+
+def _data(model: LoopModel, label: str) -> ExperimentResult:
+    """What is known of an experiment without a result."""
+    experiment = model.experiments[label]
+    return ExperimentResult(
+        role=experiment.role,
+        samples=int(experiment.time.size),
+        rate_hz=round(experiment.rate_hz, 6),
+        noise_std=[],
+        relative_error_percent=ErrorResult(total=None, per_joint=[]),
+        own=[p.name for p in model.free_parameters if p.experiment == label],
+        agreement=None,
+    )
+
+
+def refused_document(
+    name: str, model: LoopModel, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
+) -> ResultDocument:
+    """The document of a refusal: the reason and the iterations, no values."""
+    return ResultDocument(
+        name=name,
+        status="refused",
+        advice=str(error),
+        estimator=estimator,
+        iterations=len(error.iterations),
+        finish_iterations=0,
+        parameters={},
+        stages={},
+        regrouping=model.parameters.relations(),
+        correlations=[],
+        condition_number=None,
+        noise_std=[],
+        torque_unit=list(model.parameters.torque_units),
+        experiments={label: _data(model, label) for label in model.experiments},
+        relative_error_percent={},
+        integration_error=None,
+        history=_history(model.names, error.iterations),
+        loop=model.systems[model.first].describe(),
+        signals={},
+        remarks=[],
+        provenance=dict(provenance),
+    )

@@ -1,0 +1,128 @@
+"""The experiments of a result in words and rows, and its parameters in the groups that they form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fmu_didim.identification.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
+from fmu_didim.report.numbers import MISSING, ParameterText, parameter_text, pretty_unit, rounding, significant
+
+DELAY = "delay"
+"""What a parameter is of that counts control periods."""
+ALL_FITTED = "all fitted"
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """Parameters that are shown together; the head is empty for those of the plant that all experiments share."""
+
+    head: str
+    parameters: dict[str, ParameterResult]
+
+
+def parameter_groups(document: ResultDocument) -> list[ParameterGroup]:
+    """Those of the plant that are shared, those of the plant that one experiment has for itself, those of the loop."""
+    plant = {name: p for name, p in document.parameters.items() if p.of == "plant"}
+    shared = {name: p for name, p in plant.items() if p.experiment is None}
+    groups = [ParameterGroup("", shared)]
+    for label in dict.fromkeys(p.experiment for p in plant.values() if p.experiment is not None):
+        own = {name: p for name, p in plant.items() if p.experiment == label}
+        groups.append(ParameterGroup(f"own to {label}", own))
+    groups.append(ParameterGroup("the loop", {n: p for n, p in document.parameters.items() if p.of != "plant"}))
+    return [group for group in groups if group.parameters]
+
+
+def shown_name(name: str, parameter: ParameterResult) -> str:
+    """The name of a parameter, of another component than the plant with that component: ``Kp1 (controller)``."""
+    return name if parameter.of in ("plant", DELAY, "log") else f"{name} ({parameter.of})"
+
+
+def shown_unit(parameter: ParameterResult) -> str:
+    """The unit for reading; a delay counts samples of the loop."""
+    return "samples" if parameter.of == DELAY else pretty_unit(parameter.unit)
+
+
+def shown_parameter(name: str, parameter: ParameterResult) -> ParameterText:
+    """The texts of a parameter under the name and in the unit for reading."""
+    return parameter_text(shown_name(name, parameter), parameter, shown_unit(parameter))
+
+
+def delay_lines(document: ResultDocument) -> list[str]:
+    """Each identified delay in samples and in milliseconds."""
+    step = document.loop.get("step_size_s")
+    lines = []
+    for name, parameter in document.parameters.items():
+        if parameter.of != DELAY or not isinstance(step, int | float):
+            continue
+        shown, value, std = shown_parameter(name, parameter), 1e3 * step * parameter.value, 1e3 * step * parameter.std
+        digits = rounding(value, std)
+        lines.append(
+            f"{name} = ({shown.value} ± {shown.std}) samples = ({digits.text(value)} ± {digits.deviation(std)}) ms "
+            f"at a step of {1e3 * step:.6g} ms"
+        )
+    return lines
+
+
+def is_short_form(document: ResultDocument) -> bool:
+    """Whether there is no more to say than one experiment for the estimation and at most one for the validation."""
+    return set(document.experiments) <= {"estimation", "validation"}
+
+
+def titled(label: str, role: str | None) -> str:
+    """An experiment with its role, if its label does not say it."""
+    return label if role is None or label == role else f"{label} ({role})"
+
+
+def experiment_title(document: ResultDocument, label: str) -> str:
+    """An experiment of a result with its role, if its label does not say it."""
+    found = document.experiments.get(label)
+    return titled(label, found.role if found is not None else None)
+
+
+def disagreeing(document: ResultDocument) -> dict[str, AgreementResult]:
+    """Label -> agreement of the experiments that do not agree with the others."""
+    return {
+        label: experiment.agreement
+        for label, experiment in document.experiments.items()
+        if experiment.agreement is not None and not experiment.agreement.agrees
+    }
+
+
+def own_names(label: str, experiment: ExperimentResult) -> list[str]:
+    """Names of the parameters of an experiment for itself, without its label."""
+    return [name.removesuffix(f"[{label}]") for name in experiment.own]
+
+
+def agreement_text(agreement: AgreementResult | None) -> str:
+    """The p-value of the agreement with the others."""
+    return MISSING if agreement is None else significant(agreement.p_value, 2)
+
+
+def difference_text(agreement: AgreementResult | None) -> str:
+    """The shared parameter that an experiment would change most, and by how much."""
+    if agreement is None or not agreement.differs_most:
+        return MISSING
+    return f"{agreement.differs_most}, by {agreement.change_in_std:.1f} σ"
+
+
+def error_rows(document: ResultDocument) -> list[tuple[str, list[float | None]]]:
+    """Relative errors of each experiment, and of all fitted ones where these are several: in total, then per joint."""
+    joints = range(len(document.torque_unit))
+    found = dict(document.relative_error_percent)
+    fitted = [e for e in document.experiments.values() if e.role == "estimation"]
+    if len(fitted) > 1 and document.fitted_error_percent is not None:
+        found[ALL_FITTED] = document.fitted_error_percent
+    return [(label, [error.total, *(at(error.per_joint, j) for j in joints)]) for label, error in found.items()]
+
+
+def noise_text(document: ResultDocument) -> str:
+    """The noise of each joint in a fit over all; empty if unknown."""
+    units = [pretty_unit(unit) for unit in document.torque_unit]
+    known = zip(document.noise_std, units, strict=False)
+    return ", ".join(f"joint {j} {significant(v, 2)} {unit}".rstrip() for j, (v, unit) in enumerate(known, start=1))
+
+
+def at(values: Sequence[float | None], index: int) -> float | None:
+    """The value at a place, None beyond the end."""
+    return values[index] if index < len(values) else None

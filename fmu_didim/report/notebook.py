@@ -1,0 +1,70 @@
+"""Results as small pieces of HTML for notebooks: self-contained, without scripts."""
+
+from __future__ import annotations
+
+from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.identification.result import ResultDocument
+from fmu_didim.report.discovery_verdict import verdict_of
+from fmu_didim.report.discovery_words import experiment_name, located, share_text, step_text, value_text
+from fmu_didim.report.experiments import (
+    disagreeing,
+    error_rows,
+    experiment_title,
+    parameter_groups,
+    shown_parameter,
+)
+from fmu_didim.report.numbers import MISSING, percentage
+from fmu_didim.report.templates import rendered
+from fmu_didim.report.verdict import verdict
+
+TEMPLATE = "notebook.html.j2"
+
+
+def result_html(document: ResultDocument) -> str:
+    """Verdict, parameters and torque errors of an identification."""
+    groups = [
+        (group.head, [shown_parameter(name, p) for name, p in group.parameters.items()])
+        for group in parameter_groups(document)
+    ]
+    rows = [
+        (head, [(f"{t.name} *" if t.insignificant else t.name, t.value, t.std, t.unit or MISSING, *t.interval)
+                for t in texts])
+        for head, texts in groups
+    ]  # fmt: skip
+    errors = [(experiment_title(document, label), percentage(values[0])) for label, values in error_rows(document)]
+    return rendered(
+        TEMPLATE,
+        name=document.name,
+        verdict=verdict(document),
+        warnings=[agreement.warning for agreement in disagreeing(document).values()],
+        heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
+        groups=rows,
+        note="* not significantly different from zero" if any(t.insignificant for _, g in groups for t in g) else "",
+        figures=[(f"torque error, {title}", text) for title, text in errors],
+    )
+
+
+def discovery_html(document: FindingsDocument) -> str:
+    """Verdict, findings and gaps of a discovery."""
+    groups = []
+    for finding in document.findings:
+        head = f"{finding.title}, {located(finding.effect, finding.joint)}; closes {share_text(finding.share_of_gap)}"
+        texts = [value_text(value) for value in finding.parameters]
+        groups.append((head, [(t.name, t.value, t.std, t.unit or MISSING, *t.interval) for t in texts]))
+    changed = bool(document.findings)
+    return rendered(
+        TEMPLATE,
+        name=document.name,
+        verdict=verdict_of(document),
+        warnings=[],
+        heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
+        groups=groups,
+        note="",
+        figures=[
+            (f"gap / noise, {experiment_name(document, label)}", step_text(pair, changed=changed))
+            for label, pair in document.gap.items()
+        ],
+    )
+
+
+__all__ = ["discovery_html", "result_html"]

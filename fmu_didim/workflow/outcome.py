@@ -1,0 +1,107 @@
+"""What ``identify`` returns: the estimate, its validation, and views of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fmu_didim.diagnosis.validation import Validation
+from fmu_didim.errors import UnknownNameError
+from fmu_didim.identification.estimate import Estimate
+from fmu_didim.identification.result import ParameterResult, ResultDocument
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.robot import RobotDescription
+from fmu_didim.workflow.frames import parameter_frame
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Outcome:
+    """What :func:`~fmu_didim.identify` returns.
+
+    Attributes:
+        document: the content of ``result.json``.
+        estimate: the estimate with its arrays.
+        validations: of each experiment, fitted or held out, in the order of the case.
+        model: the loop with the identified values as start values, for simulations and further fits.
+    """
+
+    document: ResultDocument
+    estimate: Estimate
+    validations: tuple[Validation, ...]
+    model: LoopModel
+
+    @property
+    def parameters(self) -> Mapping[str, ParameterResult]:
+        """Name of each parameter -> value, standard deviation, 95 % interval, unit."""
+        return self.document.parameters
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Name of each parameter -> value; :func:`~fmu_didim.simulate` takes them as ``parameters``."""
+        return {name: p.value for name, p in self.document.parameters.items()}
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iterations settled."""
+        return self.document.status == "converged"
+
+    @property
+    def robot(self) -> RobotDescription | None:
+        """The robot description with the identified values that all experiments share; None without a robot."""
+        return self.model.parameters.described(self.estimate.base_value)
+
+    def validation(self, experiment: str) -> Validation:
+        """Measured and simulated torque of an experiment; raises UnknownNameError."""
+        found = {v.label: v for v in self.validations}
+        if experiment not in found:
+            raise UnknownNameError("experiment", experiment, found, where=self.document.name)
+        return found[experiment]
+
+    def summary(self) -> str:
+        """The table that the terminal shows: parameters, experiments, errors and the verdict, at most 100 columns."""
+        from fmu_didim.report import result_table
+
+        return result_table(self.document)
+
+    def to_frame(self) -> DataFrame:
+        """A data frame of the parameters, indexed by their names.
+
+        Columns ``value``, ``std``, ``low`` and ``high`` (95 % interval) in ``unit``, ``rel_std_percent``, ``of`` (which
+        part of the loop) and ``experiment`` (whose own it is, or empty).
+
+        Raises:
+            InputError: pandas is not installed (``pip install fmu_didim[frames]``).
+        """
+        return parameter_frame(self.document)
+
+    def plot(self, experiment: str | None = None) -> Figure:
+        """A plotly figure of measured and simulated torque with the residual, joint by joint.
+
+        Args:
+            experiment: label; the first one by default.
+
+        Raises:
+            UnknownNameError: there is no such experiment.
+        """
+        from fmu_didim.report.figures import torque_figure
+
+        shown = self.validation(experiment or self.model.first)
+        simulated = {} if shown.failure else {"simulated": shown.simulated}
+        percent = [float(v) if np.isfinite(v) else None for v in shown.per_joint_percent]
+        return torque_figure(shown.time, shown.measured, simulated, self.document.torque_unit, percent=percent)
+
+    def __repr__(self) -> str:
+        return f"Outcome({self.document.name!r}, {self.document.status}, {len(self.parameters)} parameters)"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: verdict, parameters and experiments."""
+        from fmu_didim.report.notebook import result_html
+
+        return result_html(self.document)
