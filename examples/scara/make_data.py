@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 RATE_HZ, L1, V0, NOISE = 200, 0.5, 0.02, 0.05
 SEEDS = {"train": 1, "validation": 2}
 TRUTH = {"ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137}
+PAYLOAD, AT = 0.15, 0.4  # kg, and m from the axis of joint 2, of the run payload_50hz.csv
 KP, KD = np.array([3700.0, 62.0]), np.array([230.0, 4.0])
 
 
@@ -61,18 +62,28 @@ def closed_loop(series: dict, p: dict = TRUTH) -> tuple[np.ndarray, np.ndarray]:
     return time, torque
 
 
+def with_payload(p: dict) -> dict:
+    """The parameters with a point mass on the second link."""
+    return p | {"ZZ1R": p["ZZ1R"] + PAYLOAD * L1**2, "ZZ2": p["ZZ2"] + PAYLOAD * AT**2, "MX2": p["MX2"] + PAYLOAD * AT}
+
+
+def write(name: str, rate_hz: int, time: np.ndarray, torque: np.ndarray, seed: int) -> None:
+    """A torque table with noise."""
+    deviation = NOISE * np.sqrt((torque**2).mean(axis=0))
+    measured = torque + deviation * np.random.default_rng(seed).normal(size=torque.shape)
+    rows = np.column_stack([time, measured])[:: RATE_HZ // rate_hz]
+    np.savetxt(HERE / f"{name}_{rate_hz}hz.csv", rows, fmt="%.6g", delimiter=",", header="t,tau1,tau2", comments="")
+
+
 def main() -> None:
     """Write the torque tables."""
     case = yaml.safe_load((HERE / "identify.yaml").read_text(encoding="utf-8"))
     for name, seed in SEEDS.items():
         time, torque = closed_loop(case[name]["reference"])
-        deviation = NOISE * np.sqrt((torque**2).mean(axis=0))
-        measured = torque + deviation * np.random.default_rng(seed).normal(size=torque.shape)
         for rate in (200, 10):
-            rows = np.column_stack([time, measured])[:: RATE_HZ // rate]
-            np.savetxt(
-                HERE / f"{name}_{rate}hz.csv", rows, fmt="%.6g", delimiter=",", header="t,tau1,tau2", comments=""
-            )
+            write(name, rate, time, torque, seed)
+    write("empty", 50, *closed_loop(case["train"]["reference"]), seed=3)
+    write("payload", 50, *closed_loop(case["validation"]["reference"], with_payload(TRUTH)), seed=4)
 
 
 if __name__ == "__main__":
