@@ -90,7 +90,7 @@ def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
 
 
 def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> float:
-    """What a larger model explains on the joint where it explains most, as a part of the first model's gap there.
+    """What a larger model explains on the joint where it explains most, as a fraction of the first model's gap there.
 
     Args:
         first, before, after: residuals (N, n) of the first model, and without and with what is new.

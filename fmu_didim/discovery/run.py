@@ -168,10 +168,10 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
 
 
 def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
-    """A second look at data in which nothing was found, with their begin.
+    """A second look at data in which nothing was found, with their beginning.
 
-    Only gears can be told there: they start in the middle of their play and without load, while anything else that
-    differs at the beginning may as well be the state in which the machine started.
+    Only gears can be recognised there: they start in the middle of their play and without load, while anything else
+    that differs at the beginning may as well be the state in which the machine started.
     """
     prepared = _prepared(model, ask.say)
     without, whole = found.discovery.base, prepared.fit
@@ -186,8 +186,8 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     second = _look(again, model, prepared)
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
-        told = {**second.document.provenance, "options": asked}
-        return replace(second, document=second.document.model_copy(update={"provenance": told}))
+        recorded = {**second.document.provenance, "options": asked}
+        return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
     notes = [*found.document.notes, f"{note}; they were left out, and no gear explains them."]
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
 

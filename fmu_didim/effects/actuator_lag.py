@@ -19,7 +19,7 @@ SHORTEST = 1e-12
 class ActuatorLag(SplicedEffect):
     """T dtau/dt + tau = command, with T in s, sampled exactly at the control period h.
 
-    With a = exp(-h/T), x the torque at the begin of a period and u the command held over it,
+    With a = exp(-h/T), x the torque at the beginning of a period and u the command held over it,
 
         x[k+1] = a x[k] + (1 - a) u[k],    y[k] = u[k] + (x[k] - u[k]) (1 - a) T/h
 

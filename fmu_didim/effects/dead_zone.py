@@ -13,7 +13,7 @@ from fmu_didim.effects.spliced import NO_LIMIT, SplicedEffect
 from fmu_didim.signals import Variable
 
 ROUNDING = 0.05
-"""Radius of the rounded corners, as a part of the width."""
+"""Radius of the rounded corners, as a fraction of the width."""
 
 
 class DeadZone(SplicedEffect):

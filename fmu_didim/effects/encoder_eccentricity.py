@@ -15,7 +15,7 @@ from fmu_didim.signals import Variable
 class EncoderEccentricity(SplicedEffect):
     """y = q + eccentricity_cosine cos(N q) + eccentricity_sine sin(N q), amplitudes in rad (m), N in 1/rad (1/m).
 
-    The controller is told y for q. A velocity that it takes from the plant stays that of the joint; one that it
+    The controller gets y for q. A velocity that it takes from the plant stays that of the joint; one that it
     computes from y has the error of y.
     """
 

@@ -36,7 +36,7 @@ class ExternalForce(TorqueEffect):
 
     def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
         return (
-            Variable("t_on", "s", "parameter", 1.0, "begin of the force"),
+            Variable("t_on", "s", "parameter", 1.0, "beginning of the force"),
             Variable("t_off", "s", "parameter", 2.0, "end of the force"),
             Variable("w_edge", "s", "parameter", 0.02, "width of the edges"),
         )

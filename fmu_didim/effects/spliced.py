@@ -6,7 +6,7 @@ wiring, so that it also acts on a plant that is known as a black box only:
     y[k] = output(u[k], x[k], p),    x[k+1] = following(u[k], x[k], p),    x[0] = start(u[0], p)
 
 In a drive, u is the torque that the command asks for and y the torque that acts over the same control period; in
-a sensor, u is the position of the joint and y what the controller is told. Each joint has its signals in the order
+a sensor, u is the position of the joint and y what the controller gets. Each joint has its signals in the order
 
     controller -> effects logged "after" -> torque log -> effects logged "before" -> plant -> sensor -> controller
 """

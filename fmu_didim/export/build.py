@@ -66,8 +66,8 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    told = sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
-    return " ".join(told) or f"{machine()} {processor()}"
+    known = sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
+    return " ".join(known) or f"{machine()} {processor()}"
 
 
 def find_compiler(platform: Platform | None = None) -> Compiler:

@@ -253,7 +253,7 @@ class _Solver:
         return best or _Found(at.values, None, step.cost, 0.0, tried, edge, "no step lowers the error")
 
     def _shortened(self, at: _State, step: _Step, found: _Found) -> _Found:
-        """The least cost along a step that went too far, by the parabola through its slope, its begin and its end.
+        """The least cost along a step that went too far, by the parabola through its slope, its beginning and its end.
 
         Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
         """

@@ -11,9 +11,9 @@ from fmu_didim.report.discovery_words import share_text
 from fmu_didim.report.numbers import pretty_unit, significant
 
 PEAK_PART = 0.5
-"""Bins whose mean reaches this part of the largest one of their quantity belong to the region that is told."""
+"""Bins whose mean reaches this fraction of the largest one of their quantity belong to the region that is named."""
 NEAR_ZERO = 0.25
-"""A region begins at zero when its inner end is below this part of its outer end."""
+"""A region begins at zero when its inner end is below this fraction of its outer end."""
 
 
 @dataclass(frozen=True)

@@ -157,19 +157,21 @@ def consistency_line(document: ResultDocument) -> str:
     return f"the plant differs from the robot description, by up to {worst} ({found.points} instants)"
 
 
-def component_line(name: str, told: Mapping[str, Any]) -> str:
+def component_line(name: str, described: Mapping[str, Any]) -> str:
     """A component of the loop in a few words: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
-    source = str(told.get("source") or told.get("origin") or told.get("file") or told.get("name") or "")
-    law = f" ({told['law']})" if told.get("law") else ""
+    source = str(
+        described.get("source") or described.get("origin") or described.get("file") or described.get("name") or ""
+    )
+    law = f" ({described['law']})" if described.get("law") else ""
     kinds = {"control": "python-control", "model": "CasADi model"}
-    kind = kinds.get(str(told.get("kind")), str(told.get("kind")))
-    archive = f" in {told['archive']}" if told.get("archive") else ""
+    kind = kinds.get(str(described.get("kind")), str(described.get("kind")))
+    archive = f" in {described['archive']}" if described.get("archive") else ""
     parts = [source.rpartition("/")[2] + law + archive, kind]
-    if told.get("kind") == "fmu":
-        parts[1] = f"FMI {told.get('fmi_version')} {told.get('interface')}"
-        if told.get("solver"):
-            parts.append(f"integrated by {told['solver']}")
-        parts.append(f"run again by {told['reset']}" if told.get("reset") != "auto" else "")
+    if described.get("kind") == "fmu":
+        parts[1] = f"FMI {described.get('fmi_version')} {described.get('interface')}"
+        if described.get("solver"):
+            parts.append(f"integrated by {described['solver']}")
+        parts.append(f"run again by {described['reset']}" if described.get("reset") != "auto" else "")
     return f"{name}: {', '.join(part for part in parts if part)}"
 
 

@@ -29,7 +29,7 @@ from fmu_didim.robot.rate import fastest_rate
 from fmu_didim.signals import Variable
 
 ROUNDING = 0.05
-"""Radius of the rounded corners of backlash, as a part of half its gap."""
+"""Radius of the rounded corners of backlash, as a fraction of half its gap."""
 _LINK_SIGNALS = (
     ("q_link", "position", "position of the link"),
     ("dq_link", "velocity", "velocity of the link"),

@@ -184,8 +184,8 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
     worst = float(np.abs(torque - wanted).max() / np.abs(wanted).max())
     note = f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
     shift = fit.model.log_shift_s(fit.values)
-    told = f" A case with it states of the torque log: log_shift_s: {shift:.6g}." if shift else ""
-    return {"system": path.name}, note + told
+    stated = f" A case with it states of the torque log: log_shift_s: {shift:.6g}." if shift else ""
+    return {"system": path.name}, note + stated
 
 
 def _rerun(path: Path, final: Fit, found: Found) -> str:

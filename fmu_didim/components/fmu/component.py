@@ -101,7 +101,7 @@ class FmuComponent(FmuSettings):
 
     def describe(self) -> dict[str, Any]:
         rerun = known_rerun(self) or Rerun(AUTO, "not found out yet: that is done before the first run again")
-        told: dict[str, Any] = {
+        described: dict[str, Any] = {
             "kind": "fmu",
             "file": self.path.name,
             "sha256": self.digest,
@@ -113,9 +113,9 @@ class FmuComponent(FmuSettings):
             "options": dict(self.options),
         }
         if self.event_mode:
-            told["event_mode"] = True
+            described["event_mode"] = True
         if self.interface.kind == MODEL_EXCHANGE:
-            told["solver"] = self.solver
+            described["solver"] = self.solver
             if self.solver == "rk4":
-                told["substeps"] = self.substeps or DEFAULT_SUBSTEPS
-        return told | ({"isolated": True} if self.isolated or rerun.isolated else {})
+                described["substeps"] = self.substeps or DEFAULT_SUBSTEPS
+        return described | ({"isolated": True} if self.isolated or rerun.isolated else {})

@@ -50,7 +50,7 @@ def _nothing() -> int:
 
 _BINDINGS: dict[int, type[Binding]] = {1: Binding1, 2: Binding2, 3: Binding3}
 TIME_TOLERANCE = 1e-9
-"""Two instants closer than this part of a step are one."""
+"""Two instants closer than this fraction of a step are one."""
 
 
 class FmuInstance(RestartableInstance):

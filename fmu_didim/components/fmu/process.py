@@ -167,7 +167,7 @@ def _signal_name(number: int) -> str:
     return f"{name}, {meaning}" if meaning else name
 
 
-def told(error: Exception) -> tuple[str, dict[str, Any]]:
+def as_message(error: Exception) -> tuple[str, dict[str, Any]]:
     """An exception as it goes over the pipe."""
     if isinstance(error, FmuDidimError):
         keys = ("what", "where", "got", "valid", "next_step")

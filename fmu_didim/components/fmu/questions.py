@@ -18,7 +18,7 @@ from fmu_didim.signals import Array
 STEPS = 50
 SEED = 20240131
 SAME = 1e-9
-"""Trajectories that differ by less than this part of their largest value are the same."""
+"""Trajectories that differ by less than this fraction of their largest value are the same."""
 RESTORES, DIFFERS = "restores", "does not restore"
 AT_ONCE, AFTER_A_STEP, LATER, NEVER = "at once", "after a step", "later", "never"
 

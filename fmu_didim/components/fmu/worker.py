@@ -10,7 +10,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.process import receive, send, told
+from fmu_didim.components.fmu.process import as_message, receive, send
 from fmu_didim.components.fmu.strategies import STATE
 
 
@@ -83,7 +83,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
         try:
             reply = ("answer", server.answer(name, tuple(arguments)))
         except Exception as error:  # noqa: BLE001 - whatever it is, the other process has to know
-            reply = ("error", told(error))
+            reply = ("error", as_message(error))
         try:
             send(answers, reply)
         except OSError:

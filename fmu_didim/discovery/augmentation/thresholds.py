@@ -34,7 +34,7 @@ LOWEST_SPEED = TABLE(
     "1",
     "Smallest speed of a shape, as a fraction of the joint's largest.",
 )
-WIDEST = TABLE("WIDEST", 2.0, "1", "A range whose end lies below its begin is widened to so many times the begin.")
+WIDEST = TABLE("WIDEST", 2.0, "1", "A range whose end lies below its beginning is widened to so many times that.")
 MARGIN = TABLE("MARGIN", 0.02, "1", "Fraction of the positions at each end where no place of an effect is tried.")
 BEYOND_GRID = TABLE("BEYOND_GRID", 3.0, "1", "By which factor a fit may take a shape beyond its logarithmic grid,")
 BEYOND_RANGE = TABLE("BEYOND_RANGE", 0.5, "1", "and by which fraction of its range beyond another one,")

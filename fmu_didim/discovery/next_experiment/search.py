@@ -78,7 +78,7 @@ class MotionEvaluator:
         return min((table[p].distance if p in table else 0.0 for p in self.open), default=0.0)
 
     def score(self, table: Table) -> float:
-        """Smallest separation of the pairs that can be split, plus a small part of their mean.
+        """Smallest separation of the pairs that can be split, plus a small fraction of their mean.
 
         A member that hardly shows on any motion would else hide that another one is split well.
         """

@@ -33,7 +33,8 @@ class Options:
         smallest_size: how much an effect must change the torque at least, in units of the noise of a joint, when it is
             switched off and nothing else changes.
         smallest_gain: what it must explain at least that nothing else in the model can, in the same units.
-        smallest_share: and as a part of the gap; smallest_part: and as a part of the gap that the base model had on the
+        smallest_share: and as a fraction of the gap; smallest_part: and as a fraction of the gap that the base model
+            had on the
             joint where it explains most: a refinement of what was found is not another effect.
         seed: of the bootstrap.
     """
@@ -143,7 +144,7 @@ def _simplest(near: Sequence[Contender], options: Options) -> Contender:
 
 
 def _nearness(winner: Contender, options: Options) -> float:
-    """BIC difference within which contenders are ambiguous: no form is exact, so that a small part of a large gain
+    """BIC difference within which contenders are ambiguous: no form is exact, so that a small fraction of a large gain
     decides nothing."""
     return max(options.threshold, limits.NEAR * winner.delta_bic)
 
