@@ -87,12 +87,12 @@ else:
     _HOMES = {name: f"fmu_didim.{home}" for home, names in _NAMES.items() for name in names}
     __all__ = sorted(_HOMES)
 
-    def __getattr__(name):
+    def __getattr__(name: str) -> object:
         import importlib
 
         if name not in _HOMES:
             raise AttributeError(f"module 'fmu_didim' has no attribute '{name}'; it has {', '.join(__all__)}")
         return getattr(importlib.import_module(_HOMES[name]), name)
 
-    def __dir__():
+    def __dir__() -> list[str]:
         return __all__

@@ -62,7 +62,7 @@ def step_text(pair: GapPair | None, *, changed: bool = True) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """A part of one, in percent."""
+    """A fraction, in percent."""
     return MISSING if share is None or not math.isfinite(share) else f"{significant(100 * share, 2)} %"
 
 

@@ -182,7 +182,10 @@ def _starts(case: Case) -> Iterator[tuple[Any, str]]:
 
 def _confounded(model: LoopModel, values: Array, torque: Array) -> tuple[str, ...]:
     """Parameters that the data cannot tell apart; the noise is what one linear step would leave of the residual."""
-    columns, residual = sensitivity(model, values, torque), model.measured - torque
+    try:
+        columns, residual = sensitivity(model, values, torque), model.measured - torque
+    except SimulationError:
+        return ()  # so near to where the loop diverges nothing can be said
     flat = columns.reshape(-1, values.size)
     left = residual - columns @ np.linalg.lstsq(flat, residual.reshape(-1), rcond=1e-9)[0]
     deviation = model.torque_deviation

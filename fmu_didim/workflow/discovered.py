@@ -18,6 +18,7 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.discovery.run import Found
 from fmu_didim.errors import UnknownNameError
+from fmu_didim.prediction.experiment import Role
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.workflow.frames import findings_frame
 
@@ -52,6 +53,11 @@ class Discovered:
     def findings(self) -> list[FindingResult]:
         """The effects that were named, in the order in which they were added."""
         return self.document.findings
+
+    @property
+    def roles(self) -> Mapping[str, Role]:
+        """Label of each experiment -> ``estimation`` or ``validation``."""
+        return self.document.roles
 
     @property
     def gap(self) -> Mapping[str, GapPair]:

@@ -43,7 +43,7 @@ def test_case_without_fault_is_ready() -> None:
     assert lines(found).endswith("READY: nothing stands against an identification")
 
 
-def test_experiments_are_told_with_their_roles() -> None:
+def test_experiments_are_shown_with_their_roles() -> None:
     text = lines(check(three_experiments()))
     assert "payload (estimation): 201 samples at 20 Hz" in text
     assert "check (validation): 101 samples at 10 Hz" in text

@@ -15,10 +15,12 @@ from fmu_didim import (
     InputError,
     Outcome,
     discover,
+    export_ssp,
     identify,
     load_case,
     load_findings,
     load_result,
+    read_ssp,
     read_trajectory,
     simulate,
     validate,
@@ -160,3 +162,9 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     final = discovered.found.discovery.final
     measured = case.model.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
+
+
+def test_archive_takes_the_values_of_an_outcome(tmp_path: Path) -> None:
+    outcome = identify(load_case("examples/scara/identify.yaml"))
+    path = export_ssp("examples/scara/identify.yaml", tmp_path / "loop.ssp", result=outcome)
+    assert read_ssp(path).components["plant"].parameter_values()["ZZ1"] == outcome.values["ZZ1R"]
