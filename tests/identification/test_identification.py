@@ -104,7 +104,7 @@ def test_sensitivity_agrees_with_central_differences(cases: dict[int, Case]) -> 
         step[i] = 1e-4 * np.linalg.norm(prediction.torque) / np.linalg.norm(prediction.regressor[:, :, i])
         central = (model.torque(TRUTH + step) - model.torque(TRUTH - step)) / (2 * step[i])
         size = np.linalg.norm(central)
-        assert np.linalg.norm(found[:, :, i] - central) <= 1e-4 * size
+        assert np.linalg.norm(found[:, :, i] - central) <= 1e-5 * size
 
 
 def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) -> None:
