@@ -17,7 +17,7 @@ import yaml
 from scipy.integrate import solve_ivp
 
 from fmu_didim.errors import InputError
-from fmu_didim.workflow import simulate_case
+from fmu_didim.workflow import simulate
 from tests.blind.__main__ import main
 from tests.blind.campaign import PAIRS, make_campaign
 from tests.blind.harness import case_folders, evaluate, read_lines, reduced
@@ -333,7 +333,7 @@ def test_translated_case_is_the_plant_that_was_simulated(tmp_path: Path, seed: i
     plant, path = Plant(design, clutter=False), random_motion(rng, design)
     write_cases([(tmp_path / "one", 100)], plant, path, np.full(design.count, 1e-9), rng)
     case = translate(tmp_path / "one", tmp_path / "work")
-    found = simulate_case(case, parameters=design.true)
+    found = simulate(case, parameters=design.true)
     expected = plant.simulate(path, quantised=False)[0].command
     error = root_mean_square(found.select([f"tau{j + 1}" for j in range(design.count)]) - expected)
     # What is left is the wider smoothing of dry friction in the project's model.

@@ -20,7 +20,7 @@ from fmu_didim.discovery.findings import FindingsDocument, findings_schema, load
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.robot import read_robot
 from fmu_didim.signals import read_trajectory
-from fmu_didim.workflow import discover, simulate_case
+from fmu_didim.workflow import discover, simulate
 from tests.discovery_helpers import TRUTH, arm_case
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}
@@ -128,7 +128,7 @@ def test_augmented_case_gives_the_torque_of_the_fitted_model(printed: tuple[Path
     for label in ("estimation", "validation"):
         table = read_trajectory(out / document.files[f"signals_{label}"])
         wanted = table.select(["final1"])[:, 0]
-        found = simulate_case(out / document.files["case"], experiment=label)
+        found = simulate(out / document.files["case"], experiment=label)
         at = np.round((table.time - found.time[0]) * 200).astype(int)
         assert np.abs(found.select(["tau1"])[at, 0] - wanted).max() <= 1e-6 * np.abs(wanted).max()
     content = yaml.safe_load((out / document.files["case"]).read_text(encoding="utf-8"))

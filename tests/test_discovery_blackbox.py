@@ -20,7 +20,7 @@ from fmu_didim.export import build_fmu
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.robot import RobotModel, read_robot, write_robot
 from fmu_didim.signals import trajectory, write_csv
-from fmu_didim.workflow import simulate_case
+from fmu_didim.workflow import simulate
 from fmu_didim.workflow.discover import discover
 
 NOISE = (0.03, 0.003)
@@ -81,7 +81,7 @@ def vendor_case(folder: Path, hidden: str = "", joint: int = 1, *, late: int = 0
             "train": {"reference": reference, "torque": {"file": "none.csv", "rate_hz": 100}},
         }  # fmt: skip
         (folder / "making.yaml").write_text(yaml.safe_dump(making), encoding="utf-8")
-        table = simulate_case(folder / "making.yaml")
+        table = simulate(folder / "making.yaml")
         torque = table.select(["tau1", "tau2"])[np.maximum(np.arange(0, table.time.size - 1, 2) - late, 0)]
         torque = torque + np.array(NOISE) * rng.normal(size=torque.shape)
         write_csv(trajectory(table.time[:-1:2], {"tau1": torque[:, 0], "tau2": torque[:, 1]}), folder / f"{label}.csv")

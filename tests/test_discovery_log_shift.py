@@ -17,7 +17,7 @@ from fmu_didim.prediction.free_parameter import LOG
 from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
-from fmu_didim.workflow import discover, simulate_case
+from fmu_didim.workflow import discover, simulate
 from tests.discovery_helpers import RATE, arm_case
 
 SHIFT = EffectAtJoint("log_time_shift", 1)
@@ -114,7 +114,7 @@ def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, Loop
     assert model.plant is base.plant
     for label, experiment in model.experiments.items():
         assert model.systems[label] is base.systems[label]
-        every = simulate_case(case, experiment=label)
+        every = simulate(case, experiment=label)
         command = every.select(["tau1", "tau2"])
         wanted = np.column_stack([np.interp(experiment.time - 0.0072, every.time, c) for c in command.T])
         torque = model.torque(model.start, label)

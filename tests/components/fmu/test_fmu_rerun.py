@@ -1,0 +1,261 @@
+"""FMUs run again: the way that has been seen to work is used, nothing is left over from the run before."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.components import Instance
+from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
+from fmu_didim.components.fmu import rerun as rerun_module
+from fmu_didim.components.fmu.isolate import IsolatedInstance
+from fmu_didim.errors import InputError, SimulationError
+from tests.awkward.build import awkward_fmu, library
+from tests.awkward.versions import fmi_1
+from tests.components.fmu.helpers import H, exported, slave_outputs
+from tests.helpers import PERIOD, advance, begin, drive
+
+U = np.random.default_rng(5).normal(size=(30, 1))
+
+
+@pytest.fixture(autouse=True)
+def new_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is known yet; what has been compiled stays where it is."""
+    kept = rerun_module.cache_directory
+    monkeypatch.setattr(rerun_module, "cache_directory", lambda: tmp_path / "known")
+    library("slave")
+    assert kept() != tmp_path / "known"
+
+
+def run(instance: Instance, u: np.ndarray, h: float = H) -> np.ndarray:
+    begin(instance, np.zeros(u.shape[1]))
+    return np.array([advance(instance, row, k * h, h) for k, row in enumerate(u)])
+
+
+def pid_of(instance: Instance) -> int:
+    assert isinstance(instance, IsolatedInstance)
+    return instance._worker._process.pid
+
+
+@pytest.mark.parametrize(
+    ("macros", "strategy"),
+    [
+        ((), "reset"),
+        (("RESET_KEEPS_STATE",), "state"),
+        (("RESET_KEEPS_PARAMETERS",), "state"),
+        (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "re-instantiate"),
+        (("COUNTS_INSTANCES",), "fresh process"),
+        (("CRASH_IN_RESET",), "state"),
+    ],
+)
+@pytest.mark.parametrize("isolated", [False, True])
+def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy: str, isolated: bool) -> None:
+    """Parameters changed before, but not in the new component, are back at their start values."""
+    made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=isolated)
+    assert made.describe()["reset"] == "auto"
+    changed = made.with_parameters({"a": 1.0, "d": -0.3, "n": 3, "flip": True, "internal": 0.4})
+    instance: Instance = changed.instantiate()
+    counts = "COUNTS_INSTANCES" in macros
+    for step, component in enumerate((changed, made, made.with_parameters({"d": 2.0}), made, changed, made)):
+        if step and not instance.restart(component):
+            instance.close()
+            instance = component.instantiate()
+        got = run(instance, U)
+        if step and counts:  # known from now on: a new process, in which the first instance starts at 0
+            assert isinstance(instance, IsolatedInstance)
+        values = component.parameter_values()
+        wanted = slave_outputs(U, a=values["a"], d=values["d"])
+        if component is changed:
+            wanted = -3 * (wanted + 0.4 * (1 - H * 1.0) ** np.arange(len(U))[:, None])
+        if step or not counts:
+            np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-13)
+    instance.close()
+    told = made.describe()
+    assert told["reset"] == strategy
+    assert len(told["reset_reason"]) > 10
+
+
+@pytest.mark.parametrize("macros", [(), ("RESET_KEEPS_STATE",), ("RESET_KEEPS_STATE", "STATE_INCOMPLETE")])
+def test_isolated_instances_keep_their_process(tmp_path: Path, macros: tuple[str, ...]) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=True)
+    instance = made.instantiate()
+    pid = pid_of(instance)
+    for a in (1.0, 2.0, 3.0):
+        component = made.with_parameters({"a": a})
+        assert instance.restart(component)
+        assert pid_of(instance) == pid
+        np.testing.assert_array_equal(run(instance, U), drive(component, U, H))
+    instance.close()
+
+
+def test_a_fresh_process_for_every_run(tmp_path: Path) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, "COUNTS_INSTANCES"), rerun="fresh process")
+    first, found = made.instantiate(), []
+    for _ in range(2):
+        found.append(run(first, U))
+        pid = pid_of(first)
+        assert not first.restart(made)
+        first.close()
+        first = made.instantiate()
+        assert pid_of(first) != pid
+    first.close()
+    np.testing.assert_array_equal(found[0], found[1])
+    assert made.describe()["isolated"] is True
+
+
+def test_fmus_that_crash_when_tried_are_isolated(tmp_path: Path) -> None:
+    """The reset crashes in the trial's process only, and is never used."""
+    made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_RESET"))
+    instance = made.instantiate()
+    wanted = run(instance, U)
+    assert not instance.restart(made)
+    instance.close()
+    instance = made.instantiate()
+    assert isinstance(instance, IsolatedInstance)
+    np.testing.assert_array_equal(run(instance, U), wanted)
+    assert instance.restart(made)
+    np.testing.assert_array_equal(run(instance, U), wanted)
+    instance.close()
+    assert "crashed" in made.describe()["reset_reason"] and made.describe()["isolated"]
+    with pytest.raises(SimulationError, match="crashed"):
+        broken = load_fmu(made.path, isolated=True, rerun="reset")
+        instance = broken.instantiate()
+        run(instance, U)
+        instance.restart(broken)
+
+
+def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_STEP"))
+    assert made.find_rerun().strategy == "fresh process"
+    assert isinstance(made.instantiate(), IsolatedInstance)
+
+
+def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    real = rerun_module.ask_facts
+
+    def counted(component: FmuComponent, h: float, limit: float) -> Any:
+        asked.append(component)
+        return real(component, h, limit)
+
+    monkeypatch.setattr(rerun_module, "ask_facts", counted)
+    made = load_fmu(awkward_fmu(tmp_path))
+    instance = made.instantiate()
+    assert not asked
+    for a in (1.0, 2.0, 3.0):
+        assert instance.restart(made.with_parameters({"a": a}))
+    assert load_fmu(made.path).describe()["reset"] == "reset"
+    monkeypatch.setattr(rerun_module, "_known", {})  # as in another process
+    assert instance.restart(pickle.loads(pickle.dumps(made)))
+    instance.close()
+    assert len(asked) == 1
+
+
+def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
+    found = probe_fmu(made, fresh=True)
+    assert made.describe()["reset"] == found.strategy == "state"
+    monkeypatch.delattr(rerun_module, "ask_facts")
+    instance = made.instantiate()
+    wanted = run(instance, U)
+    assert instance.restart(made)
+    np.testing.assert_array_equal(run(instance, U), wanted)
+    instance.close()
+
+
+@pytest.mark.parametrize("strategy", ["reset", "state", "re-instantiate"])
+def test_the_strategy_can_be_chosen(tmp_path: Path, strategy: str) -> None:
+    made = load_fmu(awkward_fmu(tmp_path), rerun=strategy)
+    instance = made.instantiate()
+    wanted = run(instance, U)
+    assert instance.restart(made) == (strategy != "re-instantiate")
+    if strategy != "re-instantiate":
+        np.testing.assert_array_equal(run(instance, U), wanted)
+    instance.close()
+    assert made.describe()["reset"] == strategy
+
+
+def test_strategies_are_checked(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"got:   again[\s\S]*valid: auto, reset, state"):
+        load_fmu(awkward_fmu(tmp_path), rerun="again")
+    with pytest.raises(InputError, match="cannot save its state"):
+        load_fmu(fmi_1(tmp_path), rerun="state")
+
+
+@pytest.mark.parametrize("name", ["scara", "cascade", "pd"])
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
+@pytest.mark.parametrize("strategy", ["auto", "state"])
+def test_own_fmus_are_exactly_as_new(name: str, version: str, interface: str, strategy: str) -> None:
+    """This is why they are reset without a trial."""
+    made = load_fmu(exported(name, version), interface=interface, rerun=strategy)
+    u = np.sin(np.arange(20)[:, None] * 0.1 + np.arange(len(made.inputs)))
+    other = made.with_parameters({n: 1.3 * v + 0.1 for n, v in made.parameter_values().items()})
+    wanted = [drive(component, u, PERIOD) for component in (made, other)]
+    assert not np.array_equal(*wanted)
+    instance = other.instantiate()
+    for component, expected in ((other, wanted[1]), (made, wanted[0]), (other, wanted[1]), (made, wanted[0])):
+        assert instance.restart(component)
+        begin(instance, u[0])
+        got = [advance(instance, row, k * PERIOD, PERIOD) for k, row in enumerate(u)]
+        np.testing.assert_array_equal(got, expected)
+    instance.close()
+    assert made.describe()["reset"] == ("reset" if strategy == "auto" else "state")
+
+
+def test_a_failed_run_can_be_followed_by_another(tmp_path: Path) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, "REFUSED_STEP"))
+    instance = made.instantiate()
+    with pytest.raises(SimulationError, match="Discard"):
+        run(instance, U, 0.001)
+    assert instance.restart(made)
+    np.testing.assert_array_equal(run(instance, U), drive(made, U, H))
+    instance.close()
+
+
+def _resident() -> float:
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="counts in /proc")
+@pytest.mark.parametrize(
+    ("interface", "solver", "strategy"),
+    [
+        ("co-simulation", "rk4", "auto"), ("model-exchange", "rk4", "auto"), ("model-exchange", "cvode", "auto"),
+        ("co-simulation", "rk4", "state"),
+    ],
+)  # fmt: skip
+def test_a_thousand_runs_leave_nothing(
+    interface: str, solver: str, strategy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A place of its own: other processes of the tests leave and take away files in the common one.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    made = load_fmu(exported("scara", "3.0"), interface=interface, solver=solver, rerun=strategy, substeps=None)
+    instance = made.instantiate()
+    names = [v.name for v in made.parameters][:3]
+
+    def runs(count: int) -> None:
+        for k in range(count):
+            changed = made.with_parameters(dict.fromkeys(names, 1.0 + 0.001 * k))
+            assert instance.restart(changed)
+            begin(instance, np.zeros(2))
+            instance.save_state()
+            advance(instance, np.zeros(2), 0.0, PERIOD)
+
+    runs(100)
+    handles, memory = len(os.listdir("/proc/self/fd")), _resident()  # noqa: PTH208
+    folders = set(tmp_path.iterdir())
+    runs(1000)
+    assert len(os.listdir("/proc/self/fd")) == handles  # noqa: PTH208
+    assert _resident() - memory < 4.0
+    assert set(tmp_path.iterdir()) <= folders
+    instance.close()

@@ -1,0 +1,85 @@
+"""Simulations in threads: same numbers, and only where it is safe."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.estimators import Didim
+from fmu_didim.identification.estimate import Status
+from fmu_didim.identification.start import with_free_delay
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.workers import VARIABLE, default_workers, may_run_side_by_side, side_by_side
+from tests.cases import TRUTH
+from tests.helpers import component, model_of, scara, with_component, with_torque
+
+
+@pytest.fixture(scope="module")
+def model() -> LoopModel:
+    return model_of("examples/scara/identify.yaml")
+
+
+def test_sensitivity_is_the_same_to_the_last_bit(model: LoopModel) -> None:
+    """By derivatives, and by the differences that a search takes."""
+    free, values = with_free_delay(model), np.append(TRUTH, 0.0)
+    torque = free.torque(values)
+    for exact in (True, False):
+        alone = sensitivity(replace(free, workers=1), values, torque, exact=exact)
+        for workers in (2, 4):
+            together = sensitivity(replace(free, workers=workers), values, torque, exact=exact)
+            np.testing.assert_array_equal(together, alone)
+
+
+def test_tasks_run_at_the_same_time_and_keep_their_order() -> None:
+    meeting = threading.Barrier(2, timeout=30)  # breaks unless two tasks wait at it together
+
+    def task(i: int) -> int:
+        meeting.wait()
+        return i
+
+    assert side_by_side([lambda i=i: task(i) for i in range(4)], 2) == [0, 1, 2, 3]
+    assert side_by_side([threading.get_ident] * 3, 1) == [threading.get_ident()] * 3
+
+
+def test_the_error_of_a_task_is_raised() -> None:
+    def broken() -> int:
+        raise SimulationError("broken")
+
+    with pytest.raises(SimulationError, match="broken"):
+        side_by_side([lambda: 1, broken, lambda: 2], 2)
+
+
+def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> None:
+    several = replace(model, workers=3)
+    assert several.allowed_workers(TRUTH) == 3
+    assert replace(model, workers=1).allowed_workers(TRUTH) == 1
+    by_python = with_component(several, "plant", component("control", scara().block()))
+    assert may_run_side_by_side(by_python.system(TRUTH))
+    assert not by_python.record(TRUTH).compiled
+    assert by_python.allowed_workers(TRUTH) == 1
+    plant = model.plant
+    foreign = with_component(several, "plant", replace(plant, fmu=replace(plant.fmu, tool="Another tool")))
+    assert not may_run_side_by_side(foreign.system(TRUTH))
+    assert foreign.allowed_workers(TRUTH) == 1
+
+
+def test_the_variable_states_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "3")
+    assert default_workers() == 3
+    monkeypatch.setenv(VARIABLE, "many")
+    with pytest.raises(InputError, match="The number of threads is not valid"):
+        default_workers()
+
+
+def test_the_finish_settles_without_noise_where_parameters_are_zero(model: LoopModel) -> None:
+    """Such parameters have neither size nor standard deviation."""
+    truth = TRUTH.copy()
+    truth[[1, 5, 6]] = 0.0
+    estimate = Didim(start="reference").estimate(with_torque(model, model.torque(truth)))
+    assert estimate.status is Status.CONVERGED
+    np.testing.assert_allclose(estimate.value, truth, rtol=1e-7, atol=1e-8)
