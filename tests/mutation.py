@@ -37,8 +37,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "discovery/selection/pre_check.py": ("discovery/selection/test_pre_check_decisions.py",),
     "prediction/least_squares.py": ("prediction/test_solver_decisions.py",),
     "prediction/sensitivity.py": ("prediction/test_sensitivity_ways.py",),
-    "master/sampling.py": ("test_sampling.py",),
-    "statistics.py": ("test_statistics.py",),
+    "master/sampling.py": ("master/test_sampling_edges.py", "test_sampling.py"),
+    "statistics.py": ("test_statistics_edges.py", "test_statistics.py"),
 }
 """File of the package -> its fast tests, from the folder of tests on."""
 TIME_LIMIT_S = 60.0

@@ -343,6 +343,17 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     assert contender(GEAR, whole, builder, before, WHITE).cost == 1.0
 
 
+def test_only_amplitudes_of_its_own_count() -> None:
+    builder, before, found = one_more(costs={"gear": 4.0})
+    further = tuple(replace(free(f"N{i}", 0.0), effect=None) for i in range(2))
+    model = replace(found.model, free_parameters=(*found.model.free_parameters, *further))
+    slopes = np.concatenate([found.jacobian, column((1.0, SIGNS)), column((1.0, SIGNS))], axis=2)
+    known = builder.without
+    builder.without = lambda m, i: known(found.model, i)
+    whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
+    assert contender(GEAR, whole, builder, before, WHITE).cost == 4.0
+
+
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
     builder, _, found = one_more()
     assert torque_change_without(GEAR, found, builder, noise([0.5])) == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
