@@ -104,7 +104,7 @@ def test_constant_torques_are_not_correlated() -> None:
     assert found.tolist() == [[pytest.approx(-1.0), pytest.approx(0.0)], [0.0, 0.0]]
 
 
-def test_where_nothing_can_be_simulated_only_gaps_are_told() -> None:
+def test_where_nothing_can_be_simulated_only_gaps_are_named() -> None:
     places = np.where(N < 100, N, N + 3)
     found = check_log(model(-A[:, None], None, places), "x")
     assert len(found) == 1 and found[0].startswith("log.csv: 3 of 403 torque samples are missing")
