@@ -50,7 +50,7 @@ LONGEST_WINDOW = TABLE(
 )
 SHORTEST_WINDOW = TABLE("SHORTEST_WINDOW", 3, "samples", "A window of fewer is an outlier of the logger.")
 WINDOW_GRID = TABLE(
-    "WINDOW_GRID", 800, "instants", "At which windows begin or end in the first search; then they are polished."
+    "WINDOW_GRID", 800, "instants", "At the edges of windows in the first search; then they are polished."
 )
 
 # What a comparison is worth ------------------------------------------------------------------------------------------

@@ -79,7 +79,7 @@ def discover(
     """
     begin = clock.perf_counter()
     ask = _Question(description, name, effects, options or Options(), provenance, say)
-    later = replace(model, experiments={label: e.after(limits.BEGIN_S) for label, e in model.experiments.items()})
+    later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
     found = _look(ask, later, _prepared(later, say))
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
@@ -178,10 +178,10 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     more = joint_gaps(whole.residual, prepared.noise) ** 2 - joint_gaps(without.residual, found.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
         return found
-    ask.say(f"the first {limits.BEGIN_S:g} s disagree: gears in them")
+    ask.say(f"the first {limits.FIRST_S:g} s disagree: gears in them")
     gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
-    note = f"The first {limits.BEGIN_S:g} s of the data, where the state of the machine is not known, disagree most"
+    note = f"The first {limits.FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))
     second = _look(again, model, prepared)
     if second.discovery.steps:

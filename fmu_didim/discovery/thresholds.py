@@ -39,8 +39,8 @@ STANDSTILL = TABLE("STANDSTILL", 1e-12, "SI", "Smallest of those speeds, of a jo
 FIRST_NOISE = TABLE(
     "FIRST_NOISE", 1e-9, "N.m or N", "Smallest deviation of a torque with which the first fit weights a joint."
 )
-BEGIN_S = TABLE(
-    "BEGIN_S", 0.25, "s",
+FIRST_S = TABLE(
+    "FIRST_S", 0.25, "s",
     "Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in their "
     "play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for "
     "with it.",

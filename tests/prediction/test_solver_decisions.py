@@ -148,6 +148,12 @@ def test_moves_are_measured_by_where_they_lead() -> None:
     assert after(replace(found, values=np.array([11.2, 0.0])), at, tolerance=0.1)[0] == "goes on"
 
 
+def test_a_sensitivity_is_stale_by_the_distance_from_where_it_was_taken() -> None:
+    at = state(differentiated=10.0)
+    at.values = np.array([10.0, 10.0])
+    assert after(replace(led(0.0), values=np.array([10.01, 10.0])), at, tolerance=0.1)[0] == "settled"
+
+
 @pytest.mark.parametrize(
     ("move", "last", "updates", "anew"),
     [
@@ -169,7 +175,7 @@ def test_a_small_step_from_afar_is_no_contraction() -> None:
 
 @pytest.mark.parametrize(
     ("cost", "anew"),
-    [(80.1, True), (79.9, False), (40.1, False), (39.9, True), (60.0, False)],
+    [(80.1, True), (80.0, False), (79.9, False), (40.1, False), (40.0, False), (39.9, True), (60.0, False)],
 )
 def test_when_a_search_takes_the_sensitivity_anew(cost: float, anew: bool) -> None:
     """Promised 40 of 100; kept is between half of it and one and a half."""
@@ -282,6 +288,9 @@ def test_held_out_experiments_are_not_run_for_a_step_that_does_not_help() -> Non
     one = replace(bent(lambda a: 9.0 if a > 0 else 0.0), held_out=("other",))
     search(one)
     assert {label for _, label in one.calls} == {"one"}
+    flat = replace(bent(lambda a: 0.0), held_out=("other",))
+    search(flat, tolerance=1e-3)  # nor for one that changes nothing
+    assert {label for _, label in flat.calls} == {"one"}
 
 
 @pytest.mark.parametrize(
@@ -351,6 +360,7 @@ def test_idle_parameters_do_not_move_and_are_not_known() -> None:
     assert one.deviations().tolist() == [pytest.approx(0.5), np.inf]
     assert one.condition == pytest.approx(1.0)
     assert equations([[0.0], [0.0]], [1.0, 1.0]).condition == np.inf
+    assert equations([[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], [1.0, 1.0, 1.0]).condition == np.inf
 
 
 def test_correlated_columns() -> None:
@@ -361,7 +371,7 @@ def test_correlated_columns() -> None:
 
 
 @pytest.mark.parametrize(("apart", "moves"), [(3e-10, True), (1e-11, False)])
-def test_a_direction_that_cannot_be_told_is_left_alone(apart: float, moves: bool) -> None:
+def test_a_direction_that_cannot_be_history_is_left_alone(apart: float, moves: bool) -> None:
     one = equations([[1.0, 1.0], [0.0, apart]], [0.0, 1.0])
     change, _ = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 0.0)
     assert bool(abs(change).max() > 1e3) is moves
@@ -509,15 +519,15 @@ def test_a_fit_of_a_search_keeps_its_last_sensitivity() -> None:
 
 
 def test_the_history() -> None:
-    told: list[Iteration] = []
+    history: list[Iteration] = []
     found = minimise(
-        curved(1.0), UNIT, stopping=Stopping(9, tolerance=1e-6, updates=None), stage="fine", progress=told.append
+        curved(1.0), UNIT, stopping=Stopping(9, tolerance=1e-6, updates=None), stage="fine", progress=history.append
     )  # fmt: skip
-    assert list(found.iterations) == told and len(told) > 2
-    assert [it.number for it in told] == list(range(1, len(told) + 1))
-    assert {it.stage for it in told} == {"fine"} and told[0].note == ""
-    assert told[-1].parameters == found.values
-    first = told[0]
+    assert list(found.iterations) == history and len(history) > 2
+    assert [it.number for it in history] == list(range(1, len(history) + 1))
+    assert {it.stage for it in history} == {"fine"} and history[0].note == ""
+    assert history[-1].parameters == found.values
+    first = history[0]
     deviation = 1 / np.linalg.norm(T * np.exp(T))
     moved = float(first.parameters[0] - 1.0)
     assert first.change == pytest.approx(moved / max(abs(float(first.parameters[0])), deviation), rel=1e-4)
@@ -546,7 +556,7 @@ def test_a_point_is_a_fit_without_steps() -> None:
     one = replace(model(), free_parameters=(free("a", 0.5), free("b", 1.0)))
     known = SimpleNamespace(torque=one.torque(one.start), regressor=None)
     found = point(one, KnownNoise(Noise(np.array([0.5]), np.zeros(1), "")), known)
-    assert found.values.tolist() == [0.5, 1.0] and found.prediction is known
+    assert found.values.tolist() == [0.5, 1.0] and found.prediction is known and found.simulations == 0
     np.testing.assert_allclose(found.jacobian[:, 0], np.hstack([np.ones_like(T), T]), atol=1e-5)
     assert found.chi_square == pytest.approx(float(np.sum((0.5 + T) ** 2) / 0.25))
 

@@ -21,7 +21,7 @@ LIKELY_SIZE = TABLE(
     "LIKELY_SIZE", 0.1, "1", "Of the steepest effects, with which that is tried, as a fraction of the torque."
 )
 SMALLEST_SCALE = TABLE("SMALLEST_SCALE", 1e-3, "SI", "Noticeable change of a parameter that is proposed as zero.")
-WINDOW_EDGES = TABLE("WINDOW_EDGES", 24, "instants", "Begins and ends of a force window that are tried.")
+WINDOW_EDGES = TABLE("WINDOW_EDGES", 24, "instants", "Edges of a force window that are tried.")
 SHORTEST_WAY = TABLE(
     "SHORTEST_WAY",
     0.1,
@@ -34,7 +34,7 @@ LOWEST_SPEED = TABLE(
     "1",
     "Smallest speed of a shape, as a fraction of the joint's largest.",
 )
-WIDEST = TABLE("WIDEST", 2.0, "1", "A range whose end lies below its beginning is widened to so many times that.")
+WIDEST = TABLE("WIDEST", 2.0, "1", "A logarithmic range ends at least at so many times its lowest value.")
 MARGIN = TABLE("MARGIN", 0.02, "1", "Fraction of the positions at each end where no place of an effect is tried.")
 BEYOND_GRID = TABLE("BEYOND_GRID", 3.0, "1", "By which factor a fit may take a shape beyond its logarithmic grid,")
 BEYOND_RANGE = TABLE("BEYOND_RANGE", 0.5, "1", "and by which fraction of its range beyond another one,")

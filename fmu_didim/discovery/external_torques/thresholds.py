@@ -1,5 +1,5 @@
-"""Numbers that decide whether torques from outside acted, and when. On EMPS with 25 pulses they find all of them,
-begins and ends within 0.6 ms (docs/discovery.md)."""
+"""Numbers that decide whether torques from outside acted, and when. On EMPS with 25 pulses all of them are found,
+their edges within 0.6 ms (docs/discovery.md)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LONGEST = TABLE(
     "Fraction of the data that external torques may last: what lasts longer, or does not end, may as well be an "
     "offset or a load.",
 )  # fmt: skip
-UNBOUNDED = TABLE("UNBOUNDED", 0.5, "1", "Fraction of their time that may lie in those without a visible begin or end.")
+UNBOUNDED = TABLE("UNBOUNDED", 0.5, "1", "Fraction of their time that may lie in those without a visible edge.")
 STAIRCASE = TABLE(
     "STAIRCASE", 0.25, "1",
     "Fraction of the external torques that may follow each other without a pause: more of them only copy what else is "
@@ -56,7 +56,7 @@ COMES_BACK = TABLE(
     "COMES_BACK", 0.5, "1",
     "Fraction of the impulse that is there again one period later, from which it belongs to the machine.",
 )  # fmt: skip
-SAME_PHASE = TABLE("SAME_PHASE", 0.05, "1", "Fraction of a period within which begins of two periods are the same,")
+SAME_PHASE = TABLE("SAME_PHASE", 0.05, "1", "Fraction of a period within which two phases are the same,")
 SAME_PHASE_S = TABLE("SAME_PHASE_S", 0.1, "s", "but no longer than this.")
 
 # The fit in the closed loop ------------------------------------------------------------------------------------------

@@ -91,10 +91,10 @@ def test_gain_and_coefficients_by_hand() -> None:
 
 
 def test_an_effect_costs_its_parameters_but_not_idle_ones() -> None:
-    tables = [column((1.0, OTHER)), column((1.0, THIRD)), 0.9e-7 * column((1.0, THIRD))]
+    tables = [column((1.0, OTHER)), column((1.0, THIRD)), 0.95e-7 * column((1.0, THIRD))]
     (three,) = screened(signature("b", np.concatenate(tables, axis=2)))
     assert three.gain == pytest.approx(100 - 2 * np.log(400), abs=1e-5)
-    tables[2] = 1.1e-7 * column((1.0, SIGNS))
+    tables[2] = 1.05e-7 * column((1.0, SIGNS))
     (four,) = screened(signature("b", np.concatenate(tables, axis=2)))
     assert four.gain == pytest.approx(100 - 3 * np.log(400), abs=1e-5)
 
@@ -163,7 +163,7 @@ def test_a_gear_is_tried_on_all_joints() -> None:
     assert listed((100.0, "spring", 2), (1e-9, "spring", 3)) == [("spring", 2), ("spring", 3)]
 
 
-@pytest.mark.parametrize(("small", "idle"), [(1.1e-7, 0), (0.9e-7, 1), (0.0, 1)])
+@pytest.mark.parametrize(("small", "idle"), [(1.05e-7, 0), (0.95e-7, 1), (0.0, 1)])
 def test_columns_of_rounding_are_idle(small: float, idle: int) -> None:
     columns = np.stack([3 * OTHER, -3 * small * THIRD], axis=1)
     assert _idle(columns) == idle
@@ -341,6 +341,17 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     monkey = builder.without
     builder.without = lambda m, i: monkey(found.model, i)
     assert contender(GEAR, whole, builder, before, WHITE).cost == 1.0
+
+
+def test_only_amplitudes_of_its_own_count() -> None:
+    builder, before, found = one_more(costs={"gear": 4.0})
+    further = tuple(replace(free(f"N{i}", 0.0), effect=None) for i in range(2))
+    model = replace(found.model, free_parameters=(*found.model.free_parameters, *further))
+    slopes = np.concatenate([found.jacobian, column((1.0, SIGNS)), column((1.0, SIGNS))], axis=2)
+    known = builder.without
+    builder.without = lambda m, i: known(found.model, i)
+    whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
+    assert contender(GEAR, whole, builder, before, WHITE).cost == 4.0
 
 
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:

@@ -93,6 +93,11 @@ def test_the_smallest_part_is_an_option_too() -> None:
     assert refused(contender_of(), smallest_part=0.41).startswith("explains 40.0 % of the gap of the base model")
 
 
+def test_a_part_as_large_as_the_smallest_is_enough() -> None:
+    three, one = fit_of(TableModel(3.0 * SIGNS[:, None])), contender_of(fit=fit_of(TableModel(SIGNS[:, None])))
+    assert objection(one, three, WHITE, Options(smallest_part=1.0), base=three) == ""
+
+
 @pytest.mark.parametrize(
     ("second", "reason"),
     [

@@ -20,6 +20,7 @@ from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.noise import Noise
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual, table_fit
 
 WHITE = noise((1.0, 1.0))
@@ -124,17 +125,17 @@ class Check:
 LIMIT = effect_of("limit", class_name="a limit", pre_check=CHECK)
 
 
-def checked(builder: Any = None, **options: Any) -> tuple[Any, Any, list[str], Any]:
+def checked(builder: Any = None, *, white: Noise = WHITE, **options: Any) -> tuple[Any, Any, list[str], Any]:
     said: list[str] = []
     base = ramp()
-    fit, steps = pre_check(builder or Builder(LIMIT), base, WHITE, Options(**options), said.append)
+    fit, steps = pre_check(builder or Builder(LIMIT), base, white, Options(**options), said.append)
     return fit, steps, said, base
 
 
-@pytest.mark.parametrize(("best", "count"), [(719.9, 1), (720.0, 1), (720.1, 0)])
+@pytest.mark.parametrize(("best", "count"), [(179.9, 1), (180.0, 1), (180.1, 0)])
 def test_a_promising_trial_is_fitted(monkeypatch: pytest.MonkeyPatch, best: float, count: int) -> None:
     check = Check(monkeypatch, [(best, 1, 3.0), (790.0, 2, 5.0)], {1: 50.0, 2: 20.0})
-    fit, steps, said, base = checked()
+    fit, steps, said, base = checked(white=noise((2.0, 2.0)))  # 800 samples of size one: 200
     assert len(steps) == count
     assert said == ["pre-check: a limit", "added: limit on joint 1"][: 1 + count]
     assert (fit is AFTER) if count else (fit is base)

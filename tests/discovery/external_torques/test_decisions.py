@@ -1,0 +1,282 @@
+"""The decisions on torques from outside, on lists of them made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.external_torques import findings, fit, rivals
+from fmu_didim.discovery.external_torques.findings import _summary
+from fmu_didim.discovery.external_torques.fit import (
+    FittedExternalTorques,
+    _comes_back,
+    _is_lasting,
+    _is_staircase,
+    find_external_torques,
+)
+from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
+from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
+from fmu_didim.discovery.findings import ValueFound
+from fmu_didim.prediction.external_torque import ExternalTorque
+from fmu_didim.prediction.loop_model import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, effect_of, noise, table_fit
+
+TIME = np.arange(101) * 0.1
+
+
+def torque(begin: float, end: float, size: float = 1.0) -> ExternalTorque:
+    return ExternalTorque(1, begin, end, size, False)
+
+
+# ---- steps taken for one, and joined to torques
+
+
+@pytest.mark.parametrize(
+    ("ticks", "sizes", "kept"),
+    [
+        # Steps of one sign within 5 ticks are one, at the mean of their instants by size.
+        ([10, 15], [3.0, 1.0], [11]),
+        ([10, 16], [3.0, 1.0], [10, 16]),
+        ([10, 14, 16], [1.0, 1.0, 1.0], [12, 16]),  # from the first of a group on
+        # The opposite sign ends a torque, unless it only corrects an instant: below 35 % of the other.
+        ([10, 12], [1.0, -0.36], [10, 12]),
+        ([10, 12], [1.0, -0.34], [9]),
+        ([10, 12], [-0.34, 1.0], [13]),
+        ([10, 12], [0.36, -1.0], [10, 12]),
+        # The largest of a group decides, not the last.
+        ([10, 11, 12], [1.0, -0.3, -0.34], [7]),
+        # A twentieth of the largest step is none.
+        ([10, 50], [1.0, 0.049], [10]),
+        ([10, 50], [1.0, -0.051], [10, 50]),
+    ],
+)
+def test_steps_that_belong_together(ticks: list[int], sizes: list[float], kept: list[int]) -> None:
+    assert _merged(ticks, np.array(sizes), 5) == kept
+
+
+def joined(ticks: list[int], *sizes: float) -> list[tuple[float, float, float]]:
+    found = _joined(TIME, ticks, np.array(sizes), 2, True)
+    assert all(p.joint == 2 and p.is_logged for p in found)
+    return [(round(p.begin_s, 6), round(p.end_s, 6), round(p.torque, 6)) for p in found]
+
+
+@pytest.mark.parametrize(
+    ("ticks", "sizes", "wanted"),
+    [
+        ([10, 20], [2.0, -2.0], [(1.0, 2.0, 2.0)]),
+        ([10, 20], [2.0, -1.32], [(1.0, 2.0, 1.66)]),  # a third of it is missing: still one torque
+        ([10, 20], [2.0, -1.28], [(1.0, 2.0, 2.0), (2.0, 10.1, 0.72)]),  # more is a level that stays
+        ([10, 20, 30, 40], [2.0, -2.0, -1.0, 1.0], [(1.0, 2.0, 2.0), (3.0, 4.0, -1.0)]),
+        ([10, 20, 30], [1.0, 1.0, -2.0], [(1.0, 2.0, 1.0), (2.0, 3.0, 2.0)]),
+        ([10], [1.0], [(1.0, 10.1, 1.0)]),
+        ([10, 20, 30], [1.0, 1.0, -1.31], [(1.0, 2.0, 1.0), (2.0, 3.0, 2.0), (3.0, 10.1, 0.69)]),
+        ([10, 20, 30], [1.0, 1.0, -1.6], [(1.0, 2.0, 1.0), (2.0, 3.0, 2.0)]),  # 0.4 is nothing beside 1.6
+        ([], [], []),
+    ],
+)
+def test_steps_joined_to_torques(ticks: list[int], sizes: list[float], wanted: Any) -> None:
+    assert joined(ticks, *sizes) == wanted
+
+
+def test_a_new_torque_begins_only_where_the_last_has_ended() -> None:
+    assert joined([10, 20, 30, 40], 2.0, 1.0, -1.0, -2.0) == [(1.0, 2.0, 2.0), (2.0, 3.0, 3.0), (3.0, 4.0, 2.0)]
+
+
+def test_sizes_of_steps_by_least_squares_with_idle_columns() -> None:
+    table = np.array([[1e6, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
+    assert _solved(table, np.array([3e6, 4.0, 9.0])).tolist() == pytest.approx([3.0, 2.0, 0.0])
+
+
+# ---- what is no torque from outside
+
+
+@pytest.mark.parametrize(("following", "staircase"), [(1, False), (2, True)])
+def test_a_quarter_may_follow_without_a_pause(following: int, staircase: bool) -> None:
+    torques = [torque(k, k + 0.5) for k in range(4)]
+    for k in range(following):
+        torques[k] = torque(k, k + 1)
+    assert _is_staircase(torques) is staircase
+    assert not _is_staircase([torque(0, 1)])
+
+
+@pytest.mark.parametrize(
+    ("torques", "lasting"),
+    [
+        ([torque(1, 5.9)], False),
+        ([torque(1, 6.1)], True),  # longer than half of the ten seconds
+        ([torque(1, 3.4), torque(4, 6.5)], False),
+        ([torque(1, 3.6), torque(4, 6.5)], True),
+        # Most of the time without a visible begin or end.
+        ([torque(9, 10.1)], True),
+        ([torque(0, 1)], True),
+        ([torque(0, 1), torque(2, 2.9)], True),
+        ([torque(0, 1), torque(2, 3.1)], False),
+        ([torque(9, 10.0)], False),
+    ],
+)
+def test_torques_that_last_may_as_well_be_a_load(torques: list[ExternalTorque], lasting: bool) -> None:
+    assert _is_lasting(torques, TIME) is lasting
+
+
+@pytest.mark.parametrize(
+    ("torques", "period", "back"),
+    [
+        ([torque(1, 2), torque(4, 5)], 3.0, True),
+        ([torque(1, 2), torque(4.09, 5)], 3.0, True),  # within 0.1 s
+        ([torque(1, 2), torque(4.11, 5)], 3.0, False),
+        ([torque(1, 2), torque(2.04, 2.5)], 1.0, True),  # within a twentieth of the period
+        ([torque(1, 2), torque(2.06, 2.5)], 1.0, False),
+        ([torque(1, 2), torque(4, 5)], None, False),
+        ([torque(1, 2), torque(4, 5)], 2.0, False),
+        # By impulse: half of it must come back.
+        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 1.9)], 3.0, True),
+        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 2.1)], 3.0, False),
+        ([torque(1, 2, 1.0), torque(4, 5, 1.0), torque(6, 8, -1.1)], 3.0, False),
+        ([], 3.0, False),
+    ],
+)
+def test_a_torque_that_comes_back_belongs_to_the_machine(
+    torques: list[ExternalTorque], period: float | None, back: bool
+) -> None:
+    assert _comes_back(torques, noise(period_s=period)) is back
+
+
+# ---- the best of all experiments and joints
+
+
+class Search:
+    """What the search finds by experiment, joint and whether the torque is logged."""
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, shares: dict[tuple[str, int, bool], float], **more: Any
+    ) -> None:
+        self.shares, self.torques = shares, more.get("torques", [torque(1, 2)])
+        self.silent = more.get("silent", ())
+        self.answers: list[tuple[str, int, bool, float]] = []
+        self.fitted: list[Any] = []
+        monkeypatch.setattr(fit, "step_response", self.response)
+        monkeypatch.setattr(fit, "linear_external_torques", self.linear)
+        monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or "fitted")
+
+    def response(self, fit: Any, label: str, joint: int) -> Any:
+        return None if joint in self.silent else np.array([0.25])
+
+    def linear(self, fit: Any, noise: Any, label: str, joint: int, response: Any, is_logged: bool) -> Any:
+        self.answers.append((label, joint, is_logged, float(response[0])))
+        share = self.shares.get((label, joint, is_logged))
+        return None if share is None else (share, [replace(p, joint=joint) for p in self.torques])
+
+
+def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any, Search, list[str]]:
+    search, said = Search(monkeypatch, shares, **more), []
+    reference = SimpleNamespace(reference=SimpleNamespace(time=TIME))
+    model = SimpleNamespace(estimation_labels=("x", "y"), joint_count=2, experiments={"x": reference, "y": reference})
+    found = find_external_torques(SimpleNamespace(model=model), noise(period_s=more.get("period")), say=said.append)
+    return found, search, said
+
+
+def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = {("x", 1, False): 0.6, ("y", 2, True): 0.9, ("y", 2, False): 0.8}
+    found, search, said = find(monkeypatch, shares)
+    assert found == "fitted" and said == ["1 torques from outside on joint 2"]
+    ((_, _, label, torques),) = search.fitted
+    assert label == "y" and torques[0].joint == 2
+    # Where the log shows it, the torque itself is in the answer.
+    assert search.answers[:2] == [("x", 1, False, 0.25), ("x", 1, True, 1.25)] and len(search.answers) == 8
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.5, True), (0.499, False)])
+def test_half_of_the_gap_must_be_explained(monkeypatch: pytest.MonkeyPatch, share: float, found: bool) -> None:
+    assert (find(monkeypatch, {("x", 1, False): share})[0] == "fitted") is found
+
+
+def test_joints_that_cannot_be_moved_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, search, _ = find(monkeypatch, {("x", 1, False): 0.9, ("x", 2, False): 0.7}, silent=(1,))
+    assert search.fitted[0][3][0].joint == 2 and found == "fitted"
+    assert find(monkeypatch, {}, silent=(1, 2))[0] is None
+
+
+@pytest.mark.parametrize(
+    ("torques", "period"),
+    [
+        ([torque(1, 2), torque(2, 3)], None),
+        ([torque(1, 7)], None),
+        ([torque(1, 2), torque(4, 5)], 3.0),
+    ],
+)
+def test_what_is_no_torque_from_outside_is_not_fitted(
+    monkeypatch: pytest.MonkeyPatch, torques: Any, period: float | None
+) -> None:
+    found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
+    assert (found, search.fitted, said) == (None, [], [])
+
+
+# ---- against what looks like them
+
+
+EFFECTS = (
+    effect_of("payload", is_external=False, rivals_external_torque=True),
+    effect_of("presliding", is_external=False, rivals_external_torque=True),
+    effect_of("viscous", is_external=False, rivals_external_torque=False),
+    effect_of("force", is_external=True, rivals_external_torque=False),
+)
+
+
+def test_the_effect_that_names_them() -> None:
+    effects = Catalogue(*EFFECTS).effects
+    assert external_effect(effects, frozenset()).name == "force"
+    assert external_effect(effects, frozenset({"force"})) is None
+    assert external_effect({"viscous": effects["viscous"]}, frozenset()) is None
+
+
+@pytest.mark.parametrize(("bic", "better"), [(100.1, True), (100.0, False), (None, False)])
+def test_one_effect_must_explain_more_than_all_torques(
+    monkeypatch: pytest.MonkeyPatch, bic: float | None, better: bool
+) -> None:
+    screened = [
+        SimpleNamespace(effect_at=EffectAtJoint(n, j)) for n, j in (("payload", 2), ("payload", 1), ("presliding", 1))
+    ]
+    seen: list[Any] = []
+    monkeypatch.setattr(rivals, "SignatureCatalogue", lambda builder, base, candidates: seen.append(candidates))
+    monkeypatch.setattr(rivals, "screen", lambda *_: screened)
+    monkeypatch.setattr(
+        rivals, "contend",
+        lambda chosen, *_, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
+    )  # fmt: skip
+    fitted = FittedExternalTorques(None, None, "x", noise(), 100.0, 0.9)
+    builder = Catalogue(*EFFECTS, joints=2)
+    assert rivalled(fitted, table_fit(5.0), noise(), builder) is better
+    assert [f"{c.effect}{c.joint}" for c in seen[0]] == ["payload1", "payload2", "presliding1", "presliding2"]
+    assert seen[1] == [screened[0], screened[2]]  # each at its best joint
+    del seen[:]
+    rivalled(fitted, table_fit(5.0), noise(), builder, forbid=frozenset({"payload"}))
+    assert [c.effect for c in seen[0]] == ["presliding"] * 2
+
+
+# ---- what is written down
+
+
+def value(name: str, number: float) -> ValueFound:
+    return ValueFound(name=name, unit="N", value=number, std=0.1, interval=(number - 0.2, number + 0.2))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_few_torques_are_all_listed(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    values = [value(f"{n}[{i}]", float(i)) for i in range(1, count + 1) for n in ("F", "t_on", "t_off")]
+    monkeypatch.setattr(findings, "values_found", lambda *_: values)
+    assert _summary(table_fit(1.0), noise()) == values
+
+
+def test_of_many_torques_the_mean_with_its_interval_by_students_t(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = [value(f"{n}[{i}]", float(i)) for i in range(1, 5) for n in ("F", "t_on")]
+    monkeypatch.setattr(findings, "values_found", lambda *_: values)
+    mean, *first = _summary(table_fit(1.0), noise())
+    assert (mean.name, mean.unit, mean.value) == ("F", "N", 2.5)
+    assert mean.std == pytest.approx(np.sqrt(5 / 3) / 2)
+    # 3.1824: the 97.5 % quantile of Student's t with three degrees of freedom.
+    assert mean.interval == pytest.approx((2.5 - 3.182446 * mean.std, 2.5 + 3.182446 * mean.std), rel=1e-6)
+    assert first == values[:2]

@@ -1,0 +1,95 @@
+"""The edges of the least squares and their statistics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fmu_didim.errors import IdentificationError
+from fmu_didim.signals import Array
+from fmu_didim.statistics import (
+    confidence_interval,
+    correlation,
+    least_squares,
+    noise_deviation,
+    relative_deviation_percent,
+    relative_error_percent,
+)
+
+
+def pair(condition: float) -> Array:
+    """Two columns of length one, of this condition number."""
+    angle = 2 * np.arctan(1 / condition)
+    c, s = np.cos(angle / 2), np.sin(angle / 2)
+    return np.array([[c, c], [s, -s], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(("condition", "refused"), [(0.95e12, False), (1.05e12, True)])
+def test_the_condition_number_beyond_which_rounding_decides(condition: float, refused: bool) -> None:
+    if not refused:
+        assert least_squares(pair(condition), np.ones(3)).condition_number == pytest.approx(condition, rel=0.02)
+        return
+    with pytest.raises(IdentificationError, match=r"condition number 1\.05e"):
+        least_squares(pair(condition), np.ones(3))
+
+
+@pytest.mark.parametrize(("rows", "refused"), [(3, False), (2, True), (1, True)])
+def test_more_samples_than_parameters(rows: int, refused: bool) -> None:
+    matrix = np.array([[1.0, 0.0], [0.0, 2.0], [0.0, 0.0]])[:rows]
+    if refused:
+        with pytest.raises(IdentificationError, match=f"{rows} samples, 2 parameters"):
+            least_squares(matrix, np.ones(rows))
+        return
+    found = least_squares(matrix, np.array([3.0, 4.0, 5.0]))
+    assert found.solution.tolist() == pytest.approx([3.0, 2.0])
+    assert found.residual.tolist() == pytest.approx([0.0, 0.0, 5.0])
+    assert found.leverage.tolist() == pytest.approx([1.0, 1.0, 0.0])
+    assert found.condition_number == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("place", ["matrix", "target"])
+def test_values_that_are_not_finite(place: str) -> None:
+    matrix, target = np.eye(3)[:, :2].copy(), np.ones(3)
+    (matrix if place == "matrix" else target)[0] = np.nan
+    with pytest.raises(IdentificationError, match="not finite"):
+        least_squares(matrix, target)
+
+
+def test_columns_without_names_are_counted() -> None:
+    with pytest.raises(IdentificationError, match="got:   1"):
+        least_squares(np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]), np.ones(3))
+    with pytest.raises(IdentificationError, match="tell the parameters apart"):
+        least_squares(np.ones((3, 2)), np.ones(3))
+
+
+def test_noise_of_each_joint() -> None:
+    residual = np.array([[3.0, 0.0], [4.0, 0.0], [0.0, 0.0]])
+    leverage = np.array([[0.5, 0.0], [0.5, 0.0], [0.0, 0.0]])
+    assert noise_deviation(residual, leverage, floor=np.array([0.1, 0.2])).tolist() == [np.sqrt(12.5), 0.2]
+    # One degree of freedom at least.
+    assert noise_deviation(residual, 0.9 * np.ones((3, 2)), floor=np.zeros(2))[0] == 5.0
+
+
+@pytest.mark.parametrize(
+    ("freedom", "level", "half"),
+    [
+        (3.0, 0.95, 3.182446),
+        (1.0, 0.95, 12.706205),
+        (0.5, 0.95, 12.706205),
+        (1e9, 0.95, 1.959964),
+        (3.0, 0.5, 0.764892),
+    ],
+)
+def test_intervals_by_students_t(freedom: float, level: float, half: float) -> None:
+    found = confidence_interval(np.array([2.0, -1.0]), np.array([0.5, 0.0]), freedom, level)
+    np.testing.assert_allclose(found, [[2 - 0.5 * half, 2 + 0.5 * half], [-1, -1]], rtol=1e-6)
+    if level == 0.95:
+        np.testing.assert_allclose(confidence_interval(np.array([2.0, -1.0]), np.array([0.5, 0.0]), freedom), found)
+
+
+def test_relative_numbers() -> None:
+    assert relative_deviation_percent(np.array([-2.0, 0.0]), np.array([0.5, 0.5])).tolist() == [25.0, np.inf]
+    assert correlation(np.array([[4.0, 3.0], [3.0, 9.0]])).tolist() == [[1.0, 0.5], [0.5, 1.0]]
+    measured, simulated = np.array([[3.0, 0.0], [4.0, 2.0]]), np.array([[3.0, 1.0], [1.0, 2.0]])
+    total, joints = relative_error_percent(measured, simulated)
+    assert total == pytest.approx(100 * np.sqrt(10 / 29)) and joints.tolist() == pytest.approx([60.0, 50.0])
