@@ -11,7 +11,7 @@ import pytest
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.workflow import discover
 from tests.blind.score import same_class
-from tests.discovery_helpers import blind_case, hidden, true_parameters
+from tests.discovery.helpers import blind_case, hidden, true_parameters
 
 Truth = list[tuple[str, int]]
 Run = Callable[..., tuple[FindingsDocument, Truth]]
