@@ -28,7 +28,7 @@ from fmu_didim.prediction.motion import motion_of
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Variable
 from fmu_didim.workflow import discover
-from tests.discovery_helpers import arm_case, arm_document, sines
+from tests.discovery.helpers import arm_case, arm_document, sines
 
 
 class FilmFriction(TorqueEffect):
@@ -104,7 +104,7 @@ class FadingDrive(SplicedEffect):
         return u - values["fading"] * u * ca.fabs(u)
 
 
-NAME = "tests.test_new_effect:FilmFriction"
+NAME = "tests.discovery.test_new_effect:FilmFriction"
 HIDDEN = {"Ff": 2.0, "vf": 0.6, "Tf": 0.15}
 GEAR = {"K": 6000.0, "D": 10.0, "motor_share": 0.6}
 
@@ -160,7 +160,7 @@ def test_loads_of_an_elastic_joint_are_those_of_a_rigid_one_along_the_same_motio
 
 
 def test_a_new_effect_of_a_drive_is_found_and_written_as_a_part_of_its_own(tmp_path: Path) -> None:
-    name = "tests.test_new_effect:FadingDrive"
+    name = "tests.discovery.test_new_effect:FadingDrive"
     document = discover(arm_case(tmp_path, {name: {"fading": 0.006}}, sigma=0.05), tmp_path / "out", effects=[name])
     assert (document.findings[0].effect, document.findings[0].joint) == (name, 1)
     (value,) = document.findings[0].parameters

@@ -11,7 +11,7 @@ from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
-from tests.discovery_helpers import arm_model, with_torque
+from tests.discovery.helpers import arm_model, with_torque
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps, rms_ratio, total_gap
 from fmu_didim.prediction.noise import effective_fraction
-from tests.discovery_helpers import coloured, known_noise
+from tests.discovery.helpers import coloured, known_noise
 
 SIGMA = np.array([0.3, 0.02])
 COUNT = 2000

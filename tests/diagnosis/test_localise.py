@@ -9,7 +9,7 @@ import pytest
 
 from fmu_didim.diagnosis.localise import BINS, Region, Window, force_windows, regions
 from fmu_didim.prediction.motion import Motion
-from tests.discovery_helpers import RATE, coloured, known_noise, sines
+from tests.discovery.helpers import RATE, coloured, known_noise, sines
 
 SIGMA = np.array([0.3, 0.02])
 UNITS = ("N.m", "N")
@@ -111,6 +111,24 @@ def test_joint_at_rest_has_no_bins_of_its_own() -> None:
     result = regions(residual, [(still, TICKS)], known_noise(SIGMA), UNITS)
     assert not [r for r in result if r.joint == 2 and r.quantity in ("velocity", "position", "acceleration")]
     assert [r for r in result if r.joint == 2 and r.quantity == "time"]
+
+
+def test_regions_of_two_motions_are_those_of_both_together() -> None:
+    """A slow and a fast motion: what only the fast one reaches is a region, with the bins of both."""
+    slow = replace(MOTION, dq=MOTION.dq / 4, ddq=MOTION.ddq / 16)
+    most = np.abs(slow.dq[:, 0]).max()
+    residual = coloured(np.random.default_rng(5), (2 * TICKS.size, 2), 0.0, SIGMA)
+    fast = MOTION.dq[TICKS, 0] > most
+    residual[TICKS.size :][fast, 0] += 3 * SIGMA[0]
+    result = regions(residual, [(slow, TICKS), (MOTION, TICKS)], known_noise(SIGMA), UNITS)
+    assert {r.joint for r in result} == {1}
+    speeds = [r for r in result if r.quantity == "velocity"]
+    assert max(r.high for r in speeds) == pytest.approx(MOTION.dq[TICKS, 0].max())
+    whole = [r for r in speeds if r.low > most]
+    assert whole
+    assert all(r.mean == pytest.approx(3 * SIGMA[0], rel=0.1) for r in whole)
+    edges = np.quantile(np.concatenate([slow.dq[TICKS, 0], MOTION.dq[TICKS, 0]]), np.linspace(0, 1, BINS + 1))
+    assert all(np.abs(edges - r.low).min() < 1e-12 for r in speeds)
 
 
 # ---- windows of time -------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.robot import read_robot
 from fmu_didim.signals import read_trajectory
 from fmu_didim.workflow import discover, simulate
-from tests.discovery_helpers import TRUTH, arm_case
+from tests.discovery.helpers import TRUTH, arm_case
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}
 LAG = {"actuator_lag": {"T": 0.008}}
@@ -216,7 +216,7 @@ def test_preferred_effect_that_does_not_fit_is_not_taken(friction_case: Path) ->
 
 def test_effect_from_outside_is_named(tmp_path: Path) -> None:
     """Torque Sw sin(3 q + 0.7), of no kind in the catalogue but ripple: with the class given, it wins."""
-    name = "tests.discovery_helpers:SwayTorque"
+    name = "tests.discovery.helpers:SwayTorque"
     document = discover(arm_case(tmp_path, {name: {"Sw": 0.4}}), tmp_path / "out", effects=[name])
     assert name in document.provenance["catalogue"]
     first = document.findings[0]
@@ -280,9 +280,9 @@ def test_unknown_effect_is_told_with_the_valid_names(friction_case: Path, option
 @pytest.mark.parametrize(
     ("name", "error"),
     [
-        ("tests.discovery_helpers:NoSuch", "NoSuch"),
+        ("tests.discovery.helpers:NoSuch", "NoSuch"),
         ("no_such_module:Effect", "no_such_module"),
-        ("tests.discovery_helpers:TRUTH", "no effect"),
+        ("tests.discovery.helpers:TRUTH", "no effect"),
         ("pathlib:Path", "no effect"),
     ],
 )

@@ -18,7 +18,7 @@ from fmu_didim.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.prediction.motion import Motion
-from tests.discovery_helpers import arm_model, known_noise
+from tests.discovery.helpers import arm_model, known_noise
 
 ADDED = [
     name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect) and name not in ("viscous", "coulomb")

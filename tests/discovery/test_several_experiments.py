@@ -7,30 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.case import load_case
-from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.discovery.selection.decide import Options, held_out_ratio
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import read_trajectory
 from fmu_didim.workflow import discover
-from tests.discovery_helpers import TRUTH, Run, arm_experiments, sines
+from tests.discovery.helpers import TRUTH, Run, arm_experiments, base_of, sines
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}
 FAST = {"slow": Run(16.0, 1), "fast": Run(4.0), "slow_held": Run(14.0, 1, "validation"),
         "fast_held": Run(4.4, role="validation")}  # fmt: skip
 """Friction that grows with the square of the speed hardly shows in slow motions: they are four times as slow."""
-
-
-def base_of(case: Path) -> tuple[Fit, Noise]:
-    model = load_case(case).model
-    assert model is not None
-    prepared = prepare(model)
-    return prepared.fit, prepared.noise
 
 
 def named(document: FindingsDocument) -> list[tuple[str, int]]:

@@ -8,18 +8,12 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from fmu_didim.case import load_case
 from fmu_didim.case.data import data_folder
-from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise
 from fmu_didim.workflow.discover import discover
 from tests.conftest import needs_emps
-from tests.discovery_helpers import with_torque
-from tests.test_discovery_blackbox import vendor_case
+from tests.discovery.helpers import base_of
 
 LACKS, PULSES = "examples/emps/discover.yaml", "examples/emps/discover_pulses.yaml"
 PULSE = 5 * 35.15065188248547
@@ -33,13 +27,6 @@ def pulse_edges() -> tuple[np.ndarray, np.ndarray]:
     time, height = data["t"].ravel(), data["pulses_N"].ravel().astype(float)
     steps = np.diff(height)
     return time[1:][steps > 0], time[1:][steps < 0]
-
-
-def base_of(path: Path | str) -> tuple[Fit, Noise]:
-    model = load_case(path).model
-    assert model is not None
-    prepared = prepare(model)
-    return prepared.fit, prepared.noise
 
 
 def check_pulses(external_torques: list[tuple[float, float, float]], tolerance: float) -> None:
@@ -111,40 +98,3 @@ def test_pulses_are_reported_before_what_else_is_missing(tmp_path: Path) -> None
     check_pulses([(w.begin_s, w.end_s, w.torque) for w in found.windows if w.experiment == "estimation"][:25], 0.02)
     assert found.error_percent["estimation"][0] > 40  # type: ignore[operator]
     assert found.error_percent["estimation"][1] < 3  # type: ignore[operator]
-
-
-# The same where the truth is known: a simulated robot that somebody pushes.
-
-
-def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> tuple[Fit, Noise]:
-    """The base fit to data of a complete model that was pushed, with noise."""
-    base = load_case(vendor_case(folder)).model
-    assert base is not None
-    model = prepare(base).fit.model
-    change = model.pushed("estimation", external_torques).torque(model.start) - model.torque(model.start)
-    prepared = prepare(with_torque(base, base.measured + change))
-    return prepared.fit, prepared.noise
-
-
-@pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
-def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
-    truth = (ExternalTorque(1, 2.3137, 2.9512, 6.0, is_logged), ExternalTorque(1, 7.0288, 7.4433, -4.0, is_logged))
-    fitted_torques = find_external_torques(*pushed_data(tmp_path, truth))
-    assert fitted_torques is not None
-    assert [(p.joint, p.is_logged) for p in fitted_torques.external_torques] == [(1, is_logged)] * 2
-    for got, wanted in zip(fitted_torques.external_torques, truth, strict=True):
-        assert abs(got.begin_s - wanted.begin_s) < SAMPLE_S / 2
-        assert abs(got.end_s - wanted.end_s) < SAMPLE_S / 2
-        assert got.torque == pytest.approx(wanted.torque, rel=0.03)
-
-
-@pytest.mark.parametrize(
-    ("hidden", "values"), [("", {}), ("stribeck", {"Fs": 0.4, "vs": 0.2})], ids=["nothing", "friction"]
-)
-def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, values: dict[str, float]) -> None:
-    assert find_external_torques(*base_of(vendor_case(tmp_path, hidden, **values))) is None
-
-
-def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
-    truth = tuple(ExternalTorque(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
-    assert find_external_torques(*pushed_data(tmp_path, truth)) is None

@@ -13,10 +13,12 @@ import yaml
 from scipy.signal import lfilter
 
 from fmu_didim.case import load_case
+from fmu_didim.discovery.base_model import prepare
 from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import ExternalTorque
+from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
@@ -215,6 +217,14 @@ def arm_experiments(
     for name, content in (("robot", arm_document(1)), ("case", document)):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return folder / "case.yaml"
+
+
+def base_of(case: Path | str) -> tuple[Fit, Noise]:
+    """The base model of a case, fitted, and the noise of its data."""
+    model = load_case(case).model
+    assert model is not None
+    prepared = prepare(model)
+    return prepared.fit, prepared.noise
 
 
 def data(model: LoopModel) -> Experiment:

@@ -15,7 +15,7 @@ from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.prediction.least_squares import Fit, minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.robot import read_robot
-from tests.discovery_helpers import arm_model, data, known_noise, with_torque
+from tests.discovery.helpers import arm_model, data, known_noise, with_torque
 
 SIGMA = (0.02, 0.01)
 SHIFT = EffectAtJoint("log_time_shift", 1)

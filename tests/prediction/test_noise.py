@@ -20,7 +20,7 @@ from fmu_didim.prediction.noise import (
     period_in_ticks,
 )
 from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
-from tests.discovery_helpers import RATE, arm_model, coloured, data, sines, with_torque
+from tests.discovery.helpers import RATE, arm_model, coloured, data, sines, with_torque
 
 SAMPLES = 500
 """Samples in a period of the made-up logs."""

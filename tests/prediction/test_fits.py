@@ -17,7 +17,7 @@ from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimi
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import sensitivity
-from tests.discovery_helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
+from tests.discovery.helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
 
 SIGMA = 0.1
 """Of the torque noise, N m; the torque's RMS is about 10 N m."""

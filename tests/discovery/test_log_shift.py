@@ -18,7 +18,7 @@ from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate
-from tests.discovery_helpers import RATE, arm_case
+from tests.discovery.helpers import RATE, arm_case
 
 SHIFT = EffectAtJoint("log_time_shift", 1)
 

@@ -1,0 +1,285 @@
+"""The rounds, with a hand-made competition: what is added, refined, taken out again, and when they end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.selection import rounds
+from fmu_didim.discovery.selection.contenders import Contender, Screened
+from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.rounds import _backward, _candidates, _with_shapes_held, run_rounds
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
+from fmu_didim.prediction.least_squares import Fit, Stopping
+from fmu_didim.prediction.loop_model import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual
+
+WHITE = noise()
+
+
+def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
+    """A fit of a model with these effects on joint 1, one parameter each."""
+    parameters = [FreeParameter("M", "kg", "base", "M", 1.0, 1.0)]
+    parameters += [FreeParameter(n, "N.m", owner, n, 1.0, 1.0, effect=i) for i, n in enumerate(names)]
+    model = TableModel(residual(square), {}, tuple(EffectAtJoint(n, 1) for n in names), tuple(parameters))
+    slopes = np.arange(1.0, len(parameters) + 1) * np.ones((400, 1, 1))
+    return fit_of(model, values=[1.0] * len(parameters), jacobian=slopes)
+
+
+def added(names: str | Sequence[str], **more: Any) -> Contender:
+    """The contender that adds the last of these effects."""
+    return contender_of(names[-1], fit=with_effects(*names, **more))
+
+
+class Competition:
+    """What the rounds call, and what it was called with.
+
+    Args:
+        outcomes: of the decision, round by round.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *outcomes: Any, checked: Sequence[Any] = ()) -> None:
+        self.catalogues: list[tuple[Any, list[EffectAtJoint]]] = []
+        self.screened: list[Fit] = []
+        self.fitted: list[tuple[Any, dict[str, Any]]] = []
+        self.stepped: list[tuple[Any, ...]] = []
+        self.backward: list[list[Any]] = []
+        self.helds: list[Any] = []
+        self._outcomes, self._checked = list(outcomes), list(checked)
+        for name in ("pre_check", "screen", "shortlist", "contend", "decide", "minimise", "step_of", "_backward"):
+            monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
+
+    def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
+        return (with_effects("limit") if self._checked else base), list(self._checked)
+
+    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint]) -> Any:
+        self.catalogues.append((fit, candidates))
+        return SimpleNamespace(fit=fit)
+
+    def do_screen(self, catalogue: Any, builder: Any, fit: Fit, noise: Any) -> list[Any]:
+        self.screened.append(fit)
+        return ["screened"]
+
+    def do_shortlist(self, screened: Any, builder: Any) -> Any:
+        return [*screened, "shortlisted"]
+
+    def do_contend(self, chosen: Any, builder: Any, fit: Fit, noise: Any, *, progress: Any) -> Any:
+        return [*chosen, "fitted"]
+
+    def do_decide(
+        self, contenders: Any, builder: Any, fit: Fit, noise: Any, options: Any, *, base: Fit, held: Any
+    ) -> Any:
+        assert contenders == ["screened", "shortlisted", "fitted"]
+        self.helds.append((held.args, fit, base))
+        return self._outcomes.pop(0)
+
+    def do_minimise(self, model: Any, noise: Any, **more: Any) -> Fit:
+        self.fitted.append((model, more))
+        return replace(fit_of(model, values=model.start), simulations=77)
+
+    def do_step_of(self, accepted: Contender, contenders: Any, builder: Any, fit: Fit, *_: Any) -> Any:
+        self.stepped.append((accepted, contenders, fit))
+        return SimpleNamespace(effect_at=accepted.effect_at)
+
+    def do_backward(self, builder: Any, fit: Fit, noise: Any, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
+        self.backward.append(list(steps))
+        return fit, steps
+
+
+EFFECTS = Catalogue(effect_of("a"), effect_of("b"), effect_of("shift"), effect_of("bristles", is_proposed=False))
+BASE = with_effects()
+
+
+def run(**options: Any) -> tuple[Any, list[str]]:
+    said: list[str] = []
+    return run_rounds(EFFECTS, BASE, WHITE, Options(**options), said.append), said
+
+
+def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    reasons = ((EffectAtJoint("a", 1), "too small"),)
+    competition = Competition(monkeypatch, reasons)
+    found, said = run()
+    assert (found.base, found.final, found.steps, found.refused) == (BASE, BASE, (), reasons)
+    assert said == ["signatures of 3 candidates"]
+    assert competition.helds == [((["screened"], EFFECTS, BASE, WHITE), BASE, BASE)]
+
+
+def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = added("a"), added("ab")
+    competition = Competition(monkeypatch, first, second, ())
+    found, said = run()
+    assert [s.effect_at.effect for s in found.steps] == ["a", "b"]
+    assert said[1:] == ["added: a on joint 1", "added: b on joint 1"]
+    # From the minimum of the first the second is looked for.
+    assert [m.added_effects for m, _ in competition.fitted] == [
+        first.fit.model.added_effects,
+        second.fit.model.added_effects,
+    ]
+    assert all(more == {"stopping": Stopping(updates=1, exact=True)} for _, more in competition.fitted)
+    assert [fit.simulations for fit in competition.screened] == [0, 77, 77]
+    assert found.final.simulations == 77 and found.base is BASE
+    assert [fit.simulations for _, _, fit in competition.stepped] == [0, 77]
+    assert all(accepted.fit.simulations == 77 for accepted, _, _ in competition.stepped)
+    assert [len(steps) for steps in competition.backward] == [1, 2]
+    assert len(competition.catalogues) == 1  # the motion hardly changes
+    assert found.refused == ()
+
+
+@pytest.mark.parametrize(("most", "count"), [(0, 0), (1, 1), (2, 2)])
+def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: int, count: int) -> None:
+    Competition(monkeypatch, added("a"), added("ab"), added("abc"))
+    found, _ = run(rounds=most)
+    assert len(found.steps) == count
+
+
+def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = Competition(monkeypatch, added("ab"), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
+    found, _ = run(rounds=2)
+    assert [s.effect_at.effect for s in found.steps] == ["limit", "b"]
+    assert competition.screened[0].model.added_effects == (EffectAtJoint("limit", 1),)
+    assert competition.catalogues[0][0] is competition.screened[0]
+
+
+def test_signatures_are_made_anew_when_the_samples_shift(monkeypatch: pytest.MonkeyPatch) -> None:
+    shifted = added(["shift"], owner=LOG)
+    competition = Competition(monkeypatch, shifted, added(["shift", "b"], owner=LOG), ())
+    run()
+    assert [[c.effect for c in candidates] for _, candidates in competition.catalogues] == [
+        ["a", "b", "shift"],
+        ["a", "b"],
+    ]
+    assert competition.catalogues[1][0].simulations == 77
+
+
+@pytest.mark.parametrize(
+    ("forbid", "wanted"), [((), ["a1", "a2", "b1", "b2", "shift1", "shift2"]), (("a", "shift"), ["b1", "b2"])]
+)
+def test_candidates_are_all_that_may_be_proposed_on_all_joints(forbid: Sequence[str], wanted: list[str]) -> None:
+    builder = Catalogue(*EFFECTS.effects.values(), joints=2)
+    found = _candidates(builder, Options(forbid=frozenset(forbid)))
+    assert [f"{c.effect}{c.joint}" for c in found] == wanted
+
+
+def test_what_the_robot_has_already_is_no_candidate() -> None:
+    builder = Catalogue(*EFFECTS.effects.values(), joints=2)
+    builder.description = SimpleNamespace(
+        joints=[SimpleNamespace(effects=["a"]), SimpleNamespace(effects=["b", "shift"])]
+    )
+    found = _candidates(builder, Options())
+    assert [f"{c.effect}{c.joint}" for c in found] == ["a2", "b1", "shift1"]
+
+
+class Removable(Catalogue):
+    """A builder that takes effects out of table models."""
+
+    def without(self, model: TableModel, index: int) -> TableModel:
+        kept = tuple(a for i, a in enumerate(model.added_effects) if i != index)
+        parameters = [p for p in model.free_parameters if p.effect != index]
+        parameters = [
+            replace(p, effect=kept.index(EffectAtJoint(p.key, 1))) if p.effect is not None else p for p in parameters
+        ]
+        return replace(model, added_effects=kept, free_parameters=tuple(parameters))
+
+
+def backward(
+    monkeypatch: pytest.MonkeyPatch, squares: dict[tuple[str, ...], float | None], names: str = "ab",
+    costs: dict[str, float] | None = None, **options: Any,
+) -> tuple[Fit, list[str], list[Any], list[str]]:  # fmt: skip
+    """The backward test with given mean squares of the models that have these effects."""
+    calls: list[Any] = []
+
+    def minimise(model: TableModel, noise: Any, **more: Any) -> Fit:
+        names = tuple(a.effect for a in model.added_effects)
+        calls.append((names, more))
+        square = squares[names]
+        if square is None:
+            raise SimulationError("It diverges.")
+        slopes = np.ones((400, 1, len(model.free_parameters)))
+        return fit_of(replace(model, own=residual(square)), values=model.start, jacobian=slopes)
+
+    monkeypatch.setattr(rounds, "minimise", minimise)
+    steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
+    said: list[str] = []
+    fit, left = _backward(
+        Removable(costs=costs), with_effects(*names, square=1.0), WHITE, steps, Options(**options), said.append
+    )  # fmt: skip
+    return fit, [s.effect_at.effect for s in left], calls, said
+
+
+def test_effects_that_still_explain_much_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, left, calls, said = backward(monkeypatch, {("b",): 2.0})
+    assert left == ["a", "b"] and said == []
+    assert [a.effect for a in fit.model.added_effects] == ["a", "b"]
+    ((names, more),) = calls
+    assert names == ("b",) and more["stopping"] == Stopping(updates=1)
+    # The sensitivities of all parameters that stay: of the base and of b.
+    assert more["jacobian"][0, 0].tolist() == [1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("square", "cost", "stays"),
+    [
+        # 400 samples of which all count: 400 log(square) - cost log 400 against 10.
+        (float(np.exp((10.01 + 5.9914645) / 400)), 1.0, True),
+        (float(np.exp((9.99 + 5.9914645) / 400)), 1.0, False),
+        (float(np.exp((10.01 + 3 * 5.9914645) / 400)), 3.0, True),
+        (float(np.exp((9.99 + 3 * 5.9914645) / 400)), 3.0, False),
+    ],
+)
+def test_an_effect_that_is_worth_little_more_is_taken_out(
+    monkeypatch: pytest.MonkeyPatch, square: float, cost: float, stays: bool
+) -> None:
+    fit, left, _, said = backward(monkeypatch, {("b",): square}, costs={"a": cost})
+    assert left == (["a", "b"] if stays else ["b"])
+    assert said == ([] if stays else ["taken out again: a on joint 1"])
+    assert [a.effect for a in fit.model.added_effects] == left
+
+
+@pytest.mark.parametrize(("size", "stays"), [(0.101, True), (0.099, False)])
+def test_half_of_the_smallest_gain_must_remain(monkeypatch: pytest.MonkeyPatch, size: float, stays: bool) -> None:
+    _, left, _, _ = backward(monkeypatch, {("b",): 1.0 + size**2}, threshold=-1e3)
+    assert left == (["a", "b"] if stays else ["b"])
+
+
+def test_what_is_left_is_fitted_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, _, calls, _ = backward(monkeypatch, {("b",): 1.0})
+    assert [(names, sorted(more)) for names, more in calls] == [(("b",), ["jacobian", "stopping"]), (("b",), [])]
+
+
+def test_all_but_the_newest_are_tested_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    squares = {("b", "c"): 1.0, ("c",): 1.0, ("a", "c"): 2.0}
+    fit, left, calls, _ = backward(monkeypatch, squares, names="abc")
+    assert left == ["c"] and [a.effect for a in fit.model.added_effects] == ["c"]
+    assert [names for names, _ in calls] == [("b", "c"), ("b", "c"), ("c",), ("c",)]
+
+
+def test_an_effect_without_which_nothing_runs_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, left, _, _ = backward(monkeypatch, {("b", "c"): None, ("a", "c"): 1.0}, names="abc")
+    assert left == ["a", "c"]
+
+
+@pytest.mark.parametrize(("others", "shapes", "count"), [((), ("vs",), 2), (None, ("vs",), 0), ((), (), 0)])
+def test_only_shapes_outside_the_torque_balance_are_held(
+    monkeypatch: pytest.MonkeyPatch, others: Any, shapes: tuple[str, ...], count: int
+) -> None:
+    asked: list[Any] = []
+
+    def held(candidate: Any, *more: Any) -> Any:
+        asked.append((candidate, *more))
+        return iter(["one", "two"])
+
+    monkeypatch.setattr(rounds, "with_shapes_held", held)
+    builder = SimpleNamespace(parameters_of=lambda at: (("F",), shapes))
+    wanted, other = (
+        Screened(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others) for n in ("b", "a")
+    )
+    found = list(_with_shapes_held([other, wanted], builder, BASE, WHITE, EffectAtJoint("b", 1)))
+    assert len(found) == count
+    assert asked == ([(wanted, builder, BASE, WHITE)] if count else [])
