@@ -117,7 +117,7 @@ def _places(tree: ast.Module) -> Iterator[ast.stmt | ast.expr]:
         if isinstance(node, ast.Raise):
             continue
         for name, value in ast.iter_fields(node):
-            if name not in ("annotation", "returns", "decorator_list", "bases", "keywords_of_class"):
+            if name not in ("annotation", "returns", "decorator_list", "bases"):
                 waiting += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, ast.AST)]
 
 
@@ -143,8 +143,6 @@ def _changes(node: ast.stmt | ast.expr, known: dict[str, float]) -> Iterator[str
         yield from (f"({change} * {ast.unparse(node)})" for change in ("1.1", "0.9"))
     elif isinstance(node, ast.IfExp):
         yield f"({ast.unparse(ast.IfExp(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse))})"
-    elif isinstance(node, ast.comprehension):
-        return
     elif isinstance(node, ast.stmt):
         yield from _other_statements(node)
 

@@ -248,6 +248,11 @@ def test_half_of_the_smallest_gain_must_remain(monkeypatch: pytest.MonkeyPatch, 
     assert left == (["a", "b"] if stays else ["b"])
 
 
+def test_half_of_the_smallest_gain_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, left, _, _ = backward(monkeypatch, {("b",): 4.0}, threshold=-1e3, smallest_gain=2 * float(np.sqrt(3.0)))
+    assert left == ["a", "b"]
+
+
 def test_what_is_left_is_fitted_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
     _, _, calls, _ = backward(monkeypatch, {("b",): 1.0})
     assert [(names, sorted(more)) for names, more in calls] == [(("b",), ["jacobian", "stopping"]), (("b",), [])]
