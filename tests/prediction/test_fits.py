@@ -12,11 +12,11 @@ from scipy.optimize import least_squares
 from fmu_didim.block import choose_substeps
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.differences import STEP
 from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.thresholds import STEP
 from tests.discovery.helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
 
 SIGMA = 0.1
@@ -332,5 +332,5 @@ def test_the_minimum_is_made_exact_again(arm: LoopModel, truth: np.ndarray) -> N
 
 
 def test_an_exact_jacobian_belongs_to_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
-    fit = minimise(model_with(arm).with_values(truth * START), known_noise([1e-4]), stopping=Stopping(exact=True))
+    fit = minimise(model_with(arm).with_values(truth * START), known_noise([1e-4]), stopping=Stopping(exact=True, whole=True))
     assert np.array_equal(fit.jacobian, sensitivity(fit.model, fit.values, fit.torque, exact=True))

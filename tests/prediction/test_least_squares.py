@@ -14,10 +14,11 @@ from fmu_didim.errors import DivergedError
 from fmu_didim.identification.conclude import Minimum, efficient_finish
 from fmu_didim.prediction import least_squares
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import STALE, Fit, Stopping, minimise, point
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.thresholds import STALE
 from fmu_didim.prediction.weighting import NoiseOfResidual
 from tests.cases import scara_case
 from tests.helpers import model_of

@@ -12,13 +12,13 @@ from fmu_didim.discovery.base_model import friction_columns, prepare
 from fmu_didim.errors import InputError
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.noise import (
-    LARGEST_CORRELATION,
     Noise,
     motion_frequency,
     noise_from_periods,
     noise_from_residual,
     period_in_ticks,
 )
+from fmu_didim.prediction.thresholds import LARGEST_CORRELATION
 from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
 from tests.discovery.helpers import RATE, arm_model, coloured, data, sines, with_torque
 

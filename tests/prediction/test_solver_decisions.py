@@ -12,11 +12,11 @@ import pytest
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import least_squares
+from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import (
     Fit,
     Stopping,
-    _Equations,
     _Found,
     _Solver,
     _State,
@@ -313,8 +313,8 @@ def test_trials_stay_within_the_limits() -> None:
 # ---- the linear problem
 
 
-def equations(table: Any, residual: Any) -> _Equations:
-    return _Equations.of(np.array(table, dtype=float)[:, None, :], np.array(residual, dtype=float)[:, None])
+def equations(table: Any, residual: Any) -> Equations:
+    return Equations.of(np.array(table, dtype=float)[:, None, :], np.array(residual, dtype=float)[:, None])
 
 
 def test_a_step_by_hand() -> None:
