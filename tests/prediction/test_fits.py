@@ -332,5 +332,6 @@ def test_the_minimum_is_made_exact_again(arm: LoopModel, truth: np.ndarray) -> N
 
 
 def test_an_exact_jacobian_belongs_to_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
-    fit = minimise(model_with(arm).with_values(truth * START), known_noise([1e-4]), stopping=Stopping(exact=True, whole=True))
+    stopping = Stopping(exact=True, whole=True)
+    fit = minimise(model_with(arm).with_values(truth * START), known_noise([1e-4]), stopping=stopping)
     assert np.array_equal(fit.jacobian, sensitivity(fit.model, fit.values, fit.torque, exact=True))
