@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.version import __version__
@@ -15,6 +15,7 @@ from fmu_didim.version import __version__
 if TYPE_CHECKING:
     from fmu_didim.prediction.iteration import Iteration
 
+_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_NOT_SETTLED = 1, 3
 
 
@@ -38,6 +39,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_case_verbs(commands)
+    _add_export(commands)
+    _add_fmu(commands)
+    return parser
+
+
+def _add_case_verbs(commands: _Commands) -> None:
     one = commands.add_parser("identify", help="identify the parameters of a case", description=_identify.__doc__)
     one.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
@@ -64,6 +72,9 @@ def _parser() -> argparse.ArgumentParser:
     found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
     found.add_argument("--quiet", action="store_true", help="print the table only")
     found.set_defaults(run=_discover)
+
+
+def _add_export(commands: _Commands) -> None:
     three = commands.add_parser(
         "export",
         help="build the FMU of a robot or controller description, or write the loop of a case as an SSP archive",
@@ -88,6 +99,9 @@ def _parser() -> argparse.ArgumentParser:
         "macos-arm64 (this one)",
     )
     three.set_defaults(run=_export)
+
+
+def _add_fmu(commands: _Commands) -> None:
     four = commands.add_parser("fmu", help="what an FMU is and can (info), how it behaves (check)")
     tasks = four.add_subparsers(required=True, metavar="info|check")
     for name, run in (("info", _fmu_info), ("check", _fmu_check)):
@@ -97,7 +111,6 @@ def _parser() -> argparse.ArgumentParser:
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
-    return parser
 
 
 def _identify(options: argparse.Namespace) -> int:
