@@ -163,6 +163,7 @@ def test_a_sensitivity_is_stale_by_the_distance_from_where_it_was_taken() -> Non
         (0.05, 0.51, 1, False),  # contracts: a tenth of the step before
         (0.05, 0.49, 1, True),
         (0.5, 4.0, 1, True),
+        (0.0205, 9.0, 1, False),  # just far enough to be a contraction, not nearness
     ],
 )
 def test_when_a_fit_takes_the_sensitivity_anew(move: float, last: float, updates: int, anew: bool) -> None:
@@ -335,6 +336,7 @@ def test_a_step_by_hand() -> None:
         ([0.0, 0.0], [0.0, 0.0], [9.0, 9.0], [3.0, 1.0]),
         ([0.0, 0.0], [-9.0, -9.0], [0.0, 0.0], [0.0, 0.0]),
         ([0.0, 0.0], [-9.0, -9.0], [0.1, 9.0], [3.0, 1.0]),
+        ([0.0, 0.0], [-9.0, 0.0], [9.0, 9.0], [3.0, 1.0]),
     ],
 )
 def test_a_parameter_at_a_limit_and_pushed_outwards_is_held(values: Any, low: Any, high: Any, wanted: Any) -> None:
@@ -345,6 +347,12 @@ def test_a_parameter_at_a_limit_and_pushed_outwards_is_held(values: Any, low: An
         np.array(values), -np.array(high), -np.array(low), 0.0
     )
     assert down.tolist() == pytest.approx([-w for w in wanted])
+
+
+def test_a_small_step_away_from_a_limit_is_made() -> None:
+    one = equations([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [0.6, -0.4, 5.0])
+    change, _ = one.step(np.zeros(2), np.array([0.0, -9.0]), np.array([9.0, 0.0]), 0.0)
+    assert change.tolist() == pytest.approx([0.3, -0.1])
 
 
 def test_with_one_held_the_others_take_over() -> None:

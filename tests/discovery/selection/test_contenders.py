@@ -406,6 +406,13 @@ def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None
     assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
 
 
+def test_further_shapes_are_tried_too() -> None:
+    before, good = fitted(plant()), tried(90.0, v=0.5)
+    base = BaseProjection.of_fit(before, WHITE)
+    found = _scanned(tried(100.0, v=-0.9, others=(good,)), Builder(effect_of("gear")), before, base)
+    assert [p.values["v"] for p in found] == [0.5, 0.5]
+
+
 def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
     before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
     found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))

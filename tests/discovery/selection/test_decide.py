@@ -283,6 +283,11 @@ def test_nearness_of_a_step_is_that_of_the_best() -> None:
     assert [a.effect for a, _ in step(accepted, [best, accepted, other]).ambiguous][:2] == ["a", "offset"]
 
 
+def test_exactly_at_the_nearness_is_no_longer_ambiguous() -> None:
+    accepted, at_edge = contender_of("delay", bic=100.0), contender_of("delay", 2, bic=90.0)
+    assert step(accepted, [accepted, at_edge]).ambiguous == ()
+
+
 def test_a_member_that_was_fitted_is_named_once() -> None:
     accepted, other = contender_of("coulomb", bic=100.0), contender_of("viscous", bic=99.0)
     assert step(accepted, [accepted, other]).ambiguous == ((EffectAtJoint("viscous", 1), 1.0),)
@@ -308,6 +313,7 @@ def test_gaps_and_ratio_of_a_step() -> None:
 
 
 def test_options_as_they_are_written_down() -> None:
+    assert Options().record()["rounds"] == 5
     found = Options(forbid=frozenset({"b", "a"}), prefer=("c",), rounds=2).record()
     assert found == {
         "forbid": ["a", "b"], "prefer": ["c"], "rounds": 2, "threshold": 10.0, "smallest_size": 0.6,
