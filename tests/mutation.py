@@ -36,6 +36,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "discovery/selection/contenders.py": ("discovery/selection/test_contenders.py",),
     "discovery/selection/pre_check.py": ("discovery/selection/test_pre_check_decisions.py",),
     "prediction/least_squares.py": ("prediction/test_solver_decisions.py",),
+    "prediction/equations.py": ("prediction/test_solver_decisions.py",),
     "prediction/sensitivity.py": ("prediction/test_sensitivity_ways.py",),
     "master/sampling.py": ("master/test_sampling_edges.py", "test_sampling.py"),
     "statistics.py": ("test_statistics_edges.py", "test_statistics.py"),

@@ -37,6 +37,18 @@ def test_shipped_data_are_what_the_script_makes(tmp_path: Path) -> None:
             np.testing.assert_allclose(shipped, measured[:: 200 // rate], rtol=2e-5, atol=1e-6)
 
 
+def test_two_runs_with_a_payload_in_the_second() -> None:
+    """What is shared, what the payload changes and the gain of the controller, within three standard deviations."""
+    script = load("examples/scara/make_data.py")
+    truth, loaded = script["TRUTH"], script["with_payload"](script["TRUTH"])  # type: ignore[operator]
+    wanted = truth | {f"{n}[payload]": loaded[n] for n in ("ZZ1R", "ZZ2", "MX2")} | {"Kp2": script["KP"][1]}  # type: ignore[index,operator]
+    outcome = identify(SCARA / "two_payloads.yaml")
+    assert outcome.converged
+    for name, found in outcome.document.parameters.items():
+        assert abs(found.value - wanted[name]) < 3 * found.std, name
+    assert all(part.agreement.agrees for part in outcome.document.experiments.values() if part.agreement)
+
+
 def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
     script = load("examples/scara/paper_tables.py")
     estimates = script["reproduce"]()  # type: ignore[operator]
@@ -88,6 +100,7 @@ def test_every_case_file_is_named_here() -> None:
     assert found == {
         "examples/scara/identify.yaml",
         "examples/scara/identify_200hz.yaml",
+        "examples/scara/two_payloads.yaml",
         "examples/arm2r/discover.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",

@@ -29,7 +29,7 @@ def test_the_condition_number_beyond_which_rounding_decides(condition: float, re
     if not refused:
         assert least_squares(pair(condition), np.ones(3)).condition_number == pytest.approx(condition, rel=0.02)
         return
-    with pytest.raises(IdentificationError, match=r"condition number 1\.05e"):
+    with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   0, 1"):
         least_squares(pair(condition), np.ones(3))
 
 
@@ -58,7 +58,7 @@ def test_values_that_are_not_finite(place: str) -> None:
 def test_columns_without_names_are_counted() -> None:
     with pytest.raises(IdentificationError, match="got:   1"):
         least_squares(np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]), np.ones(3))
-    with pytest.raises(IdentificationError, match="tell the parameters apart"):
+    with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   0, 1"):
         least_squares(np.ones((3, 2)), np.ones(3))
 
 

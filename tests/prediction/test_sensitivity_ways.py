@@ -12,6 +12,7 @@ import pytest
 
 from fmu_didim.components.varied import derivative_name
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction import repetition as periods
 from fmu_didim.prediction import sensitivity as ways
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
@@ -241,15 +242,15 @@ class Beginning:
         self.asked: list[Any] = []
         operator = SimpleNamespace(count=2)
 
-        def continued(change: Array) -> Array | None:
+        def continued(change: Array, *, tolerance: float = 0.0) -> Array | None:
             return np.vstack([change, change[:1], change[:1], change[:1]]) if repeats else None
 
         def repetition(experiment: Any, operator_: Any, step: float, torque: Array) -> Any:
             self.asked.append((experiment.operator, step, torque.shape))
             return None if absent else SimpleNamespace(operator=operator, continued=continued)
 
-        monkeypatch.setattr(ways, "repetition", repetition)
-        monkeypatch.setattr(ways, "replace", lambda experiment, operator: operator)
+        monkeypatch.setattr(periods, "repetition", repetition)
+        monkeypatch.setattr(periods, "replace", lambda experiment, operator: operator)
         monkeypatch.setattr(
             LawModel, "with_experiment", lambda m, label, operator: replace(m, law=shortened), raising=False
         )
@@ -269,7 +270,7 @@ def repeating(*owners: str, **more: Any) -> LawModel:
 
 def test_base_parameters_are_moved_for_the_first_period_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     beginning, one = Beginning(monkeypatch), repeating()
-    table = found(one, exact=False)
+    table = found(one, exact=False, whole=False)
     assert beginning.asked == [("all", 0.25, (5, 2))]
     np.testing.assert_allclose(table[:, 1, 1], 6.01 * np.array([0, 0.25, 0, 0, 0]))
 
@@ -277,7 +278,7 @@ def test_base_parameters_are_moved_for_the_first_period_alone(monkeypatch: pytes
 @pytest.mark.parametrize("how", [{"repeats": False}, {"absent": True}])
 def test_what_does_not_repeat_is_simulated_to_its_end(monkeypatch: pytest.MonkeyPatch, how: dict[str, bool]) -> None:
     Beginning(monkeypatch, **how)
-    np.testing.assert_allclose(found(repeating(), exact=False)[:, 1, 1], 6.01 * T[:, 0])
+    np.testing.assert_allclose(found(repeating(), exact=False, whole=False)[:, 1, 1], 6.01 * T[:, 0])
 
 
 def test_exact_sensitivities_are_not_continued(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,10 +289,10 @@ def test_exact_sensitivities_are_not_continued(monkeypatch: pytest.MonkeyPatch) 
 
 def test_filtered_logs_and_plants_with_a_clock_are_not_continued(monkeypatch: pytest.MonkeyPatch) -> None:
     beginning = Beginning(monkeypatch)
-    found(replace(repeating(), low_pass="filter"), exact=False)
+    found(replace(repeating(), low_pass="filter"), exact=False, whole=False)
     clock = SimpleNamespace(parameters=(SimpleNamespace(name="t_start"),), equations=lambda: None)
     monkeypatch.setattr(LawModel, "plant", property(lambda self: clock))
-    found(repeating(), exact=False)
+    found(repeating(), exact=False, whole=False)
     assert beginning.asked == []
 
 
@@ -299,7 +300,9 @@ def test_filtered_logs_and_plants_with_a_clock_are_not_continued(monkeypatch: py
 def test_what_may_begin_late_is_not_continued(monkeypatch: pytest.MonkeyPatch, more: dict[str, Any]) -> None:
     Beginning(monkeypatch)
     parameters = (free("a", 2.0), free("b", 3.0, scale=100.0, **more))
-    np.testing.assert_allclose(found(repeating(parameters=parameters), exact=False)[:, 1, 1], 6.01 * T[:, 0])
+    np.testing.assert_allclose(
+        found(repeating(parameters=parameters), exact=False, whole=False)[:, 1, 1], 6.01 * T[:, 0]
+    )
 
 
 # ---- sizes

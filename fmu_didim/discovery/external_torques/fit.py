@@ -83,7 +83,7 @@ def find_external_torques(
         return None
     _, label, torques = best
     time = fit.model.experiments[label].reference.time
-    if _is_staircase(torques) or _comes_back(torques, fit.model, label) or _is_lasting(torques, time):
+    if _is_staircase(torques) or _comes_back(torques, motion_period(fit.model, label)) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
     return _fitted(fit, noise, label, torques)
@@ -102,9 +102,8 @@ def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
     return bool(long or lengths[~bounded].sum() > limits.UNBOUNDED * lengths.sum())
 
 
-def _comes_back(external_torques: Sequence[ExternalTorque], model: LoopModel, label: str) -> bool:
+def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None) -> bool:
     """Whether most of the impulse is there again one period of the motion later, or was one before."""
-    period = motion_period(model, label)
     if period is None or not external_torques:
         return False
     begins = np.array([p.begin_s for p in external_torques])
@@ -143,7 +142,7 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    if _comes_back(held.experiments[label].external_torques, held, label):
+    if _comes_back(held.experiments[label].external_torques, motion_period(held, label)):
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)

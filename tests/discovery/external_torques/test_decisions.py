@@ -142,7 +142,7 @@ def test_torques_that_last_may_as_well_be_a_load(torques: list[ExternalTorque], 
 def test_a_torque_that_comes_back_belongs_to_the_machine(
     torques: list[ExternalTorque], period: float | None, back: bool
 ) -> None:
-    assert _comes_back(torques, noise(period_s=period)) is back
+    assert _comes_back(torques, period) is back
 
 
 # ---- the best of all experiments and joints
@@ -160,6 +160,7 @@ class Search:
         self.fitted: list[Any] = []
         monkeypatch.setattr(fit, "step_response", self.response)
         monkeypatch.setattr(fit, "linear_external_torques", self.linear)
+        monkeypatch.setattr(fit, "motion_period", lambda model, label: more.get("period"))
         monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or "fitted")
 
     def response(self, fit: Any, label: str, joint: int) -> Any:
@@ -175,7 +176,7 @@ def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any
     search, said = Search(monkeypatch, shares, **more), []
     reference = SimpleNamespace(reference=SimpleNamespace(time=TIME))
     model = SimpleNamespace(estimation_labels=("x", "y"), joint_count=2, experiments={"x": reference, "y": reference})
-    found = find_external_torques(SimpleNamespace(model=model), noise(period_s=more.get("period")), say=said.append)
+    found = find_external_torques(SimpleNamespace(model=model), noise(), say=said.append)
     return found, search, said
 
 
