@@ -183,15 +183,17 @@ class _Solver:
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
         if stuck and (was_fresh or at.updates <= 0):
-            nothing_promised = step.promised <= limits.ROUNDING * step.cost
-            return "settled" if rules.tolerance is not None and nothing_promised else "stopped"
+            nothing_left = step.promised <= limits.ROUNDING * step.cost or step.is_far_below_sigma
+            return "settled" if rules.tolerance is not None and nothing_left else "stopped"
         if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
             return "stopped"
         size = float(np.max(np.abs(moved) / step.scale))
         stale = bool((np.abs(here - at.differentiated) > limits.STALE * step.scale).any())
         if rules.tolerance is not None and not stuck:
             floor = np.maximum(np.maximum(np.abs(here), step.scale), limits.TORQUE_FLOOR * step.size)
-            if (np.abs(moved) <= rules.tolerance * floor).all() and (was_fresh or not stale):
+            # A step that was damped or shortened is small for that: what it should have been counts.
+            whole = not found.note or step.is_far_below_sigma
+            if (np.abs(moved) <= rules.tolerance * floor).all() and whole and (was_fresh or not stale):
                 return "settled"
         low, high = limits.KEPT_PROMISE
         kept = low * found.promised <= gained <= high * found.promised
@@ -300,11 +302,13 @@ class _Step:
     """The linear problem of a step.
 
     Attributes:
-        deviation: (n,) weights; cost: weighted square of the residual; promised: how much a full step would lower it.
+        change: (p,) the full step; deviation: (n,) weights; cost: weighted square of the residual; promised: how much
+            the full step would lower it.
         scale: (p,) standard deviations; size: (p,) at which each parameter makes up the whole torque.
     """
 
     equations: Equations
+    change: Array
     deviation: Array
     cost: float
     promised: float
@@ -312,16 +316,21 @@ class _Step:
     size: Array
     condition_number: float
 
+    @property
+    def is_far_below_sigma(self) -> bool:
+        return bool((np.abs(self.change) <= limits.FAR_BELOW * self.scale).all())
+
     @staticmethod
     def of(at: _State, deviation: Array, measured: Array, low: Array, high: Array) -> _Step:
         residual = measured - at.torque
         table = at.jacobian / deviation[:, None]
         equations = Equations.of(table, residual / deviation)
-        _, promised = equations.step(at.values, low, high, 0.0)
+        change, promised = equations.step(at.values, low, high, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length
         return _Step(
             equations,
+            change,
             deviation,
             sum_of_squares(residual, deviation),
             promised,

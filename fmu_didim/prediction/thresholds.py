@@ -163,6 +163,10 @@ KEPT_PROMISE = TABLE(
 ROUNDING = TABLE(
     "ROUNDING", 1e-6, "1", "A step that would lower the cost by a smaller fraction may fail by rounding alone."
 )
+FAR_BELOW = TABLE(
+    "FAR_BELOW", 0.01, "standard deviations",
+    "A step that small changes no conclusion: when it cannot be made in full, the fit has settled all the same.",
+)  # fmt: skip
 EQUAL = TABLE(
     "EQUAL", 1e-9, "1",
     "Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows.",

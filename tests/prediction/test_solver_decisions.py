@@ -62,8 +62,11 @@ def state(*, fresh: bool = False, updates: float = 0, differentiated: float = 0.
     return _State(start, np.zeros_like(T), np.ones((21, 1, 2)), start + differentiated, fresh, updates, 0, last)
 
 
-def step(*, cost: float = 100.0, promised: float = 50.0, scale: float = 1.0, size: float = 0.0) -> _Step:
-    return _Step(None, np.ones(1), cost, promised, np.full(2, scale), np.full(2, size), 1.0)
+def step(
+    *, cost: float = 100.0, promised: float = 50.0, scale: float = 1.0, size: float = 0.0, change: float = 1.0
+) -> _Step:
+    full = np.array([0.0, -change])
+    return _Step(None, full, np.ones(1), cost, promised, np.full(2, scale), np.full(2, size), 1.0)
 
 
 def led(move: float, cost: float = 50.0, *, promised: float = 50.0, edge: bool = False) -> _Found:
@@ -95,6 +98,31 @@ def after(found: _Found, at: _State, one: _Step | None = None, **rules: Any) -> 
 )
 def test_where_no_step_lowers_the_error(at: _State, rules: Any, promised: float, wanted: tuple[str, bool]) -> None:
     assert after(NOWHERE, at, step(promised=promised), **rules) == wanted
+
+
+@pytest.mark.parametrize(
+    ("change", "scale", "wanted"),
+    [(0.0099, 1.0, "settled"), (0.0101, 1.0, "stopped"), (0.0199, 2.0, "settled"), (0.0201, 2.0, "stopped")],
+)
+def test_a_step_far_below_sigma_need_not_lower_the_error(change: float, scale: float, wanted: str) -> None:
+    one = step(change=change, scale=scale)
+    assert after(NOWHERE, state(fresh=True), one, tolerance=1e-6)[0] == wanted
+    assert after(NOWHERE, state(fresh=True), one)[0] == "stopped"  # a search goes by what is promised
+
+
+@pytest.mark.parametrize(
+    ("note", "change", "wanted"),
+    [
+        ("", 1.0, "settled"),
+        ("step damped: the error grew", 0.0101, "goes on"),
+        ("step damped: the error grew", 0.0099, "settled"),
+        ("step shortened", 0.0101, "goes on"),
+        ("step shortened", 0.0099, "settled"),
+    ],
+)
+def test_a_step_that_is_small_because_it_was_damped_does_not_settle(note: str, change: float, wanted: str) -> None:
+    found = replace(led(1e-9), note=note)
+    assert after(found, state(fresh=True), step(change=change), tolerance=1e-3)[0] == wanted
 
 
 @pytest.mark.parametrize(
