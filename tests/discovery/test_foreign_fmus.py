@@ -12,11 +12,11 @@ import pytest
 import yaml
 
 from fmu_didim.controllers import read_controller
-from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.export import build_fmu
 from fmu_didim.prediction import loop_model
 from fmu_didim.prediction.workers import VARIABLE
 from fmu_didim.workflow import discover
+from fmu_didim.workflow.discovered import Discovered
 from tests.discovery.helpers import RATE, arm_case
 
 HIDDEN = {"stribeck": {"Fs": 1.5, "vs": 0.3}}
@@ -55,9 +55,7 @@ def by(tool: str, fmu: Path) -> Path:
     return copy
 
 
-def discovered(
-    folder: Path, tool: str, monkeypatch: pytest.MonkeyPatch, threads: int = 3
-) -> tuple[FindingsDocument, Crowd]:
+def discovered(folder: Path, tool: str, monkeypatch: pytest.MonkeyPatch, threads: int = 3) -> tuple[Discovered, Crowd]:
     case = arm_case(folder, HIDDEN)
     document = yaml.safe_load(case.read_text(encoding="utf-8"))
     law = build_fmu(read_controller(folder / "controller.yaml"), directory=folder)
