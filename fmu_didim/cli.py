@@ -117,6 +117,7 @@ def _identify(options: argparse.Namespace) -> int:
     """Identify the parameters of a case, print the table, save result.json and report.html."""
     from fmu_didim.case import load_case
     from fmu_didim.workflow import identify
+    from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE
 
     out = options.out or Path("results") / _stem(options.case)
     say = _silent if options.quiet else _say
@@ -127,9 +128,13 @@ def _identify(options: argparse.Namespace) -> int:
     outcome = identify(case, out=out, progress=_Progress(started, say))
     print()
     print(outcome.summary())
-    robot = out / "robot_identified.yaml"
-    if robot.is_file():
+    if outcome.robot is not None:
+        robot = out / ROBOT_FILE
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
+        for label in outcome.robots:
+            print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
+        if outcome.outside_robot:
+            print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
     return 0 if outcome.converged else EXIT_NOT_SETTLED
 

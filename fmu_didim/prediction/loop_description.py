@@ -132,6 +132,10 @@ class LoopDescription:
             theta[place] = values[parameter]
         return theta
 
+    def has_own_base(self, label: str) -> bool:
+        """Whether an experiment has values of its own for some base parameters."""
+        return bool(self._own(label))
+
     def _own(self, label: str) -> list[tuple[int, int]]:
         """Base parameters of one experiment: place among the base parameters, place among the free ones."""
         found = []

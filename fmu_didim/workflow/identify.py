@@ -25,6 +25,7 @@ from fmu_didim.workflow.loop import described_loop
 from fmu_didim.workflow.outcome import Outcome
 
 ROBOT_FILE = "robot_identified.yaml"
+OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
 """The robot description with the identified values: from it come the FMU (``fmu-didim export``) and the model."""
 
 
@@ -38,7 +39,8 @@ def identify(
 
     Args:
         case: a loaded case, the path of its file, or its content.
-        out: folder for ``result.json``, the torque tables, ``report.html`` and ``robot_identified.yaml``.
+        out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
+            that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own.
         progress: called with each :class:`~fmu_didim.prediction.iteration.Iteration`.
 
     Raises:
@@ -70,6 +72,8 @@ def identify(
     outcome = Outcome(document, estimate, tuple(validations), found)
     if out is not None and outcome.robot is not None:
         write_robot(outcome.robot, Path(out) / ROBOT_FILE)
+        for label, robot in outcome.robots.items():
+            write_robot(robot, Path(out) / OWN_ROBOT_FILE.format(label=label))
     return outcome
 
 

@@ -57,6 +57,18 @@ class Outcome:
         """The robot description with the identified values that all experiments share; None without a robot."""
         return self.model.parameters.described(self.estimate.base_value)
 
+    @property
+    def robots(self) -> Mapping[str, RobotDescription]:
+        """Label of each experiment with base parameters of its own -> the robot as it was there, as with a payload."""
+        labels = [label for label in self.model.experiments if self.model.has_own_base(label)]
+        found = {label: self.model.parameters.described(self.model.theta(self.model.start, label)) for label in labels}
+        return {label: robot for label, robot in found.items() if robot is not None}
+
+    @property
+    def outside_robot(self) -> tuple[str, ...]:
+        """Names of the identified values that no robot description holds: of the loop around the plant, or of a log."""
+        return tuple(name for name, parameter in self.document.parameters.items() if parameter.of != "plant")
+
     def validation(self, experiment: str) -> Validation:
         """Measured and simulated torque of an experiment; raises UnknownNameError."""
         found = {v.label: v for v in self.validations}

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim import build_fmu, load_fmu, to_control
+from fmu_didim import build_fmu, load_fmu, load_result, to_control
+from fmu_didim.cli import main
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.robot import RobotModel, read_robot, write_robot
 from fmu_didim.workflow import identify, simulate
@@ -65,3 +66,26 @@ def test_plant_comes_back_as_a_python_control_system() -> None:
     loop = control.interconnect([plant, regulator], inputs=[], outputs=["q1", "q2"], check_unused=False)
     response = control.input_output_response(loop, np.linspace(0, 3, 61), initial_state=[0.35, 0.1, 0, 0])
     np.testing.assert_allclose(response.outputs[:, -1], [0.3, 0.2], atol=5e-3)
+
+
+def test_the_robot_of_a_run_with_a_payload_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its user is told which file is which, and what no robot description holds."""
+    out = tmp_path / "out"
+    assert main(["identify", "examples/scara/two_payloads.yaml", "--out", str(out), "--quiet"]) == 0
+    shown = capsys.readouterr().out
+    assert f"with those of payload: {out / 'robot_identified_payload.yaml'}" in shown
+    assert "not in it, because not of the robot: Kp2\n" in shown
+    found = load_result(out).parameters
+    shared, own = (
+        {v.name: v.start for v in read_robot(out / name).standard_parameters()}
+        for name in ("robot_identified.yaml", "robot_identified_payload.yaml")
+    )
+    assert shared["ZZ2"] == found["ZZ2"].value != found["ZZ2[payload]"].value == own["ZZ2"]
+    assert shared["Fv2"] == own["Fv2"] == found["Fv2"].value
+    assert not (out / "robot_identified_empty.yaml").exists()
+
+
+def test_without_parameters_of_its_own_no_run_has_a_robot_of_its_own(tmp_path: Path) -> None:
+    outcome = identify("examples/scara/identify.yaml", out=tmp_path)
+    assert outcome.robots == {} and outcome.outside_robot == ()
+    assert [path.name for path in tmp_path.glob("robot*")] == ["robot_identified.yaml"]
