@@ -88,10 +88,11 @@ def _problem(detail: Any, model: type[BaseModel]) -> str:
         return f"{path}: unknown key.{hint} Valid keys: {', '.join(names)}"
     if detail["type"] == "missing":
         return f"{path}: this key is required"
+    message = str(detail["msg"]).removeprefix("Value error, ")
     if not path:  # of the document as a whole
-        return str(detail["msg"].removeprefix("Value error, "))
+        return message
     got = repr(detail.get("input"))
-    return f"{path}: {detail['msg']} (got {got[:60]})"
+    return f"{path}: {message} (got {got[:60]})"
 
 
 def _fields_at(model: type[BaseModel], location: list[Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -24,6 +25,19 @@ from fmu_didim.estimators import ESTIMATORS, Estimator
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system``; all else is settled by the archive."""
+
+
+def _check_labels(labels: tuple[str, ...]) -> None:
+    """Labels of experiments stand in names of files and of parameters; raises ValueError."""
+    for label in labels:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", label):
+            raise ValueError(
+                f"experiments: {label!r} becomes part of file names: take letters, digits, '_', '-' and '.', the first "
+                "one a letter or a digit"
+            )
+    folded = [label.casefold() for label in labels]
+    if alike := [label for label in labels if folded.count(label.casefold()) > 1]:
+        raise ValueError(f"experiments: {', '.join(alike)} differ only in capitals, as their files would")
 
 
 class CaseDocument(Strict):
@@ -92,6 +106,7 @@ class CaseDocument(Strict):
         if self.experiments and short:
             raise ValueError(f"give experiments: (any number) or {' and '.join(short)}: (the short form), not both")
         runs = self.runs
+        _check_labels(tuple(runs))
         fitted = [label for label, run in runs.items() if run.role == "estimation"]
         if not fitted:
             raise ValueError("give train: (reference and torque), or experiments: with one whose role is estimation")

@@ -49,6 +49,11 @@ def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescrip
             raise InputError(
                 "The gain of a drive needs the joint.", where=f"identify.{name}", next_step="Add joint: 1."
             )
+        if robot is not None and entry.joint > len(robot.joints):
+            raise InputError(
+                "The robot has no such joint.", where=f"identify.{name}.joint", got=entry.joint,
+                valid=f"1 to {len(robot.joints)}",
+            )  # fmt: skip
         kind = robot.joints[entry.joint - 1].type if robot is not None else "revolute"
         effect = EFFECTS[DriveGain.name]
         assert isinstance(effect, DriveGain)
@@ -64,6 +69,7 @@ def free_parameters(document: CaseDocument, parameters: Parameters, system: Syst
         InputError, UnknownNameError: an entry names no part of the loop, or an experiment something that is not free.
     """
     further = {name: _entry(name, entry, system, document) for name, entry in beside_the_plant(document).items()}
+    _check_each_once(further, parameters)
     own = {label: run.own for label, run in document.runs.items() if run.own}
     for label, names in own.items():
         for name in names:
@@ -73,6 +79,23 @@ def free_parameters(document: CaseDocument, parameters: Parameters, system: Syst
     base = {label: [name for name in names if name in parameters.names] for label, names in own.items()}
     others = [of_experiment(further[name], label) for label, names in own.items() for name in names if name in further]
     return (*base_free_parameters(parameters, base), *further.values(), *others)
+
+
+def _check_each_once(further: Mapping[str, FreeParameter], parameters: Parameters) -> None:
+    """Raises InputError: two parameters with one name, or one parameter under two names."""
+    if taken := [name for name in further if name in parameters.names]:
+        raise InputError(
+            "A base parameter has this name already.", where="identify", got=", ".join(taken),
+            next_step="List it under another name; parameter: says what it is called in its component.",
+        )  # fmt: skip
+    meant: dict[tuple[str, str], str] = {}
+    for name, parameter in further.items():
+        before = meant.setdefault((parameter.owner, parameter.key), name)
+        if before != name:
+            raise InputError(
+                "One parameter is listed twice.", where="identify", got=f"{before} and {name}",
+                next_step="Take one of them out.",
+            )  # fmt: skip
 
 
 def _entry(name: str, entry: IdentifiedParameter, system: System, document: CaseDocument) -> FreeParameter:
@@ -97,9 +120,11 @@ def _entry(name: str, entry: IdentifiedParameter, system: System, document: Case
         (-np.inf if entry.minimum is None else entry.minimum),
         (np.inf if entry.maximum is None else entry.maximum),
     )
-    return replace(
-        found,
-        value=found.value if entry.start is None else entry.start,
-        lowest=max(found.lowest, low),
-        highest=min(found.highest, high),
-    )
+    value = found.value if entry.start is None else entry.start
+    low, high = max(found.lowest, low), min(found.highest, high)
+    if not low <= value <= high:
+        raise InputError(
+            "The start value is outside the limits.", where=f"identify.{name}", got=value, valid=f"{low:g} to {high:g}",
+            next_step="Give start:, or other limits.",
+        )  # fmt: skip
+    return replace(found, value=value, lowest=low, highest=high)

@@ -162,6 +162,13 @@ class ExperimentSource(Strict):
     role: Role = "estimation"
     own: tuple[str, ...] = ()
 
+    @field_validator("own")
+    @classmethod
+    def _once(cls, own: tuple[str, ...]) -> tuple[str, ...]:
+        if twice := sorted({name for name in own if own.count(name) > 1}):
+            raise ValueError(f"name {', '.join(twice)} once")
+        return own
+
     @field_validator("reference", mode="wrap")
     @classmethod
     def _by_kind(cls, value: Any, handler: Any) -> Any:
@@ -191,6 +198,13 @@ class IdentifiedParameter(Strict):
     start: float | None = None
     minimum: float | None = None
     maximum: float | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> IdentifiedParameter:
+        given = [value for value in (self.minimum, self.start, self.maximum) if value is not None]
+        if given != sorted(given):
+            raise ValueError("give minimum <= start <= maximum")
+        return self
 
 
 class LowPassSource(Strict):

@@ -178,7 +178,7 @@ def test_a_wrong_description_lists_all_its_problems() -> None:
     assert "Did you mean 'gravity'?" in text
     assert "name:" in text
     assert "joints.0.type:" in text
-    assert "joints.1: Value error, unknown parameters ZZZ; valid: XX, XY" in text
+    assert "joints.1: unknown parameters ZZZ; valid: XX, XY" in text
 
 
 def test_c_code_computes_the_same(tmp_path: Path) -> None:
