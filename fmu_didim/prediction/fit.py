@@ -24,7 +24,8 @@ class Fit:
     Attributes:
         model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
         deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
-        settled: whether the steps became small, by the tolerance.
+        settled: whether the steps became small, by the tolerance; given_up: whether they ended early, at no minimum,
+            because nothing good enough was in reach.
         iterations: the history, where it was asked for; simulations: how many it took.
         prediction: torque with the regressor, where it is known.
     """
@@ -36,6 +37,7 @@ class Fit:
     deviation: Array
     chi_square: float
     settled: bool = False
+    given_up: bool = False
     iterations: tuple[Iteration, ...] = ()
     simulations: int = 0
     prediction: Prediction | None = None

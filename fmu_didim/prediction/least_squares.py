@@ -132,13 +132,14 @@ class _Solver:
     def run(self, jacobian: Array | None, torque: Array | None) -> Fit:
         rules = self._stopping
         at = self._begin(jacobian, torque)
-        settled = False
+        settled = given_up = False
         deviation = self._deviation(at)
         for _ in range(rules.iterations):
             step = _Step.of(at, deviation, self._measured, self._low, self._high)
             if rules.tolerance is None and step.promised < rules.promise:
                 break
             if step.cost - limits.HOPE * step.promised > rules.give_up_above:
+                given_up = True
                 break
             found = self._search(at, step)
             at.simulations += found.tried
@@ -148,7 +149,7 @@ class _Solver:
             if outcome in ("settled", "stopped"):
                 break
             deviation = self._deviation(at)
-        return self._end(at, settled)
+        return self._end(at, settled, given_up)
 
     def _begin(self, jacobian: Array | None, torque: Array | None) -> _State:
         values, count = np.clip(self._model.start, self._low, self._high), 0
@@ -276,14 +277,16 @@ class _Solver:
             return replace(found, tried=tried)
         return replace(found, values=trial, torque=torque, cost=reached, tried=tried, note="step shortened")
 
-    def _end(self, at: _State, settled: bool) -> Fit:
+    def _end(self, at: _State, settled: bool, given_up: bool) -> Fit:
         if self._stopping.exact and not at.fresh and self._stopping.tolerance is None:
             self._differentiate(at)
         deviation = self._deviation(at)
         cost = sum_of_squares(self._measured - at.torque, deviation)
         model = self._model.with_values(at.values)
         history = tuple(self._history)
-        return Fit(model, at.values, at.torque, at.jacobian, deviation, cost, settled, history, at.simulations)
+        return Fit(
+            model, at.values, at.torque, at.jacobian, deviation, cost, settled, given_up, history, at.simulations
+        )
 
 
 @dataclass(frozen=True)

@@ -478,8 +478,9 @@ def test_a_hopeless_fit_is_given_up(above: float, calls: int) -> None:
     noisy = model().measured + np.sqrt(9 / 21) * np.where(np.arange(21) % 2 == 0, 1.0, -1.0)[:, None]
     one = model(data=noisy)
     slopes = np.dstack([np.ones_like(T), T])
-    minimise(one, UNIT, stopping=Stopping(1, give_up_above=above), jacobian=slopes, torque=np.zeros_like(T))
+    fit = minimise(one, UNIT, stopping=Stopping(1, give_up_above=above), jacobian=slopes, torque=np.zeros_like(T))
     assert len(one.calls) == calls
+    assert fit.given_up is (calls == 0)
 
 
 @pytest.mark.parametrize(("off", "calls"), [(0.5, 1), (-0.5, 0)])

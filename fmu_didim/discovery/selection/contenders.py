@@ -170,6 +170,18 @@ def contend(
     return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
 
 
+def finished(candidate: Contender, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
+    """A contender whose fit was given up, because another one was better, once more to its minimum: only there can it
+    be judged on held-out data."""
+    if not candidate.fit.given_up:
+        return candidate
+    found = minimise(
+        candidate.fit.model, noise, stopping=Stopping(updates=1, check_all=False),
+        jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
+    )  # fmt: skip
+    return contender(candidate.effect_at, found, builder, fit, noise)
+
+
 def with_shapes_held(candidate: Screened, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Iterator[Contender]:
     """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
 

@@ -88,23 +88,30 @@ def decide(
     *,
     base: Fit,
     held: Callable[[EffectAtJoint], Iterable[Contender]] = lambda effect_at: (),
+    finished: Callable[[Contender], Contender] = lambda candidate: candidate,
 ) -> Contender | tuple[tuple[EffectAtJoint, str], ...]:
     """The contender to add, or why none is.
 
     Args:
         contenders: the best first; fit: of the model without them; base: of the model without any effect.
         held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
+        finished: the same candidate at its minimum, for one whose fit was given up.
     """
-    reasons: list[tuple[EffectAtJoint, str]] = []
-    for candidate in contenders:
+
+    def judged(candidate: Contender) -> tuple[Contender, str]:
         reason = objection(candidate, fit, noise, options, base=base)
+        if reason or not candidate.fit.given_up:
+            return candidate, reason
+        candidate = finished(candidate)
+        return candidate, objection(candidate, fit, noise, options, base=base)
+
+    reasons: list[tuple[EffectAtJoint, str]] = []
+    for first in contenders:
+        candidate, reason = judged(first)
         if not reason:
-            near = [
-                c
-                for c in contenders
-                if c.delta_bic > candidate.delta_bic - _nearness(candidate, options)
-                and not objection(c, fit, noise, options, base=base)
-            ]
+            least = candidate.delta_bic - _nearness(candidate, options)
+            others = [judged(c) for c in contenders if c is not first and c.delta_bic > least]
+            near = [candidate, *(c for c, objected in others if not objected and c.delta_bic > least)]
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.effect_at):

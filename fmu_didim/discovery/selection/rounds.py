@@ -10,7 +10,15 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Contender, Screened, contend, screen, shortlist, with_shapes_held
+from fmu_didim.discovery.selection.contenders import (
+    Contender,
+    Screened,
+    contend,
+    finished,
+    screen,
+    shortlist,
+    with_shapes_held,
+)
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.errors import SimulationError
@@ -48,7 +56,8 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Opti
         screened = screen(catalogue, builder, fit, noise)
         contenders = contend(shortlist(screened, builder), builder, fit, noise, progress=say)
         held = partial(_with_shapes_held, screened, builder, fit, noise)
-        accepted = decide(contenders, builder, fit, noise, options, base=base, held=held)
+        to_the_end = partial(finished, builder=builder, fit=fit, noise=noise)
+        accepted = decide(contenders, builder, fit, noise, options, base=base, held=held, finished=to_the_end)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(

@@ -20,6 +20,7 @@ from fmu_didim.discovery.selection.contenders import (
     _scanned,
     contend,
     contender,
+    finished,
     proposal_of,
     refit,
     screen,
@@ -295,6 +296,22 @@ def test_a_start_lies_within_the_limits() -> None:
     found = refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}), Builder(effect_of("gear")), fitted(plant()), WHITE)
     assert found is not None
     assert found.chi_square < 1e-3
+
+
+def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
+    """A competition gives it up at once where nothing that it can reach is good enough; then it is as it began."""
+    builder, before = Builder(effect_of("gear")), fitted(plant())
+    proposal = Proposal(GEAR, {"F": 2.0, "v": 0.1})
+    whole = refit(proposal, builder, before, WHITE)
+    short = refit(proposal, builder, before, WHITE, give_up_above=-1e9)
+    assert whole is not None and short is not None
+    assert short.given_up and not whole.given_up
+    assert short.chi_square > 10 * whole.chi_square
+    candidate = contender(GEAR, short, builder, before, WHITE)
+    at_the_end = finished(candidate, builder, before, WHITE)
+    assert at_the_end.fit.chi_square == pytest.approx(whole.chi_square, abs=1e-6)
+    assert at_the_end.delta_bic > candidate.delta_bic
+    assert finished(at_the_end, builder, before, WHITE) is at_the_end
 
 
 def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -242,6 +242,47 @@ def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
     assert [a.effect for a, _ in refusal] == ["b", "coulomb"]
 
 
+def given_up(candidate: Contender) -> Contender:
+    return replace(candidate, fit=replace(candidate.fit, given_up=True))
+
+
+@pytest.mark.parametrize(
+    ("unfinished", "to_the_end", "accepted", "asked"),
+    [
+        (contender_of(bic=50.0), contender_of(bic=60.0), True, 1),
+        (contender_of(bic=50.0), contender_of(bic=60.0, share=0.01), False, 1),  # what made it good was chance
+        (contender_of(bic=5.0), contender_of(bic=60.0), False, 0),
+    ],
+)
+def test_a_fit_that_was_given_up_is_judged_at_its_minimum(
+    unfinished: Contender, to_the_end: Contender, accepted: bool, asked: int
+) -> None:
+    calls: list[Contender] = []
+
+    def finish(candidate: Contender) -> Contender:
+        calls.append(candidate)
+        return to_the_end
+
+    small = contender_of("b", 2, bic=90.0, share=0.01)
+    found = decide(
+        [small, given_up(unfinished)], Catalogue(), BEFORE, WHITE, Options(), base=BASE, finished=finish
+    )  # fmt: skip
+    assert (found is to_the_end) is accepted
+    assert accepted or isinstance(found, tuple)
+    assert len(calls) == asked
+
+
+def test_what_is_as_good_as_the_winner_is_finished_too() -> None:
+    """The one with fewer parameters would be taken, were it not for what it comes to."""
+    winner = contender_of("a", bic=100.0, cost=2.0)
+    near = given_up(contender_of("b", bic=98.0, cost=1.0))
+    for end, name in ((contender_of("b", bic=98.0, size=0.1), "a"), (contender_of("b", bic=98.0, cost=1.0), "b")):
+        found = decide(
+            [winner, near], Catalogue(), BEFORE, WHITE, Options(), base=BASE, finished=lambda c, end=end: end
+        )
+        assert isinstance(found, Contender) and found.effect_at.effect == name
+
+
 def test_gaps_of_all_experiments() -> None:
     fit = fit_of(TableModel(residual(5.0, 1.0), {"other": residual(17.0, 0.5), "broken": None}))
     found = gaps(fit, noise((1.0, 1.0)))

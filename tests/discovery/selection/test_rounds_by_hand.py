@@ -74,9 +74,10 @@ class Competition:
         return [*chosen, "fitted"]
 
     def do_decide(
-        self, contenders: Any, builder: Any, fit: Fit, noise: Any, options: Any, *, base: Fit, held: Any
+        self, contenders: Any, builder: Any, fit: Fit, noise: Any, options: Any, *, base: Fit, held: Any, finished: Any
     ) -> Any:
         assert contenders == ["screened", "shortlisted", "fitted"]
+        assert finished.keywords == {"builder": builder, "fit": fit, "noise": noise}
         self.helds.append((held.args, fit, base))
         return self._outcomes.pop(0)
 
