@@ -38,7 +38,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "prediction/least_squares.py": ("prediction/test_solver_decisions.py",),
     "prediction/equations.py": ("prediction/test_solver_decisions.py",),
     "prediction/sensitivity.py": ("prediction/test_sensitivity_ways.py",),
-    "master/sampling.py": ("master/test_sampling_edges.py", "test_sampling.py"),
+    "master/sampling.py": ("master/test_sampling_edges.py", "master/test_sampling.py"),
     "statistics.py": ("test_statistics_edges.py", "test_statistics.py"),
 }
 """File of the package -> its fast tests, from the folder of tests on."""

@@ -33,6 +33,12 @@ def test_the_changes_of_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     assert {m.after if m.before != "b()" else f"{m.before} -> {m.after}" for m in found} == wanted
 
 
+@pytest.mark.parametrize(("module", "tests"), TESTS.items())
+def test_what_is_mutated_and_its_tests_exist(module: str, tests: tuple[str, ...]) -> None:
+    assert (mutation.PACKAGE / module).is_file()
+    assert [name for name in tests if not (Path(__file__).parent / name).is_file()] == []
+
+
 def test_the_same_mutants_for_a_seed() -> None:
     one, again, other = (chosen(["statistics.py"], 10, seed) for seed in (1, 1, 2))
     assert one == again != other and len(one) == 10

@@ -45,10 +45,11 @@ class Way:
 
     def text(self, seconds: float) -> str:
         """What is said of it; ``seconds``: sample period."""
-        shows, entry = "points", "sampling: point"
-        if self.kind == "average":
-            shows = f"averages over the {1000 * seconds:.4g} ms {WORDS[self.window]} each stamp"
-            entry = f"sampling: average, window: {self.window}"
+        over = f"the {1000 * seconds:.4g} ms {WORDS[self.window]} each stamp"
+        shows, entry = {
+            "point": ("points", "sampling: point"),
+            "average": (f"averages over {over}", f"sampling: average, window: {self.window}"),
+        }[self.kind]
         how = "without a shift, and as well" if self.instead else "better than what was found"
         return (
             f"The log may show {shows}, other than the case says: that explains it {how} (BIC difference "
