@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import IdentifiedParameter
 from fmu_didim.effects import EFFECTS
@@ -40,7 +38,7 @@ def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescrip
     """The loop with a gain in each drive whose gain is free, behind the torque log.
 
     Raises:
-        InputError: a drive is named without its joint, or twice.
+        InputError: a drive is named without its joint, or with one that the robot lacks.
     """
     for name, entry in beside_the_plant(document).items():
         if entry.of != DRIVE:
@@ -116,11 +114,8 @@ def _entry(name: str, entry: IdentifiedParameter, system: System, document: Case
             raise UnknownNameError(f"parameter of the {entry.of}", key, offered, where=f"identify.{name}")
         start = offered[key].start
         found = FreeParameter(name, offered[key].unit, owner, key, start, abs(start) or 1.0)
-    low, high = (
-        (-np.inf if entry.minimum is None else entry.minimum),
-        (np.inf if entry.maximum is None else entry.maximum),
-    )
     value = found.value if entry.start is None else entry.start
+    low, high = entry.limits
     low, high = max(found.lowest, low), min(found.highest, high)
     if not low <= value <= high:
         raise InputError(

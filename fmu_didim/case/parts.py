@@ -6,8 +6,6 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from fmu_didim.base_parameters import base_parameters
 from fmu_didim.block import Block
 from fmu_didim.case.document import CaseDocument
@@ -58,8 +56,8 @@ def identified(document: CaseDocument, model: RobotModel | None, plant: Componen
             entry.start if entry.start is not None else offered[name].start
             for name, entry in zip(plant_names, chosen.values(), strict=True)
         ),
-        lowest=tuple(-np.inf if e.minimum is None else e.minimum for e in chosen.values()),
-        highest=tuple(np.inf if e.maximum is None else e.maximum for e in chosen.values()),
+        lowest=tuple(entry.limits[0] for entry in chosen.values()),
+        highest=tuple(entry.limits[1] for entry in chosen.values()),
         probed=document.estimator.get("kind") == "didim",
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -198,6 +199,14 @@ class IdentifiedParameter(Strict):
     start: float | None = None
     minimum: float | None = None
     maximum: float | None = None
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest value; infinite where there is none."""
+        return (
+            -math.inf if self.minimum is None else self.minimum,
+            math.inf if self.maximum is None else self.maximum,
+        )
 
     @model_validator(mode="after")
     def _in_order(self) -> IdentifiedParameter:
