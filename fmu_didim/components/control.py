@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
@@ -24,8 +24,8 @@ DEFAULT_SUBSTEPS = 10
 class ControlComponent(Component):
     """A ``StateSpace``, ``TransferFunction`` or ``NonlinearIOSystem`` as a component.
 
-    A discrete system is sampled at its ``dt``; a continuous one advances by RK4 with equal substeps,
-    inputs held.
+    A discrete system is sampled at its ``dt``; a continuous one advances by equal substeps with inputs held, of RK4
+    unless it is a block whose stiff part is known.
 
     Attributes:
         system: the python-control system.
@@ -132,6 +132,8 @@ class _ControlInstance(Instance):
         self._count = component.substeps or 0
         self._chosen: dict[float, int] = {}
         self._update, self._output = _functions(component.system, self._parameters)
+        implicit = component.block.implicit if component.block is not None else None
+        self._implicit = implicit.step() if implicit is not None else None
         self._x = np.array(component.initial_state, dtype=float)
         self.input_names = tuple(v.name for v in component.inputs)
         self.output_names = tuple(v.name for v in component.outputs)
@@ -180,13 +182,19 @@ class _ControlInstance(Instance):
             )
         h, x, u, update = size / count, self._x, self._held, self._update
         for i in range(count):
-            x = runge_kutta_step(lambda t, stage: update(t, stage, u), time + i * h, x, h)
+            if self._implicit is not None:
+                x = self._implicit(x, u, self._p, h).full().ravel()
+            else:
+                x = runge_kutta_step(lambda t, stage: update(t, stage, u), time + i * h, x, h)
         self._x = x
 
     def _choose(self, size: float) -> int:
         rate = self._component.rate
         if size not in self._chosen:  # the rate belongs to the parameters, which do not change in a run
-            self._chosen[size] = choose_substeps(rate(self._p), size) if rate is not None else DEFAULT_SUBSTEPS
+            block = self._component.block
+            fewest = block.fewest_substeps if block is not None else FEWEST_EXPLICIT
+            found = DEFAULT_SUBSTEPS if rate is None else choose_substeps(rate(self._p), size, minimum=fewest)
+            self._chosen[size] = found
         return self._chosen[size]
 
     def _sample(self, time: float, size: float) -> None:
@@ -263,12 +271,12 @@ class _BlockRate:
 
     def __call__(self, p: Array) -> float:
         u = np.zeros(len(self.block.inputs))
-        assert self.block.rate_bound is not None
-        return float(self.block.rate_bound(self.block.start(u, p), p))
+        assert self.block.step_rate is not None
+        return float(self.block.step_rate(self.block.start(u, p), p))
 
 
 def block_as_control(block: Block, *, substeps: int | None = None) -> ControlComponent:
-    """A block run as a python-control system, with the start and the substeps of the block."""
+    """A block run as a python-control system, with the start, the substeps and the integration method of the block."""
     return ControlComponent(
         system=to_control(block),
         inputs=block.inputs,
@@ -276,7 +284,7 @@ def block_as_control(block: Block, *, substeps: int | None = None) -> ControlCom
         parameters=block.parameters,
         initial_state=(0.0,) * len(block.states),
         start=_BlockStart(block.start) if block.states else None,
-        rate=_BlockRate(block) if block.rate_bound is not None else None,
+        rate=_BlockRate(block) if block.step_rate is not None else None,
         substeps=substeps,
         origin=f"block '{block.name}'",
         block=block,

@@ -18,11 +18,12 @@ from fmu_didim.signals import Array, Variable
 
 @dataclass(frozen=True)
 class ModelComponent(Component):
-    """A :class:`Block` as a component; continuous blocks advance by RK4 with equal substeps.
+    """A :class:`Block` as a component; continuous blocks advance by equal substeps, linearly implicit where they know
+    their stiff part, else of RK4.
 
     Attributes:
         block: the equations.
-        substeps: RK4 substeps in a communication step; None chooses them from the block's rate.
+        substeps: in a communication step; None chooses them from the block's rate.
         twin: the same block as C code, which a compiled loop runs instead (see :func:`with_compiled_twin`).
     """
 
@@ -104,7 +105,7 @@ class _ModelInstance(Instance):
         self._held = np.zeros(inputs.size)
         self._output = Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
         if self._block.sample_time is None:
-            self._update = Evaluator(_runge_kutta(self._block), [self._x, self._held, self._p, self._size], self._next)
+            self._update = Evaluator(_substep(self._block), [self._x, self._held, self._p, self._size], self._next)
         else:
             self._update = Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
 
@@ -116,8 +117,8 @@ class _ModelInstance(Instance):
     def end_initialisation(self) -> None:
         self._start()
         self._initialising = False
-        if self._block.rate_bound is not None:
-            self._rate = float(self._block.rate_bound(self._x, self._p))
+        if self._block.step_rate is not None:
+            self._rate = float(self._block.step_rate(self._x, self._p))
 
     def _start(self) -> None:
         if self._x.size:
@@ -139,7 +140,7 @@ class _ModelInstance(Instance):
             self._sample(time, size)
 
     def _integrate(self, time: float, size: float) -> None:
-        count = self._substeps or choose_substeps(self._rate, size)
+        count = self._substeps or choose_substeps(self._rate, size, minimum=self._block.fewest_substeps)
         if count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
                 f"The equations of '{self._block.name}' are too stiff to integrate.",
@@ -176,8 +177,10 @@ class _ModelInstance(Instance):
             self._clock.count = count
 
 
-def _runge_kutta(block: Block) -> ca.Function:
-    """One substep of the classical Runge-Kutta method: (x, u, p, h) -> x(t + h), input held."""
+def _substep(block: Block) -> ca.Function:
+    """One substep, linearly implicit or of the classical Runge-Kutta method: (x, u, p, h) -> x(t + h), input held."""
+    if block.implicit is not None:
+        return block.implicit.step()
     x = ca.SX.sym("x", len(block.states))
     u = ca.SX.sym("u", len(block.inputs))
     p = ca.SX.sym("p", len(block.parameters))

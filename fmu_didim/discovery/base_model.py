@@ -11,6 +11,7 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import InputError
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
@@ -52,32 +53,32 @@ def prepare(model: LoopModel) -> Prepared:
             where=", ".join(model.estimation_labels),
             got=f"{samples} samples for {count} parameters",
         )
-    model = replace(with_nuisances(model), coarse=True)
+    model = with_nuisances(model)
     notes = [remark for label in model.experiments for remark in check_log(model, label)]
     found = {label: _measured_noise(model, label) for label in model.estimation_labels}
     notes += [note for _, further in found.values() for note in further]
     repeated = {label: noise for label, (noise, _) in found.items() if noise is not None}
     if repeated:
         first = pooled(list(repeated.values()), [_samples(model, label) for label in repeated])
-        fit = minimise(model, first, stopping=BASE_FIT)
+        fit = minimise(with_fitting_substeps(model, model.start, first.deviation), first, stopping=BASE_FIT)
         checked = []
         for label, noise in repeated.items():
             noise, further = _without_events(noise, fit, label)
             checked.append(noise)
             notes += further
         noise = pooled(checked, [_samples(model, label) for label in repeated])
-        return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
+        return Prepared(integrated(fit, noise), noise, tuple(notes))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(model.measured, axis=0)
     first = Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
-    fit = minimise(model, first, stopping=BASE_FIT)
+    fit = minimise(with_fitting_substeps(model, model.start), first, stopping=BASE_FIT)
     noise = residual_noise(fit)
     notes.append(
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
         "motion, an upper bound."
     )
     fit = minimise(fit.model, noise, stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
-    return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
+    return Prepared(integrated(fit, noise), noise, tuple(notes))
 
 
 def _samples(model: LoopModel, label: str) -> int:

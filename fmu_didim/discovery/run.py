@@ -110,7 +110,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     options, effects, say = ask.options, ask.effects, ask.say
     noise, base = prepared.noise, prepared.fit
     say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
-    start = integrated(base, noise, coarse=True)  # for the search, with its hundreds of simulations
+    start = base
     builder = LoopModelBuilder(start.model, ask.description, effects)
     external = external_effect(effects, options.forbid)
     fitted_torques = None if external is None else find_external_torques(start, noise, say=say)
@@ -193,12 +193,12 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
 
 
 def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
-    """The final model as it will be run by others; the base where nothing was added."""
+    """The final model, as finely integrated as its effects and the noise ask for; the base where nothing was added."""
     final = discovery.final
     if not discovery.steps and not has_external_torques(final.model):
         return base
     try:
-        return integrated(final, noise, coarse=False)
+        return integrated(final, noise)
     except SimulationError:
         return final
 

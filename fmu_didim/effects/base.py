@@ -274,6 +274,15 @@ class TorqueEffect(Effect):
     needs: ClassVar[frozenset[Need]] = frozenset()
     reach: ClassVar[int] = 0
 
+    @property
+    def is_steep(self) -> bool:
+        """Whether it says how steep it is, and its torque follows from motion and states: then it is integrated
+        implicitly, with the slopes of its columns."""
+        says = any(
+            getattr(type(self), method) is not getattr(TorqueEffect, method) for method in ("damping", "stiffness")
+        )
+        return says and not self.needs & {"load"}
+
     def states(self, joint_type: JointType) -> tuple[Variable, ...]:
         """Own continuous states; ``start`` is their initial value."""
         return ()
@@ -299,4 +308,9 @@ class TorqueEffect(Effect):
 
     def own_rate(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
         """Rate in 1/s that the integration must resolve whatever the inertia: own states, edges in time."""
+        return ca.SX(0)
+
+    def relaxation(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+        """Rate in 1/s at which own states relax that have long settled: explicit integration must stay stable there, no
+        more."""
         return ca.SX(0)

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from fmu_didim.block import SUBSTEP_RATE
 from fmu_didim.effects.base import NOMINAL_SPEED, UNITS, JointType, OperatingRange, Search, Surroundings
 from fmu_didim.signals import Variable
-
-STABLE_STEP = 2.0
-"""Product of rate and substep at which RK4 is stable with room to spare; its limit is 2.78."""
 
 
 def presliding_distance(joint_type: JointType) -> Variable:
@@ -41,9 +37,11 @@ def deflection_rate(at: Surroundings, distance: ca.SX) -> ca.SX:
 
 
 def deflection_resolution(distance: ca.SX, within: OperatingRange) -> ca.SX:
-    """Rate in 1/s that the integration must resolve.
+    """Rate in 1/s that the integration must resolve: after a reversal the speed at the distance zs is sqrt(2 a zs), and
+    there the deflection follows at sqrt(2 a/zs)."""
+    return ca.sqrt(2 * within.acceleration / distance)
 
-    After a reversal the speed at the distance zs is sqrt(2 a zs): there the deflection follows at sqrt(2 a/zs), to
-    be resolved well. At full speed it has settled, so that |w|/zs must be integrated stably, no more.
-    """
-    return ca.fmax(ca.sqrt(2 * within.acceleration / distance), SUBSTEP_RATE / STABLE_STEP * within.speed / distance)
+
+def deflection_relaxation(distance: ca.SX, within: OperatingRange) -> ca.SX:
+    """|w|/zs at full speed, where the deflection has settled."""
+    return within.speed / distance

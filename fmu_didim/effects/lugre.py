@@ -10,6 +10,7 @@ from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Sur
 from fmu_didim.effects.bristles import (
     deflection,
     deflection_rate,
+    deflection_relaxation,
     deflection_resolution,
     distance_search,
     presliding_distance,
@@ -76,3 +77,6 @@ class LuGre(TorqueEffect):
 
     def own_rate(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
         return deflection_resolution(shapes["zs"], within)
+
+    def relaxation(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+        return deflection_relaxation(shapes["zs"], within)

@@ -19,6 +19,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.conclude import efficient_finish, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import start_values, with_free_delay
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import point
@@ -56,6 +57,7 @@ class Clie(Estimator):
         reason = mass_matrix_problem(model, values)
         if reason:
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)
+        model = with_fitting_substeps(model, values)
         try:
             start = point(model.with_values(values), NoiseOfResidual(model))
         except SimulationError as error:
@@ -79,5 +81,5 @@ class Clie(Estimator):
             )
         return torque_estimate(
             fit, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(fit.values, sigma)}, difference=minimum.integration_error, remarks=minimum.remarks,
+            stages={self.name: Stage(fit.values, sigma)}, error=minimum.integration_error, remarks=minimum.remarks,
         )  # fmt: skip

@@ -23,6 +23,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.conclude import efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import Start, start_values, with_free_delay
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import Fit, point
@@ -125,6 +126,7 @@ class Didim(Estimator):
         reason = mass_matrix_problem(model, theta)
         if reason:
             raise _NonPhysicalError(theta, reason)
+        model = with_fitting_substeps(model, theta)  # as accurate as the residual asks that is left
         try:
             prediction = predict(model, theta)
         except SimulationError as error:
@@ -136,6 +138,8 @@ class Didim(Estimator):
     ) -> tuple[Array, bool]:
         """The DIDIM iterations: the last solution, and whether the stop criteria were met."""
         theta = model.limited(start_values(model, start))
+        if not mass_matrix_problem(model, theta):
+            model = with_fitting_substeps(model, theta)
         # Without an inverse model there is no regressor of the reference to restart from.
         restarted = start == "reference" or not model.parameters.has_regressor
         good: tuple[Array, float] | None = None
@@ -211,11 +215,11 @@ class Didim(Estimator):
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, settled and minimum.fit.settled
-            difference, remarks = minimum.integration_error, minimum.remarks
+            error, remarks = minimum.integration_error, minimum.remarks
             covariance = fit.bound
             stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
         else:
-            difference, _ = integration_error(fit)
+            error = integration_error(fit)
             covariance = covariance_sandwich(
                 whitened(_inverse(prediction)[0], fit.deviation), whitened(fit.jacobian, fit.deviation)
             )
@@ -225,7 +229,7 @@ class Didim(Estimator):
             raise _NonPhysicalError(fit.values, reason)
         return torque_estimate(
             fit, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
-            difference=difference, remarks=remarks,
+            error=error, remarks=remarks,
         )  # fmt: skip
 
     def _stage(self, fit: Fit) -> Stage:

@@ -22,9 +22,10 @@ from pathlib import Path
 
 import casadi as ca
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block, choose_substeps
+from fmu_didim.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
 from fmu_didim.cache import cached_folder
 from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler
+from fmu_didim.linearly_implicit import ROS2, LinearlyImplicit
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4
@@ -53,20 +54,21 @@ def variational_library(
     Raises:
         BuildError: there is no compiler, or it reports an error.
     """
-    equations = (block.update, block.output, block.start, block.rate_bound)
-    return _library(equations, block.balance, block.sample_time is not None, parameters, lanes, outputs)
+    equations = (block.update, block.output, block.start, block.step_rate)
+    solved = (block.balance, block.implicit)
+    return _library(equations, solved, block.sample_time is not None, parameters, lanes, outputs)
 
 
 @lru_cache(maxsize=64)
 def _library(
     equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
-    balance: Balance | None,
+    solved: tuple[Balance | None, LinearlyImplicit | None],
     sampled: bool,
     parameters: tuple[tuple[int, int], ...],
     lanes: int,
     outputs: tuple[int, ...],
 ) -> Path:
-    sources = _Writer(equations, balance, sampled, parameters, lanes, outputs).sources()
+    sources = _Writer(equations, solved, sampled, parameters, lanes, outputs).sources()
     compiler = compiler_for_here() if lanes >= MANY_LANES else find_compiler()
     key = hashlib.sha256(repr((sorted(sources.items()), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
 
@@ -137,17 +139,18 @@ class _Writer:
     def __init__(
         self,
         equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
-        balance: Balance | None,
+        solved: tuple[Balance | None, LinearlyImplicit | None],
         sampled: bool,
         parameters: tuple[tuple[int, int], ...],
         lanes: int,
         outputs: tuple[int, ...],
     ) -> None:
         self.update, self.output, self.start, self.rate = equations
-        self.balance, self.sampled, self.outputs = balance, sampled, list(outputs)
+        self.balance, self.implicit = solved
+        self.sampled, self.outputs = sampled, list(outputs)
         sizes = [self.update.numel_in(i) for i in range(3)]
         self.x, self.u, self.p = (ca.SX.sym(name, size) for name, size in zip("xup", sizes, strict=True))
-        self.a = ca.SX.sym("a", balance.count if balance is not None else 0)
+        self.a = ca.SX.sym("a", self.balance.count if self.balance is not None else 0)
         self.chosen = self.p[[place for _, place in parameters]]
         self.own_lanes = [lane for lane, _ in parameters]
         self.lanes = lane_count(lanes)
@@ -157,15 +160,19 @@ class _Writer:
     def sources(self) -> dict[str, str]:
         """File name -> text."""
         generator = ca.CodeGenerator("variational_equations.c", {"with_header": False, "main": False, "mex": False})
-        functions = [self._start(), self._operation("update"), self._operation("output"), self._rate()]
+        steps = [self._operation("update")] if self.implicit is None else self._implicit_step(self.implicit)
+        functions = [self._start(), *steps, self._operation("output"), self._rate()]
+        hidden = self.a.numel() if self.implicit is None else max(self.a.numel(), self.implicit.hidden)
         for function in functions:
             generator.add(function)
         config = {
             "LANES": self.lanes, "STATES": self.x.numel(), "INPUTS": self.u.numel(), "PARAMETERS": self.p.numel(),
-            "OUTPUTS": self.output.numel_out(0), "HIDDEN": self.a.numel(), "COEFFICIENTS": self.coefficients,
+            "OUTPUTS": self.output.numel_out(0), "HIDDEN": hidden, "COEFFICIENTS": self.coefficients,
             "WORK": max(f.sz_w() for f in functions), "SAMPLED": int(self.sampled), "SUBSTEP_RATE": SUBSTEP_RATE,
-            "MINIMUM_SUBSTEPS": (choose_substeps.__kwdefaults__ or {})["minimum"],
-            "MAXIMUM_SUBSTEPS": MAXIMUM_SUBSTEPS,
+            "MINIMUM_SUBSTEPS": FEWEST_EXPLICIT if self.implicit is None else FEWEST_IMPLICIT,
+            "MAXIMUM_SUBSTEPS": MAXIMUM_SUBSTEPS, "IMPLICIT": int(self.implicit is not None),
+            "SLOPES": self.implicit.slope_count if self.implicit is not None else 0,
+            **ROS2.constants(),
         }  # fmt: skip
         main = files("fmu_didim.export").joinpath("wrapper", MAIN).read_text(encoding="utf-8")
         return {
@@ -205,13 +212,48 @@ class _Writer:
         given = (f"const Lane *restrict {argument}" for argument in ("dx", "du"))
         written = (f"Lane *restrict {argument}" for argument in ("rest", "hidden", "result"))
         self._write(f"lanes_{name}", (*given, *written), lines)
-        return self._function(f"variational_{name}", [x, u, p], value, product)
+        solved = None if self.balance is None else (a, self.balance.solution(x, u, p))
+        return self._function(f"variational_{name}", [x, u, p], value, product, solved)
 
-    def _function(self, name: str, arguments: list[ca.SX], value: ca.SX, product: _Product) -> ca.Function:
+    def _implicit_step(self, implicit: LinearlyImplicit) -> list[ca.Function]:
+        """``slopes`` and ``stage`` of a linearly implicit step."""
+        x, u, p, own = self.x, self.u, self.p, self.own_lanes
+        c, d, g = ca.SX.sym("c", x.numel()), ca.SX.sym("d", implicit.slope_count), ca.SX.sym("g")
+        k = ca.SX.sym("k", implicit.hidden)
+        product, slopes = _Product(own_lanes=own), _column(implicit.slopes(x, p))
+        product.add(slopes, {"dx": x}, self.chosen)
+        written = ("const Lane *restrict dx", "Lane *restrict result")
+        self._write("lanes_slopes", written, product.code("result", 0, slopes.numel()))
+        first = self._function("variational_slopes", [x, p], slopes, product)
+        product, given = _Product(own_lanes=own), {"dx": x, "dc": c, "dd": d, "du": u}
+        residual = implicit.residual(x, c, d, k, u, p, g)
+        product.add(residual, given, self.chosen)
+        product.add_solution(_inverse(ca.jacobian(residual, k), symmetric=True), "rest")
+        count = k.numel()
+        lines = [*product.code("rest", 0, count), *product.code("hidden", count, count)]
+        stage = _column(implicit.stage(x, c, d, k, u, p, g))
+        product.add(stage, {**given, "hidden": k}, self.chosen)
+        lines += product.code("result", 2 * count, stage.numel())
+        arguments = [f"const Lane *restrict {name}" for name in given]
+        arguments += [f"Lane *restrict {name}" for name in ("rest", "hidden", "result")]
+        self._write("lanes_stage", arguments, lines)
+        solution = implicit.solution(x, c, d, u, p, g)
+        value = ca.substitute(stage, k, solution)
+        second = self._function("variational_stage", [x, c, d, u, p, g], value, product, (k, solution))
+        return [first, second]
+
+    def _function(
+        self,
+        name: str,
+        arguments: list[ca.SX],
+        value: ca.SX,
+        product: _Product,
+        solved: tuple[ca.SX, ca.SX] | None = None,
+    ) -> ca.Function:
         coefficients = ca.vertcat(ca.SX(0, 1), *product.values)
         self.coefficients = max(self.coefficients, coefficients.numel())
-        if self.balance is not None and len(arguments) == 3:
-            coefficients = ca.substitute(coefficients, self.a, self.balance.solution(*arguments))
+        if solved is not None:
+            coefficients = ca.substitute(coefficients, *solved)
         return ca.Function(name, arguments, ca.cse([value, ca.densify(coefficients)]))
 
     def _write(self, name: str, arguments: Sequence[str], lines: Sequence[str]) -> None:

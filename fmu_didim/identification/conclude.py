@@ -16,6 +16,7 @@ from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
+from fmu_didim.prediction.accuracy import integration_change, with_fitting_substeps
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
 from fmu_didim.prediction.loop_model import LoopModel
@@ -30,13 +31,13 @@ class Minimum:
 
     Attributes:
         fit: the closed loop there; iterations: those of the finish.
-        integration_error: relative change of the torque when the plant's substeps are doubled.
+        integration_error: what twice the substeps of the plant change there.
         remarks: what was changed on the way.
     """
 
     fit: Fit
     iterations: tuple[Iteration, ...]
-    integration_error: float
+    integration_error: IntegrationError
     remarks: tuple[str, ...]
 
 
@@ -68,25 +69,56 @@ def efficient_finish(
             sizes=sizes, stage=stage, progress=progress,
         )  # fmt: skip
         iterations.extend(fit.iterations)
-        difference, allowed = integration_error(fit)
-        if not difference > allowed:
+        error = integration_error(fit)
+        if error.excess <= 1:
             break
-        remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {100 * difference:.2g} %.")
-        finer = replace(fit.model, substep_factor=2 * fit.model.substep_factor)
+        finer = with_fitting_substeps(fit.model, fit.values)
+        if finer.substeps == fit.model.substeps:
+            finer = replace(fit.model, substep_factor=2 * fit.model.substep_factor)
+            if fit.model.substeps is None:  # more than the case or the rule says
+                text = (
+                    f"Substeps of the plant doubled: halving them changed the torque by {100 * error.relative:.2g} %."
+                )
+                remarks.append(text)
         fit = replace(point(finer, NoiseOfResidual(finer)), settled=fit.settled)
-    return Minimum(fit, tuple(iterations), difference, tuple(remarks))
+    return Minimum(fit, tuple(iterations), error, tuple(remarks))
 
 
-def integration_error(fit: Fit) -> tuple[float, float]:
-    """Relative change of the torque when the plant's substeps are doubled, and what is allowed; NaN if unknown."""
+@dataclass(frozen=True)
+class IntegrationError:
+    """What twice the substeps of the plant change.
+
+    Attributes:
+        relative: of the torque, relative to its size; shift: (p,) of the values, in their standard deviations; NaN
+            where the substeps cannot be chosen.
+        excess: the largest change over what is allowed.
+    """
+
+    relative: float
+    shift: Array
+    excess: float
+
+
+def integration_error(fit: Fit) -> IntegrationError:
+    """The error of the integration at a fit, by a run with twice the substeps.
+
+    The values would move by (S'S)^-1 S' d tau, which can be far more, in standard deviations, than the torque changes
+    in those of the noise: errors of the integration are systematic.
+    """
     model = fit.model
     if not model.can_refine:
-        return np.nan, np.inf
+        return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
     torque = replace(model, substep_factor=2 * model.substep_factor).torque(fit.values)
-    size = np.linalg.norm(torque)
-    error = float(np.linalg.norm(torque - fit.torque) / size)
-    misfit = float(np.linalg.norm(model.measured - torque) / size)
-    return error, max(limits.INTEGRATION_TOLERANCE, limits.INTEGRATION_SHARE * misfit)
+    change = torque - fit.torque
+    relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
+    sensitivity = whitened(fit.jacobian, fit.deviation)
+    moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
+    shift = np.abs(moved) / np.sqrt(np.diag(fit.bound))
+    # Steps that were chosen for the noise can be finer; those of the rule are fine enough for data without noise.
+    if model.substeps is None and relative <= limits.INTEGRATION_TOLERANCE:
+        return IntegrationError(relative, shift, 0.0)
+    excess = integration_change(model, fit.torque, torque)
+    return IntegrationError(relative, shift, max(excess, float(shift.max()) / limits.INTEGRATION_SHIFT))
 
 
 def degrees_of_freedom(model: LoopModel, count: int) -> float:
@@ -106,7 +138,7 @@ def torque_estimate(
     settled: bool,
     iterations: Sequence[Iteration],
     stages: Mapping[str, Stage],
-    difference: float,
+    error: IntegrationError,
     remarks: Sequence[str] = (),
 ) -> Estimate:
     """The estimate at a point of the closed loop, with covariance (p, p)."""
@@ -128,7 +160,9 @@ def torque_estimate(
         iterations=tuple(iterations),
         stages=stages,
         base_count=model.parameters.count,
-        integration_error=difference,
+        integration_error=error.relative,
+        integration_shift=error.shift,
+        integration=model.integration(fit.values),
         agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
         remarks=tuple(remarks),
     )

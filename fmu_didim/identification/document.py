@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from fmu_didim.identification.result import (
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
+    IntegrationResult,
     IterationResult,
     ParameterResult,
     ResultDocument,
@@ -105,6 +107,8 @@ def result_document(
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
         fitted_error_percent=_fitted_errors(validations),
         integration_error=float(estimate.integration_error),
+        integration_shift=float(np.max(estimate.integration_shift)),
+        integration=IntegrationResult(**asdict(estimate.integration)) if estimate.integration is not None else None,
         history=_history(estimate.names, estimate.iterations),
         loop=model.system(model.start).describe(),
         signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},

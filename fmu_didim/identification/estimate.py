@@ -11,6 +11,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.errors import IdentificationError
+from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
@@ -53,7 +54,9 @@ class Estimate:
         condition_number: of the scaled regressor.
         status: how it ended; iterations: its history; stages: intermediate results by name.
         base_count: number of base parameters b among the p.
-        integration_error: relative difference of the torque when the plant's substeps are doubled.
+        integration_error: relative difference of the torque when the plant's substeps are doubled; integration_shift:
+            (p,) by how many standard deviations the values would move then; NaN where it cannot be tried.
+        integration: method and substeps of the plant, where they are known.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         remarks: what the user should know.
         provenance: versions, options, hashes, loop.
@@ -76,6 +79,8 @@ class Estimate:
     stages: Mapping[str, Stage]
     base_count: int
     integration_error: float = float("nan")
+    integration_shift: Array = field(default_factory=lambda: np.full(1, np.nan))
+    integration: Integration | None = None
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -106,6 +106,13 @@ class ExperimentResult(Strict):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
+class IntegrationResult(Strict):
+    """How the plant was integrated."""
+
+    method: str = Field(description="RK4, or the linearly implicit ROS2")
+    substeps: int = Field(description="in a communication step")
+
+
 class ResultDocument(Strict):
     """The content of ``result.json``."""
 
@@ -132,6 +139,13 @@ class ResultDocument(Strict):
         default=None, description="of all fitted experiments together; null where no values are given"
     )
     integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
+    integration_shift: Number = Field(
+        default=None,
+        description="largest move of a value then, in its standard deviations; null if not tried",
+    )
+    integration: IntegrationResult | None = Field(
+        default=None, description="of the plant; null where its equations are not known"
+    )
     history: list[IterationResult]
     loop: dict[str, Any]
     signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")

@@ -7,10 +7,12 @@ from fmu_didim.thresholds import Table
 TABLE = Table("identification")
 
 INTEGRATION_TOLERANCE = TABLE(
-    "INTEGRATION_TOLERANCE", 1e-6, "1", "Relative error of the integration that is allowed in any case."
-)
-INTEGRATION_SHARE = TABLE(
-    "INTEGRATION_SHARE", 0.01, "1", "The integration error may reach this fraction of the relative torque error."
-)
+    "INTEGRATION_TOLERANCE", 1e-5, "1",
+    "Change of the torque by twice the substeps of the rule, relative to its size, that is allowed in any case.",
+)  # fmt: skip
+INTEGRATION_SHIFT = TABLE(
+    "INTEGRATION_SHIFT", 0.02, "standard deviations",
+    "Twice the substeps may move no value by more: nobody would see it beside the noise.",
+)  # fmt: skip
 MAXIMUM_REFINEMENTS = TABLE("MAXIMUM_REFINEMENTS", 4, "refinements", "Of the integration, by twice the substeps each.")
 FINISH_ITERATIONS = TABLE("FINISH_ITERATIONS", 15, "steps", "Of the efficient finish.")

@@ -1,53 +1,86 @@
-"""How finely a loop is integrated: fewer substeps for a search, shorter ticks for stiff effects in the wiring."""
+"""How finely a plant is integrated: its substeps in a control period, shorter ticks for stiff effects in the wiring.
+
+What a case states holds, raised to what is stable. Otherwise a model has as many substeps as its data can tell
+(:func:`with_fitting_substeps`), or those of the rule for its fastest rate.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.block import choose_substeps
+from fmu_didim.block import Block, choose_substeps
 from fmu_didim.components import Component
+from fmu_didim.linearly_implicit import ROS2
 from fmu_didim.master import System
 
 STABLE = 8
-"""Substeps by the rule for the fastest rate, divided by this, are still stable: h rate <= 1.6, where RK4 bears 2.78.
-What a case states is raised to that: an unstable simulation would be a minimum of its own, far from the truth."""
+"""Substeps of RK4 by the rule for the fastest rate, divided by this, are still stable: h rate <= 1.6, where RK4 bears
+2.78. What a case states is raised to that: an unstable simulation would be a minimum of its own, far from the truth."""
 
 
-def refined(plant: Component, chosen: int | None, factor: int) -> Component:
+@dataclass(frozen=True)
+class Integration:
+    """How a plant is integrated: the name of the method, and its substeps in a communication step."""
+
+    method: str
+    substeps: int
+
+
+def integration(plant: Component, step: float) -> Integration | None:
+    """How a plant is integrated in communication steps of so many s; None where its equations are not known."""
+    known = plant.equations()
+    if known is None or known[0].step_rate is None:
+        return None
+    block, stated = known
+    return Integration("RK4" if block.implicit is None else ROS2.name, stated or block.automatic_substeps(step))
+
+
+def stable_substeps(block: Block, step: float) -> int:
+    """The fewest substeps in a step of so many s that are stable, and resolve what oscillates."""
+    p = block.parameter_values
+    x = block.start(np.zeros(len(block.inputs)), p)
+    if block.implicit is not None:
+        return choose_substeps(float(block.implicit.resolution(x, p)), step, minimum=1)
+    assert block.rate_bound is not None
+    return choose_substeps(float(block.rate_bound(x, p)), step, minimum=2 * STABLE) // STABLE
+
+
+def refined(plant: Component, chosen: int | None, factor: int, step: float) -> Component:
     """The plant with the substeps that it states, raised to what is stable, times a factor.
 
     Args:
         chosen: substeps by the rule for its fastest rate; None where they are unknown or left to the plant.
+        step: communication step, s.
     """
-    stated = plant.stated_substeps
+    stated, known = plant.stated_substeps, plant.equations()
     if chosen is None:
         return plant
-    count = factor * (chosen if stated is None else max(stated, chosen // STABLE))
-    return plant if count == stated else plant.with_substeps(count) or plant
+    if stated is None:
+        count = chosen
+    else:
+        is_known = known is not None and known[0].rate_bound is not None
+        count = max(stated, stable_substeps(known[0], step) if known is not None and is_known else chosen // STABLE)
+    return plant if factor * count == stated else plant.with_substeps(factor * count) or plant
 
 
-def coarsely(plant: Component, step: float, joints: int) -> Component:
-    """The plant with as few substeps as keep it stable, h rate <= 1.6, unless their number was stated.
+def searched(plant: Component, wanted: int, factor: int, step: float, joints: int) -> Component:
+    """The plant with a wanted number of substeps, raised to what is stable, times a factor; as it is if it states one.
 
-    In what hundreds of simulations search, an error of 1e-4 of the noise is nothing: the bound of the rate is that of
-    friction at rest, which the motion hardly ever meets. States of its own (bristles, gears) a plant resolves as ever.
+    Where RK4 integrates own states (bristles, gears), it resolves them as ever.
 
     Args:
         step: communication step, s; joints: n, of a plant with 2 n states.
     """
     known = plant.equations()
-    if known is None:
+    if known is None or known[0].rate_bound is None or plant.stated_substeps is not None:
         return plant
-    block, stated = known
-    if stated is not None or block.rate_bound is None or len(block.states) > 2 * joints:
-        return plant
-    p = block.parameter_values
-    rate = float(block.rate_bound(block.start(np.zeros(len(block.inputs)), p), p))
-    count = choose_substeps(rate, step, minimum=2 * STABLE) // STABLE
-    return plant.with_substeps(count) or plant if np.isfinite(rate) else plant
+    block = known[0]
+    own = block.implicit is None and len(block.states) > 2 * joints
+    fewest = block.automatic_substeps(step) if own else stable_substeps(block, step)
+    return plant.with_substeps(factor * max(wanted, fewest)) or plant
 
 
 def divided(system: System, plant: str, added: Set[str], subdivision: int) -> System:

@@ -20,6 +20,7 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, point, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -85,11 +86,11 @@ def minimise(
     return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
 
 
-def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
-    """The same minimum with coarse or full integration; raises SimulationError where that cannot be simulated."""
-    if fit.model.coarse == coarse:
+def integrated(fit: Fit, noise: Noise) -> Fit:
+    """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
+    model = with_fitting_substeps(fit.model, fit.values, noise.deviation)
+    if model.substeps == fit.model.substeps:
         return fit
-    model = replace(fit.model, coarse=coarse)
     return minimise(model, noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 

@@ -44,7 +44,7 @@ class LoopDescription:
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
         low_pass: filter of the torque and of the regressor.
         substep_factor: multiplies the number of integration substeps of the plant.
-        coarse: whether the plant is integrated with as few steps as keep it stable.
+        substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
         pool: instances that run again, shared with all models made from this one.
         workers: simulations side by side, where compiled code runs the loop.
@@ -62,7 +62,7 @@ class LoopDescription:
     joint_weights: str = "estimated"
     low_pass: LowPass | None = None
     substep_factor: int = 1
-    coarse: bool = False
+    substeps: int | None = None
     subdivision: int = 1
     pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
     workers: int = field(default_factory=default_workers, compare=False)

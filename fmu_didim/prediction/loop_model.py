@@ -30,7 +30,7 @@ from fmu_didim.master import (
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.prediction.free_parameter import DELAY, LOG, PLANT, joint_parameter
-from fmu_didim.prediction.integration import coarsely, divided, refined
+from fmu_didim.prediction.integration import Integration, divided, integration, refined, searched
 from fmu_didim.prediction.loop_description import EffectAtJoint, LoopDescription
 from fmu_didim.prediction.workers import may_run_side_by_side
 from fmu_didim.signals import Array
@@ -50,11 +50,12 @@ class LoopModel(LoopDescription):
         wanted = {**self.parameters.values(theta), **self.start_values(label), **by_owner.pop(PLANT, {})}
         offered = {v.name for v in self.plant.parameters}
         plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
-        if self.coarse:
-            plant = coarsely(plant, system.step_size / self.subdivision, self.joint_count)
+        step, factor = system.step_size / self.subdivision, self.substep_factor
+        if self.substeps is not None:
+            plant = searched(plant, self.substeps, factor, step, self.joint_count)
         else:
             own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if self._refines else None
-            plant = refined(plant, own, self.substep_factor)
+            plant = refined(plant, own, factor, step)
         system = system.replace(self.plant_name, plant)
         self._share_shapes(by_owner, plant, label)
         for owner, own_values in by_owner.items():
@@ -107,6 +108,34 @@ class LoopModel(LoopDescription):
         return known is not None and self.plant.with_substeps(2) is not None
 
     @property
+    def chooses_substeps(self) -> bool:
+        """Whether the number of substeps is free: the case states none, and the equations of the plant are known."""
+        known = self.plant.equations()
+        is_continuous = known is not None and known[0].rate_bound is not None
+        return is_continuous and self.plant.stated_substeps is None and self.plant.with_substeps(2) is not None
+
+    def fewest_substeps(self, values: Array) -> int:
+        """The fewest substeps of the plant that are stable in all fitted experiments."""
+        fewest = replace(self, substeps=1, substep_factor=1)
+        systems = (fewest.system(values, label) for label in self.estimation_labels)
+        return max(system.components[self.plant_name].stated_substeps or 1 for system in systems)
+
+    def automatic_substeps(self, values: Array) -> int:
+        """The substeps of the plant by the rule for its fastest rate."""
+        counts = []
+        for label in self.estimation_labels:
+            system = replace(self, substeps=1, substep_factor=1).system(values, label)
+            known = system.components[self.plant_name].equations()
+            assert known is not None
+            counts.append(known[0].automatic_substeps(system.step_size / self.subdivision))
+        return max(counts)
+
+    def integration(self, values: Array) -> Integration | None:
+        """How the plant is integrated; None where its equations are not known."""
+        system = self.system(values)
+        return integration(system.components[self.plant_name], system.step_size / self.subdivision)
+
+    @property
     def gives_acceleration(self) -> bool:
         """Whether the plant has outputs for the accelerations; otherwise they are differences of velocity."""
         offered = {v.name for v in self.plant.outputs}
@@ -136,7 +165,7 @@ class LoopModel(LoopDescription):
 
     def integrated_as(self, values: Array) -> LoopModel:
         """The same model with the integration steps that it has at these values, wherever its parameters move."""
-        if not self.coarse:
+        if self.substeps is None:
             return self
         stated = self.system(values).components[self.plant_name].stated_substeps
         plant = self.plant.with_substeps(stated) if stated is not None else None

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.base_parameters import BaseParameters
-from fmu_didim.block import choose_substeps
 from fmu_didim.errors import InputError
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
@@ -227,10 +226,7 @@ class RobotParameters(Parameters):
         block = self.model.block(self.values(theta))
         offered = {v.name for v in block.parameters}
         block = block.with_parameters({name: value for name, value in starts.items() if name in offered})
-        p = block.parameter_values
-        x = block.start(np.zeros(len(block.inputs)), p)
-        assert block.rate_bound is not None
-        return choose_substeps(float(block.rate_bound(x, p)), step)
+        return block.automatic_substeps(step)
 
 
 @dataclass(frozen=True)

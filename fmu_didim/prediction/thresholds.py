@@ -178,7 +178,12 @@ TORQUE_FLOOR = TABLE(
 )  # fmt: skip
 POLISHING = TABLE(
     "POLISHING", 2, "steps",
-    "From the minimum of a coarse integration to that of the full one, a small fraction of the noise away.",
+    "From the minimum of one integration to that of a finer one, a small fraction of the noise away.",
+)  # fmt: skip
+INTEGRATION_SHARE = TABLE(
+    "INTEGRATION_SHARE", 0.01, "standard deviations",
+    "Twice the substeps of the plant may change the torque of a joint by this much of its noise: a hundredth moves no "
+    "parameter by more than a hundredth of its standard deviation.",
 )  # fmt: skip
 SAME_DIRECTION = TABLE(
     "SAME_DIRECTION", 1e-10, "1",

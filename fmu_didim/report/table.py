@@ -193,7 +193,12 @@ def _figures(document: ResultDocument) -> list[str]:
         ("Correlations > 0.9", (pairs or "none") + (f", {hidden} more in the report" if hidden else "")),
     ]
     if document.integration_error is not None:
-        lines.append(("Integration error", percentage(100 * document.integration_error) + " of the torque"))
+        text = percentage(100 * document.integration_error) + " of the torque"
+        if document.integration_shift is not None:
+            text += f", {significant(document.integration_shift)} σ of a value"
+        if document.integration is not None:
+            text += f" ({document.integration.method}, {document.integration.substeps} steps a tick)"
+        lines.append(("Integration error", text))
     if document.consistency is not None and document.consistency.agrees:
         lines.append(("Plant's equations", consistency_line(document)))
     width = max(len(head) for head, _ in lines)

@@ -25,7 +25,8 @@ from fmu_didim.errors import InputError
 from fmu_didim.robot.description import RobotDescription
 from fmu_didim.robot.dynamics import add_effect, link_columns, own_parameters
 from fmu_didim.robot.equations import NEWTON_STEPS, Equations
-from fmu_didim.robot.rate import fastest_rate
+from fmu_didim.robot.implicit import StiffBalance
+from fmu_didim.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.signals import Variable
 
 ROUNDING = 0.05
@@ -73,6 +74,7 @@ class ElasticEquations(Equations):
         drive, carried = [ca.SX(0)] * n, ca.vertsplit(self.rigid)
         rates: list[ca.SX] = []
         loaded_drive, loaded_carried = list(drive), list(carried)
+        steep_drive, steep_carried = list(drive), [ca.SX(0)] * n
         for placed in self.effects:
             on_link = placed.effect.acts_on_link
             amplitudes, shapes = own_parameters(self.robot, placed, self.by_name, self.by_shape)
@@ -88,6 +90,8 @@ class ElasticEquations(Equations):
                 targets = [loaded_drive if on_motor else loaded_carried]
                 if "load" not in placed.effect.needs:
                     targets.append(drive if on_motor else carried)
+                if placed.effect.is_steep:
+                    targets.append(steep_drive if on_motor else steep_carried)
                 for target in targets:
                     target[row] = target[row] + value
             rates += placed.effect.rates(at, shapes)
@@ -100,6 +104,9 @@ class ElasticEquations(Equations):
                 rows[j] = rows[j] - part * self.link_ddq[i]
         self._drive, self._carried = ca.vertcat(*drive), ca.vertcat(*carried)
         self._loaded_rows = ca.vertcat(*loaded_drive), ca.vertcat(*loaded_carried)
+        self._steep = [*steep_carried, *(steep_carried[j] for j in self.elastic)]
+        for j in self.elastic:
+            self._steep[j] = steep_drive[j]
         self._plain = self._drive + self._carried
         self.torque, self.rates = self._loaded_rows[0] + self._loaded_rows[1], ca.vertcat(*rates)
         self.motor = ca.vertcat(*(ca.jacobian(self._drive[j], self.ddq[j]) for j in self.elastic))
@@ -174,6 +181,25 @@ class ElasticEquations(Equations):
             solution = solution - ca.solve(gradient, wrong)
         return solution
 
+    @property
+    def stiff_balance(self) -> StiffBalance | None:
+        rows, unknown = self._gear_as_load(self._rows(*self._loaded_rows)), ca.vertcat(self.ddq, self.link_ddq)
+        if ca.depends_on(rows, self.load):
+            return None
+        m = len(self.elastic)
+        gears = [ca.SX(0)] * self.q.numel()
+        for i, j in enumerate(self.elastic):
+            gears[j] = self.gear[i]
+        return StiffBalance(
+            rows=rows,
+            unknown=unknown,
+            v=ca.vertcat(self.dq, self.link[m:]),
+            w=ca.vertcat(self.q, self.z, self.link[:m]),
+            rate=ca.vertcat(self.dq, self.rates, self.link[m:]),
+            friction=ca.vertcat(*self._steep),
+            gears=ca.vertcat(*gears, -self.gear),
+        )
+
     def _gear_as_load(self, expression: ca.SX) -> ca.SX:
         """The load of an elastic joint is what its gear transmits."""
         return ca.substitute(expression, ca.vertcat(*(self.load[j] for j in self.elastic)), self.gear)
@@ -206,7 +232,7 @@ class ElasticEquations(Equations):
         torque = ca.substitute(self._gear_as_load(self.torque), self.load, self.rigid)
         return ca.substitute(torque, self.link_ddq, found)
 
-    def rate(self, mass: ca.SX, chi: ca.SX, s: ca.SX) -> ca.SX:
+    def rate(self, mass: ca.SX, chi: ca.SX, s: ca.SX, method: Method = EXPLICIT) -> ca.SX:
         """Bound of the fastest rate, 1/s: that of links and motors apart, plus that of the gears between them."""
         by_name = {name: chi[i] for i, name in enumerate(self.by_name)}
         by_shape = {name: s[i] for i, name in enumerate(self.by_shape)}
@@ -222,13 +248,13 @@ class ElasticEquations(Equations):
         at_motor = [p for p in self.effects if p.joint in self.elastic and not p.effect.acts_on_link]
         at_link = [p for p in self.effects if p not in at_motor]
         total = ca.fmax(
-            fastest_rate(self.robot, at_motor, drives, by_name, by_shape),
-            fastest_rate(self.robot, at_link, links, by_name, by_shape),
+            fastest_rate(self.robot, at_motor, drives, by_name, by_shape, method=method),
+            fastest_rate(self.robot, at_link, links, by_name, by_shape, method=method),
         )
         inverse, gears = ca.ldl_solve(ca.SX.eye(n), *ca.ldl(links)), ca.SX(0)
         for i, j in enumerate(self.elastic):
             both = ca.fabs(inverse[j, j]) + 1 / ca.fabs(motor[i])
-            damping = by_shape[f"D_{j + 1}"] * both
+            damping = by_shape[f"D_{j + 1}"] * both * method.damped
             # fastest root of s^2 + damping s + K both = 0, or its magnitude
             gears = ca.fmax(gears, damping / 2 + ca.sqrt(damping**2 / 4 + by_shape[f"K_{j + 1}"] * both))
-        return total + gears
+        return total + gears * method.oscillating

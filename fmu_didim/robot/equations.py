@@ -17,7 +17,8 @@ from fmu_didim.robot.dynamics import (
     placed_effects,
     rigid_body_torque,
 )
-from fmu_didim.robot.rate import fastest_rate
+from fmu_didim.robot.implicit import StiffBalance
+from fmu_didim.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.robot.tilt import gravity_vector
 from fmu_didim.signals import Variable
 
@@ -79,16 +80,18 @@ class Equations:
         """ddq_link (m,) by states, torque and parameters."""
         return ca.SX(0, 1)
 
-    def rate(self, mass: ca.SX, chi: ca.SX, s: ca.SX) -> ca.SX:
-        """Bound of the fastest rate, 1/s, for values of the parameters and shapes and M (n, n) with them."""
+    def rate(self, mass: ca.SX, chi: ca.SX, s: ca.SX, method: Method = EXPLICIT) -> ca.SX:
+        """Bound of the fastest rate, 1/s, for values of the parameters and shapes and M (n, n) with them, as far as it
+        counts for a method."""
         by_name = {name: chi[i] for i, name in enumerate(self.by_name)}
         by_shape = {name: s[i] for i, name in enumerate(self.by_shape)}
-        return fastest_rate(self.robot, self.effects, mass, by_name, by_shape)
+        return fastest_rate(self.robot, self.effects, mass, by_name, by_shape, method=method)
 
     def _build(self) -> None:
         """Rows without and with the effects of the load, and the rates of the states."""
         motion = (self.q, self.dq, self.ddq)
         plain, loaded, rates = ca.vertsplit(self.rigid), [ca.SX(0)] * len(self.robot.joints), [ca.SX(0, 1)]
+        steep = [ca.SX(0)] * len(self.robot.joints)
         for placed in self.effects:
             amplitudes, shapes = own_parameters(self.robot, placed, self.by_name, self.by_shape)
             links = {}
@@ -96,8 +99,11 @@ class Equations:
                 links = link_columns(self.rigid, placed.joint, self.by_name)
             at = placed.surroundings(self.robot, motion, self.clock, self.z, self.load[placed.joint], links)
             add_effect(loaded if "load" in placed.effect.needs else plain, placed, at, amplitudes, shapes)
+            if placed.effect.is_steep:
+                add_effect(steep, placed, at, amplitudes, shapes)
             rates += placed.effect.rates(at, shapes)
         self._plain, self._by_load, self.rates = ca.vertcat(*plain), ca.vertcat(*loaded), ca.vertcat(*rates)
+        self._steep = ca.vertcat(*steep)
         self.torque = self._plain if self._by_load.is_zero() else self._plain + self._by_load
         if ca.depends_on(self._plain, self.load) or ca.depends_on(self.mass, self.ddq):
             raise InputError(
@@ -109,6 +115,22 @@ class Equations:
                 "The states of an effect depend on acceleration or load.", where=f"robot '{self.robot.name}'",
                 next_step="Let rates depend on position, velocity, time and states only.",
             )  # fmt: skip
+
+    @property
+    def stiff_balance(self) -> StiffBalance | None:
+        """What a linearly implicit step is made of; None where friction depends on the load: that is solved for by
+        Newton's method, which such a step would not save."""
+        if self.loaded:
+            return None
+        return StiffBalance(
+            rows=self._plain - self.tau,
+            unknown=self.ddq,
+            v=self.dq,
+            w=ca.vertcat(self.q, self.z),
+            rate=ca.vertcat(self.dq, self.rates),
+            friction=self._steep,
+            gears=ca.SX(self.ddq.numel(), 1),
+        )
 
     @cached_property
     def mass(self) -> ca.SX:

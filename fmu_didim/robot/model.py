@@ -12,11 +12,14 @@ import numpy as np
 from fmu_didim.block import Block
 from fmu_didim.effects import UNITS
 from fmu_didim.errors import UnknownNameError
+from fmu_didim.linearly_implicit import LinearlyImplicit
 from fmu_didim.robot.balance import plant_balance
 from fmu_didim.robot.description import RobotDescription
 from fmu_didim.robot.elastic import ElasticEquations
 from fmu_didim.robot.equations import Equations
+from fmu_didim.robot.implicit import implicit_stage
 from fmu_didim.robot.inertia import InertiaColumns, smallest_eigenvalue
+from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, RESOLVING, Method
 from fmu_didim.signals import Array, Variable
 
 LONG = 1e9
@@ -255,7 +258,25 @@ class RobotModel:
             rate_bound=ca.Function("rate_bound", [x, p], [ca.densify(self._rate(chi, shapes))]),
             fixed=frozenset(v.name for v in starts),
             balance=None if elastic else plant_balance(self._equations, x, p, chi, shapes),
+            implicit=self._implicit(x, p, chi, shapes),
         )
+
+    def _implicit(self, x: ca.SX, p: ca.SX, chi: ca.SX, shapes: ca.SX) -> LinearlyImplicit | None:
+        """The linearly implicit stage; None where the equations are solved by Newton's method, and where nothing is
+        steep: what damps and springs by constants, RK4 integrates better."""
+        equations = self._equations
+        balance = equations.stiff_balance
+        if balance is None:
+            return None
+        n, m, ns = self.joint_count, len(self.links) // 2, len(equations.states)
+        velocities = n + m  # places in (v, w), v = (dq, dq_link), w = (q, z, q_link)
+        order = [velocities + j for j in range(n)] + list(range(n))
+        order += [velocities + n + i for i in range(ns)] + [-1] * equations.uses_clock
+        order += [velocities + n + ns + i for i in range(m)] + [n + i for i in range(m)]
+        within = ([equations.chi, equations.s], [chi, shapes])
+        rates = [self._rate(chi, shapes, method) for method in (IMPLICIT, RESOLVING)]
+        stage = implicit_stage(balance, x, order, equations.tau, p, rates=rates, within=within)
+        return stage if stage.slope_count else None
 
     def _plant(self, chi: ca.SX, shapes: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Acceleration, de/dt, observed loads and accelerations of links, for parameters that are expressions."""
@@ -277,10 +298,10 @@ class RobotModel:
             for j, joint in enumerate(self.description.joints, start=1)
         )
 
-    def _rate(self, chi: ca.SX, shapes: ca.SX) -> ca.SX:
-        """Bound of the fastest rate, 1/s."""
+    def _rate(self, chi: ca.SX, shapes: ca.SX, method: Method = EXPLICIT) -> ca.SX:
+        """Bound of the fastest rate, 1/s, as far as it counts for a method."""
         mass = ca.substitute([self._equations.mass], [self._chi, self._s], [chi, shapes])[0]
-        return self._equations.rate(mass, chi, shapes)
+        return self._equations.rate(mass, chi, shapes, method)
 
 
 def _with(variables: Sequence[Variable], causality: str, prefix: str = "") -> list[Variable]:

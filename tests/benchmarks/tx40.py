@@ -57,7 +57,7 @@ def write_case(
     time: np.ndarray,
     torque: np.ndarray,
     *,
-    substeps: int = SUBSTEPS,
+    substeps: int | None = None,
     noise: float | None = None,
     **estimator: object,
 ) -> Path:
@@ -73,7 +73,7 @@ def write_case(
         "schema": 1,
         "name": "TX40",
         "robot": str(ROBOT),
-        "plant": {"kind": "fmu", "substeps": substeps},
+        "plant": {"kind": "fmu", **({"substeps": substeps} if substeps is not None else {})},
         "controller": {"kind": "fmu", "source": str(CONTROLLER)},
         "loop": {"drive_gains": list(DRIVE_GAINS)},
         "train": {"reference": motion.model_dump(mode="json"), "torque": {"file": "torque.csv"}},

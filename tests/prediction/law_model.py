@@ -41,7 +41,7 @@ class LawModel:
     refuse: Callable[[Mapping[str, float]], str] = lambda values: ""
     added_effects: tuple[EffectAtJoint, ...] = ()
     workers: int = 1
-    coarse: bool = False
+    substeps: int | None = None
     can_refine: bool = True
     low_pass: Any = "filtered"
     experiments: Mapping[str, Any] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu
+from fmu_didim.components import Component, FmuComponent, ModelComponent, block_as_control, load_fmu
 from fmu_didim.documents import validate
 from fmu_didim.effects import EFFECTS
 from fmu_didim.export import build_fmu
@@ -61,12 +61,12 @@ def torques(system: System) -> np.ndarray:
     return np.column_stack([recording.inputs[f"plant.tau{j}"] for j in (1, 2)])
 
 
-def differences(system: System, names: tuple[str, ...]) -> np.ndarray:
+def differences(system: System, names: tuple[str, ...], relative: float) -> np.ndarray:
     """(K, 2, p) central differences of the torques."""
     plant, columns = system.components["plant"], []
     for name in names:
         value = plant.parameter_values()[name]
-        step = 1e-5 * max(abs(value), 0.01)
+        step = relative * max(abs(value), 0.01)
         pair = [torques(system.replace("plant", plant.with_parameters({name: value + s * step}))) for s in (1, -1)]
         columns.append((pair[0] - pair[1]) / (2 * step))
     return np.stack(columns, axis=2)
@@ -117,8 +117,12 @@ def test_derivatives_with_an_effect_of_the_arm(name: str) -> None:
 
 
 def check(system: System, names: tuple[str, ...]) -> None:
-    expected, found = differences(system, names), derivatives(system, names)
-    assert (np.linalg.norm(found - expected, axis=(0, 1)) <= 2e-6 * np.linalg.norm(expected, axis=(0, 1))).all()
+    """Against the better of two differences: short steps are rough by rounding, long ones meet limits of the law."""
+    found, errors = derivatives(system, names), []
+    for relative in (1e-4, 1e-5):
+        expected = differences(system, names, relative)
+        errors.append(np.linalg.norm(found - expected, axis=(0, 1)) / np.linalg.norm(expected, axis=(0, 1)))
+    assert (np.min(errors, axis=0) <= 1e-6).all()
 
 
 def test_a_component_without_known_equations_has_no_derivatives() -> None:
@@ -155,6 +159,9 @@ def test_both_ways_give_the_same_sensitivity(model: LoopModel) -> None:
 
 def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
     estimator = load_case(EXAMPLE).estimator
+    plant = model.plant.with_substeps(8)
+    assert plant is not None
+    model = replace(model, plant=plant)  # as chosen by the one that has no equations
     found, runs = simulated(model, estimator)
     expected, before = simulated(without_equations(model), estimator)
     assert (np.abs(found.value - expected.value) <= 1e-3 * expected.standard_deviation).all()
@@ -166,8 +173,9 @@ def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
 def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopModel) -> None:
     """Explicit integration of friction that is too fast for its step wanders about: an error surface without slope."""
     plant = model.plant.with_substeps(4)
-    assert plant is not None
-    stated = replace(model, plant=plant)
+    assert isinstance(plant, FmuComponent) and plant.block is not None
+    explicit = replace(plant, block=replace(plant.block, implicit=None))
+    stated, implicit = replace(model, plant=explicit), replace(model, plant=plant)
     light = TRUTH * np.array([1, 1, 1, 0.02, 0.02, 0.02, 1, 20])
 
     def substeps(model: LoopModel, values: np.ndarray) -> int | None:
@@ -175,5 +183,6 @@ def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopMode
 
     assert substeps(stated, TRUTH) == 4
     assert substeps(stated, light) > 8
-    assert substeps(replace(stated, substep_factor=2), TRUTH) == 8
+    assert substeps(implicit, light) == 4  # stable as it is
+    assert substeps(replace(implicit, substep_factor=2), TRUTH) == 8
     assert substeps(model, light) is None  # chosen by the plant itself

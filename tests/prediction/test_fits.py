@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from fmu_didim.block import choose_substeps
+from fmu_didim.components import ModelComponent
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
@@ -287,48 +288,64 @@ def test_columns_that_drift_are_not_continued(tmp_path: Path) -> None:
     assert found.continued(begin * np.linspace(1.0, 1.1, begin.shape[0])[:, None]) is None
 
 
-# ---- coarse integration ----------------------------------------------------------------------------
+# ---- integration as fine as the noise asks -----------------------------------------------------------
 
 
-def test_coarse_integration_is_far_below_the_noise_and_steps_less(arm: LoopModel, truth: np.ndarray) -> None:
-    full = model_with(arm)
-    coarse = replace(full, coarse=True)
-    few = coarse.system(truth).components["plant"].stated_substeps
-    block, stated = full.system(truth).components["plant"].equations() or (None, None)
-    assert block is not None and stated is None
-    assert few is not None and few >= 2
-    p = block.parameter_values
-    rate = float(block.rate_bound(block.start(np.zeros(len(block.inputs)), p), p))
-    step = 1 / RATE
-    assert step * rate / few <= 1.6  # stable
-    assert few < choose_substeps(rate, step)
-    assert np.abs(coarse.torque(truth) - full.torque(truth)).max() < 1e-2 * SIGMA
+def substeps(model: LoopModel, values: np.ndarray) -> int | None:
+    return model.system(values).components["plant"].stated_substeps
 
 
-def test_coarse_integration_leaves_a_number_that_was_stated(arm: LoopModel, truth: np.ndarray) -> None:
+def test_steps_as_fine_as_the_noise_asks(arm: LoopModel, truth: np.ndarray) -> None:
+    model = model_with(arm)
+    counts = []
+    for sigma in (10 * SIGMA, SIGMA, 0.1 * SIGMA):
+        fitting = with_fitting_substeps(model, truth, np.array([sigma]))
+        assert fitting.substeps is not None
+        finest = replace(model, substeps=512).torque(truth)
+        error = fitting.torque(truth) - finest
+        assert np.sqrt(np.mean(error**2)) <= 2 * 0.01 * sigma  # what is left beyond the last doubling is less than it
+        counts.append(substeps(fitting, truth))
+    assert counts[0] < counts[2] < model.automatic_substeps(truth)
+
+
+def test_the_rule_holds_where_the_noise_asks_for_more(arm: LoopModel, truth: np.ndarray) -> None:
+    assert with_fitting_substeps(model_with(arm), truth, np.array([1e-12])).substeps is None
+
+
+def test_the_residual_stands_for_noise_that_is_not_known(arm: LoopModel, truth: np.ndarray) -> None:
+    noisy = model_with(arm, np.random.default_rng(3).normal(0, SIGMA, arm.measured.shape))
+    known = with_fitting_substeps(noisy, truth, np.array([SIGMA]))
+    assert with_fitting_substeps(noisy, truth).substeps == known.substeps
+    assert with_fitting_substeps(replace(noisy, torque_deviation=np.array([1e-12])), truth).substeps is None
+
+
+def test_stated_substeps_stay(arm: LoopModel, truth: np.ndarray) -> None:
     model = model_with(arm)
     plant = model.plant.with_substeps(3)
     assert plant is not None
-    coarse = replace(model, coarse=True, plant=plant)
-    assert coarse.system(truth).components["plant"].stated_substeps == 3
+    stated = replace(model, plant=plant)
+    assert with_fitting_substeps(stated, truth, np.array([SIGMA])) == stated
 
 
 def test_sensitivities_do_not_change_the_steps(arm: LoopModel, truth: np.ndarray) -> None:
     """A step of a free parameter that asks for more substeps would show as a change of the torque."""
-    model = replace(model_with(arm), coarse=True)
+    known = arm.plant.equations()
+    assert known is not None
+    explicit = ModelComponent(replace(known[0], implicit=None))
+    model = replace(model_with(arm), plant=explicit, substeps=1)
     pinned = model.integrated_as(truth)
     steeper = truth * [1, 1, 1, 1, 50]
-    assert model.system(steeper).components["plant"].stated_substeps != pinned.plant.stated_substeps
-    assert pinned.system(steeper).components["plant"].stated_substeps == pinned.plant.stated_substeps
+    assert substeps(model, steeper) != substeps(pinned, truth)
+    assert substeps(pinned, steeper) == substeps(pinned, truth)
 
 
-def test_the_minimum_is_made_exact_again(arm: LoopModel, truth: np.ndarray) -> None:
-    noise = known_noise([1e-4])
-    found = minimise(replace(model_with(arm).with_values(truth * START), coarse=True), noise)
-    exact = integrated(found, noise, coarse=False)
-    assert not exact.model.coarse
+def test_a_minimum_is_integrated_finer_where_its_noise_asks(arm: LoopModel, truth: np.ndarray) -> None:
+    found = minimise(replace(model_with(arm).with_values(truth * START), substeps=1), known_noise([SIGMA]))
+    exact = integrated(found, known_noise([1e-9]))
+    assert exact.model.substeps is None
     assert exact.values == pytest.approx(truth, rel=1e-6)
-    assert integrated(exact, noise, coarse=False) is exact
+    assert np.abs(found.values / truth - 1).max() > 1e-6
+    assert integrated(exact, known_noise([1e-9])) is exact
 
 
 def test_an_exact_jacobian_belongs_to_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:

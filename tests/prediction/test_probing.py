@@ -45,7 +45,8 @@ def test_didim_with_a_probed_regressor_gives_the_same_answer(tmp_path: Path) -> 
     outcome = identify(probed_case(tmp_path, ENTRIES))
     expected = identify("examples/scara/identify.yaml").estimate
     assert outcome.document.status == "converged"
-    np.testing.assert_allclose(outcome.estimate.value, expected.value, rtol=1e-5)
+    # Each is integrated as finely as a hundredth of the noise asks.
+    assert (np.abs(outcome.estimate.value - expected.value) <= 0.02 * expected.standard_deviation).all()
     np.testing.assert_allclose(outcome.estimate.standard_deviation, expected.standard_deviation, rtol=1e-3)
 
 

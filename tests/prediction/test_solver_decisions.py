@@ -610,13 +610,15 @@ def test_covariances_and_condition_of_a_fit() -> None:
     assert idle.covariance(noise)[2, 2] == 0.0 and idle.covariance(noise)[0, 0] == pytest.approx(27 / 84)
 
 
-def test_full_integration_of_a_coarse_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_minimum_is_polished_where_its_steps_change(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(least_squares, "minimise", lambda m, n, **more: asked.append((m.coarse, more)) or "fine")
-    fit = Fit(replace(model(), coarse=True), np.zeros(2), T, np.ones((21, 1, 2)), np.ones(1), 0.0)
-    assert integrated(fit, UNIT, coarse=True) is fit
-    assert integrated(fit, UNIT, coarse=False) == "fine"
-    assert asked == [(False, {"stopping": Stopping(2, updates=0), "jacobian": fit.jacobian})]
+    monkeypatch.setattr(least_squares, "minimise", lambda m, n, **more: asked.append((m.substeps, more)) or "fine")
+    fit = Fit(replace(model(), substeps=2), np.zeros(2), T, np.ones((21, 1, 2)), np.ones(1), 0.0)
+    monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=2))
+    assert integrated(fit, UNIT) is fit
+    monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=8))
+    assert integrated(fit, UNIT) == "fine"
+    assert asked == [(8, {"stopping": Stopping(2, updates=0), "jacobian": fit.jacobian})]
 
 
 def test_the_rules_by_default() -> None:

@@ -27,6 +27,7 @@ from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Connection, System
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.robot.rate import EXPLICIT
 from fmu_didim.signals import Array, Variable
 
 START_TIME = "t_start"
@@ -85,7 +86,8 @@ class TorquePart(SplicedEffect):
         rates = [*effect.rates(at, own), *([ca.SX(1)] if has_time else [])]
         first = [*(ca.SX(v.start) for v in states), *([begin] if has_time else [])]
         within = OperatingRange(NOMINAL_SPEED[joint_type], NOMINAL_ACCELERATION[joint_type], ca.SX(0))
-        rate = ca.SX(effect.own_rate(own, within)) if states else ca.SX(0)
+        settled = EXPLICIT.relaxing * effect.relaxation(own, within)
+        rate = ca.fmax(effect.own_rate(own, within), settled) if states else ca.SX(0)
         neutral = {v.name: 0.0 for v in amplitudes}
         return Block(
             name=effect.name,

@@ -55,6 +55,10 @@ typedef struct {
     double slope[AT_LEAST_ONE(STATE_COUNT)];
     double slope_sum[AT_LEAST_ONE(STATE_COUNT)];
     double stage[AT_LEAST_ONE(STATE_COUNT)];
+#if BLOCK_IMPLICIT
+    double steep[AT_LEAST_ONE(SLOPE_COUNT)];
+    double coupling[AT_LEAST_ONE(STATE_COUNT)];
+#endif
     const double **arguments; /* CasADi's work arrays, sized for the hungriest function */
     double **results;
     long long *integers;

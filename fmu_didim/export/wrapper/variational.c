@@ -1,6 +1,6 @@
 /* A block together with the derivatives of its states and outputs by some parameters, one lane a parameter.
 
-   The derivatives are those of the discrete equations: the same Runge-Kutta substeps, differentiated stage by stage.
+   The derivatives are those of the discrete equations: the same substeps, differentiated stage by stage.
    set, get and step have the signatures of FMI 2.0, so that the compiled loop calls them as it calls an FMU; the
    arrays are the values, then for each variable its LANES derivatives. */
 #include <math.h>
@@ -33,6 +33,10 @@ typedef struct {
     double coefficients[SIZE(COEFFICIENTS)];
     double slope[SIZE(STATES)], sum[SIZE(STATES)], stage[SIZE(STATES)];
     Lane dslope[SIZE(STATES)], dsum[SIZE(STATES)], dstage[SIZE(STATES)];
+#if IMPLICIT
+    double steep[SIZE(SLOPES)], coupling[SIZE(STATES)];
+    Lane dsteep[SIZE(SLOPES)], dcoupling[SIZE(STATES)];
+#endif
     int substeps, initialising;
 } Instance;
 
@@ -45,6 +49,7 @@ static void start(Instance *s) {
     lanes_start(s->coefficients, (const Lane *)s->du, s->dx);
 }
 
+#if !IMPLICIT
 /* Derivative of the states, or the next states of a sampled block, at (x, dx). */
 static void update(Instance *s, const double *x, const Lane *dx, double *result, Lane *dresult) {
     const double *arguments[] = {x, s->u, s->p};
@@ -52,6 +57,7 @@ static void update(Instance *s, const double *x, const Lane *dx, double *result,
     variational_update(arguments, results, 0, s->work, 0);
     lanes_update(s->coefficients, dx, (const Lane *)s->du, s->rest, s->hidden, dresult);
 }
+#endif
 
 /* The rule of choose_substeps in fmu_didim/block.py; 0: too stiff. */
 static int substeps_for(const Instance *s, double step) {
@@ -62,6 +68,47 @@ static int substeps_for(const Instance *s, double step) {
     return wanted <= count ? count : 0;
 }
 
+#if IMPLICIT
+/* One stage of a linearly implicit step: k at (x, dx), with the slopes and the coupling c that are held. */
+static void stage(Instance *s, const double *x, const Lane *dx, double g, double *k, Lane *dk) {
+    const double *arguments[] = {x, s->coupling, s->steep, s->u, s->p, &g};
+    double *results[] = {k, s->coefficients};
+    variational_stage(arguments, results, 0, s->work, 0);
+    lanes_stage(s->coefficients, dx, (const Lane *)s->dcoupling, (const Lane *)s->dsteep, (const Lane *)s->du, s->rest,
+                s->hidden, dk);
+}
+
+/* Equal substeps of the linearly implicit scheme with two stages of fmu_didim/linearly_implicit.py. */
+static int integrate(Instance *s, double step) {
+    const int count = substeps_for(s, step);
+    if (count == 0) return ERROR;
+    const double h = step / count, g = SCHEME_GAMMA * h;
+    for (int n = 0; n < count; ++n) {
+        const double *arguments[] = {s->x, s->p};
+        double *results[] = {s->steep, s->coefficients};
+        variational_slopes(arguments, results, 0, s->work, 0);
+        lanes_slopes(s->coefficients, (const Lane *)s->dx, s->dsteep);
+        memset(s->coupling, 0, sizeof(s->coupling));
+        memset(s->dcoupling, 0, sizeof(s->dcoupling));
+        stage(s, s->x, (const Lane *)s->dx, g, s->slope, s->dslope);
+        for (int i = 0; i < STATES; ++i) {
+            s->stage[i] = s->x[i] + SCHEME_A * h * s->slope[i];
+            s->coupling[i] = SCHEME_C * s->slope[i];
+            for (int l = 0; l < LANES; ++l) {
+                s->dstage[i][l] = s->dx[i][l] + SCHEME_A * h * s->dslope[i][l];
+                s->dcoupling[i][l] = SCHEME_C * s->dslope[i][l];
+            }
+        }
+        stage(s, s->stage, (const Lane *)s->dstage, g, s->sum, s->dsum);
+        for (int i = 0; i < STATES; ++i) {
+            s->x[i] += h * (SCHEME_B1 * s->slope[i] + SCHEME_B2 * s->sum[i]);
+            for (int l = 0; l < LANES; ++l)
+                s->dx[i][l] += h * (SCHEME_B1 * s->dslope[i][l] + SCHEME_B2 * s->dsum[i][l]);
+        }
+    }
+    return OK;
+}
+#else
 static void move(Lane *result, const Lane *x, const Lane *restrict slope, double h) {
     for (int i = 0; i < STATES; ++i)
         for (int l = 0; l < LANES; ++l) result[i][l] = x[i][l] + h * slope[i][l];
@@ -105,6 +152,7 @@ static int integrate(Instance *s, double step) {
     }
     return OK;
 }
+#endif
 
 EXPORT unsigned long long instance_size(void) { return sizeof(Instance); }
 
@@ -144,13 +192,14 @@ EXPORT int get_values(Instance *s, const unsigned int *references, size_t count,
 
 EXPORT int do_step(Instance *s, double time, double step, int unused) {
     (void)time, (void)unused;
-    if (SAMPLED) {
-        update(s, s->x, (const Lane *)s->dx, s->stage, s->dstage);
-        memcpy(s->x, s->stage, sizeof(s->x));
-        memcpy(s->dx, s->dstage, sizeof(s->dx));
-    } else if (step > 0.0 && integrate(s, step)) {
-        return ERROR;
-    }
+#if SAMPLED
+    (void)step;
+    update(s, s->x, (const Lane *)s->dx, s->stage, s->dstage);
+    memcpy(s->x, s->stage, sizeof(s->x));
+    memcpy(s->dx, s->dstage, sizeof(s->dx));
+#else
+    if (step > 0.0 && integrate(s, step)) return ERROR;
+#endif
     for (int i = 0; i < STATES; ++i)
         if (!isfinite(s->x[i])) return ERROR;
     return OK;

@@ -307,7 +307,7 @@ WAVE = np.sin(7 * np.arange(40)[:, None] * PERIOD + np.arange(2)) * [1.0, 0.2]
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_model_exchange_of_a_plant(version: str) -> None:
     """Both integrate with held inputs; co-simulation chooses its substeps by itself."""
-    fine = load_fmu(exported("scara", version)).with_substeps(200)
+    fine = load_fmu(exported("scara", version)).with_substeps(800)
     assert fine is not None
     wanted = drive(fine, WAVE, PERIOD)
     path = exported("scara", version)

@@ -1,0 +1,163 @@
+"""The linearly implicit step: order, stability, energy, and the same step in every kind of component."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from fmu_didim.block import Block
+from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu
+from fmu_didim.documents import validate
+from fmu_didim.export import build_fmu
+from fmu_didim.robot import RobotDescription, RobotModel, read_robot
+from tests.helpers import ROOT
+
+
+def robot(effects: Sequence[str], parameters: Mapping[str, float], *, gravity: float = -9.81) -> Block:
+    """A vertical arm of two joints, the same effects in both."""
+    own = {"ZZ": 1.2, "MX": 1.5, "M": 3.0, **parameters}
+    joints: list[Mapping[str, Any]] = [
+        {"type": "revolute", "alpha": np.pi / 2, "effects": list(effects), "parameters": own},
+        {"type": "revolute", "a": 0.4, "effects": list(effects), "parameters": own},
+    ]
+    content = {"name": "arm", "gravity": [0, 0, gravity], "joints": joints}
+    return RobotModel(validate(RobotDescription, content, where="robot.yaml")).block()
+
+
+STEEP: Mapping[str, tuple[tuple[str, ...], dict[str, float]]] = {
+    "coulomb": (("viscous", "coulomb"), {"Fv": 2.0, "Fc": 1.5, "v0": 0.05}),
+    "stribeck": (("coulomb", "stribeck"), {"Fc": 1.5, "Fs": 0.8, "v0": 0.05, "vs": 0.2}),
+    "presliding": (("coulomb", "presliding"), {"Fc": 1.5, "Fd": 1.0, "v0": 0.05, "zs": 0.02}),
+    "lugre": (("viscous", "lugre"), {"Fv": 1.0, "Fz": 1.5, "Fzs": 0.5, "zs": 0.02}),
+    "elastic": (
+        ("coulomb", "motor_inertia", "joint_elasticity"),
+        {"Fc": 1.5, "v0": 0.05, "Ia": 0.5, "K": 2e3, "D": 5.0},
+    ),
+    "backlash": (
+        ("coulomb", "motor_inertia", "backlash"),
+        {"Fc": 1.5, "v0": 0.05, "Ia": 0.5, "gap": 0.02, "K": 2e3, "D": 5.0},
+    ),
+}
+
+
+def end(block: Block, steps: int, *, seconds: float = 0.2, start: Mapping[str, float] | None = None) -> np.ndarray:
+    """State after some time under a constant torque."""
+    assert block.implicit is not None
+    block = block.with_parameters(dict(start or {"q_start1": 0.3, "dq_start1": 0.4, "dq_start2": -0.2}))
+    u, p = np.array([2.0, -1.0]), block.parameter_values
+    step = block.implicit.step()
+    x = block.start(u, p)
+    for _ in range(steps):
+        x = step(x, u, p, seconds / steps)
+    return np.asarray(x.full()).ravel()
+
+
+@pytest.mark.parametrize("name", STEEP)
+def test_the_order_is_two(name: str) -> None:
+    """Errors fall by four with each halving, towards the answer of a solver of high order."""
+    effects, values = STEEP[name]
+    block = robot(effects, values)
+    start = block.with_parameters({"q_start1": 0.3, "dq_start1": 0.4, "dq_start2": -0.2})
+    u, p, x = np.array([2.0, -1.0]), start.parameter_values, ca.MX.sym("x", len(block.states))
+    options = {"abstol": 1e-12, "reltol": 1e-12, "max_num_steps": 100000}
+    solver = ca.integrator("exact", "cvodes", {"x": x, "ode": block.update(x, u, p)}, 0.0, 0.2, options)
+    exact = np.asarray(solver(x0=start.start(u, p))["xf"].full()).ravel()
+    errors = [np.abs(end(block, count) - exact).max() for count in (800, 1600, 3200)]
+    assert 3.0 <= errors[0] / errors[1] <= 5.5
+    assert 3.0 <= errors[1] / errors[2] <= 5.5
+    assert errors[2] <= 1e-5
+
+
+def test_the_order_holds_for_slopes_that_are_wrong() -> None:
+    """A method of W type: slopes decide about stability, not about what it converges to."""
+    block = robot(*STEEP["coulomb"])
+    assert block.implicit is not None
+    exact = end(block, 25600)
+    slopes = block.implicit.slopes
+    x, p = ca.SX.sym("x", len(block.states)), ca.SX.sym("p", len(block.parameters))
+    wrong = replace(block, implicit=replace(block.implicit, slopes=ca.Function("slopes", [x, p], [3 * slopes(x, p)])))
+    errors = [np.abs(end(wrong, count) - exact).max() for count in (800, 1600, 3200)]
+    assert 3.0 <= errors[0] / errors[1] <= 5.5 and 3.0 <= errors[1] / errors[2] <= 5.5
+
+
+def test_stable_however_steep_friction_is() -> None:
+    """h rate = 1 000: the joints stick, as they should, where RK4 overflows."""
+    block = robot(("coulomb",), {"Fc": 100.0, "v0": 1e-4})
+    rate = float(block.rate_bound(block.start(np.zeros(2), block.parameter_values), block.parameter_values))
+    steps = round(0.2 * rate / 1000)
+    start = {"q_start1": 0.3, "dq_start1": 0.01, "dq_start2": -0.01}
+    sticking = end(block, steps, start=start)
+    assert np.abs(sticking[2:4]).max() <= 1e-4
+    assert np.abs(sticking[:2] - [0.3, 0.0]).max() <= 1e-3
+    explicit = ModelComponent(replace(block.with_parameters(start), implicit=None), steps).instantiate()
+    explicit.begin_initialisation(0.0)
+    explicit.end_initialisation()
+    explicit.step(0.0, 0.2)
+    explicit.get()
+    assert not np.abs(explicit.outputs[:4]).max() <= 1e-2
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-9])
+def test_an_arm_without_friction_keeps_its_energy(slope: float) -> None:
+    """Without gravity and torque, what is lost falls with the cube of the step or faster; nothing is damped away."""
+    block = robot(("coulomb",), {"Fc": slope, "v0": 0.05}, gravity=0.0)
+    model = RobotModel(read_robot(ROOT / "fmus/arm2r/robot.yaml"))  # only for its size
+    assert model.joint_count == 2
+    assert block.implicit is not None
+    block = block.with_parameters({"q_start2": 0.5, "dq_start1": 1.0, "dq_start2": -2.0})
+    p, u = block.parameter_values, np.zeros(2)
+    step = block.implicit.step()
+
+    def energy(x: np.ndarray) -> float:
+        """dq' M dq / 2, M from the accelerations by unit torques."""
+        free = np.asarray(block.update(x, u, p).full()).ravel()[2:4]
+        columns = [np.asarray(block.update(x, e, p).full()).ravel()[2:4] - free for e in np.eye(2)]
+        return float(x[2:4] @ np.linalg.solve(np.column_stack(columns), x[2:4]) / 2)
+
+    lost = []
+    for count in (500, 1000):
+        x = np.asarray(block.start(u, p).full()).ravel()
+        before = energy(x)
+        for _ in range(count):
+            x = np.asarray(step(x, u, p, 2.0 / count).full()).ravel()
+        lost.append(abs(energy(x) / before - 1))
+    assert lost[0] <= 1e-4 and lost[1] <= lost[0] / 3
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_every_kind_of_component_makes_the_same_step(version: str) -> None:
+    block = robot(*STEEP["presliding"]).with_parameters({"dq_start1": 0.4})
+    kinds: list[Component] = [
+        ModelComponent(block), block_as_control(block), load_fmu(build_fmu(block, fmi_version=version)),
+    ]  # fmt: skip
+    found = []
+    for component in kinds:
+        running = component.instantiate()
+        running.inputs[:] = [2.0, -1.0]
+        running.begin_initialisation(0.0)
+        running.set()
+        running.end_initialisation()
+        for tick in range(20):
+            running.set()
+            running.step(tick * 0.005, 0.005)
+        running.get()
+        found.append(running.outputs.copy())
+        running.close()
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found[2], found[0], rtol=1e-10, atol=1e-12)
+
+
+def test_what_is_not_steep_is_left_to_runge_kutta() -> None:
+    """Constant damping and springs of gears: the explicit method of fourth order is better there."""
+    assert robot(("viscous",), {"Fv": 2.0}).implicit is None
+    assert (
+        robot(("viscous", "motor_inertia", "joint_elasticity"), {"Fv": 2.0, "Ia": 0.5, "K": 2e3, "D": 5.0}).implicit
+        is None
+    )
+    loaded = robot(("coulomb", "load_dependent_friction"), {"Fc": 1.0, "Fl": 0.1})
+    assert loaded.implicit is None  # solved by Newton's method
