@@ -197,7 +197,7 @@ def _problem(a: Record, b: Record, relative: Difference | None, sigma: Differenc
         return "other options"
     if not _same(a, b):
         return "other verdict" if a.names == b.names else "other names"
-    if a.values.keys() != b.values.keys():
+    if relative is not None and math.isinf(relative.relative):
         return "other parameters"
     if relative is not None and limits.relative is not None and relative.relative > limits.relative:
         return "beyond the limit"

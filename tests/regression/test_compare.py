@@ -65,6 +65,8 @@ def moved(**values: float) -> Record:
         (moved(Fc1=2.5), Limits(sigma=3.9), "beyond sigma", 0.2, 4.0),
         (moved(Fc1=2.5), Limits(relative=1.0, sigma=3.9), "beyond sigma", 0.2, 4.0),
         (moved(Fv1=1.0), Limits(), "other parameters", math.inf, None),
+        (record(values={**record().values, "Fc1": Value(None)}), Limits(), "other parameters", math.inf, None),
+        (record(values={"Fc1": Value(2.0)}), Limits(), "other parameters", math.inf, None),
         (record(verdict="named_with_remainder"), Limits(), "other verdict", None, None),
         (record(names=("stribeck@2",)), Limits(), "other names", None, None),
         (record(verdict="nothing", names=()), Limits(), "other names", None, None),
