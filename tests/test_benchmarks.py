@@ -12,14 +12,18 @@ import jsonschema
 import numpy as np
 import pytest
 
+from fmu_didim.effects import EFFECTS
 from fmu_didim.master import simulate
 from fmu_didim.prediction.prediction import drive_torque
 from tests.benchmarks import scara, tx40
 from tests.benchmarks.__main__ import BENCHMARKS, main
 from tests.benchmarks.cheap_fmus import Slaves, reference, system
+from tests.benchmarks.discovery_stages import STAGES, staged
 from tests.benchmarks.figure import Figure, Settings, interleaved
 from tests.benchmarks.scara_loop import ours
 from tests.benchmarks.tx40_simulation import model, pinocchio
+from tests.blind.campaign import Order, make_order
+from tests.blind.translate import translate
 from tests.helpers import ROOT
 
 SCHEMA = {
@@ -132,6 +136,24 @@ def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> No
         "imports", "reading and building the case", "simulation", "report", "the rest",
     }  # fmt: skip
     assert all(seconds > 0 for seconds in found.values())
+
+
+def test_stages_of_a_discovery_are_those_that_it_tells_of(tmp_path: Path) -> None:
+    make_order(Order(("torque_offset",), 1, True, ((tmp_path / "blind", 20),), 2.0, "development"))
+    case = translate(tmp_path / "blind", tmp_path / "case")
+    kept = {"torque_offset", "torque_saturation", "dead_zone"}
+    stages, found = staged(case, forbid=[name for name in EFFECTS if name not in kept])
+    assert list(stages) == ["reading", *STAGES.values()]
+    assert found and found[0].startswith("torque_offset on joint")
+    effects = {name: {run.effects for run in stage.runs} for name, stage in stages.items()}
+    assert effects["reading"] == set()
+    assert effects["base_fit"] == {()}
+    assert effects["pre_check"] == {("torque_saturation",)}
+    # Those of the balance of torques follow from the motion: only the dead zone is simulated.
+    assert effects["signatures"] == {(), ("dead_zone",)}
+    assert ("torque_offset",) in effects["selection"]
+    for stage in stages.values():
+        assert sum(run.cpu_s for run in stage.runs) <= stage.cpu_s
 
 
 def test_every_benchmark_can_be_chosen() -> None:

@@ -114,12 +114,5 @@ def _entry(name: str, entry: IdentifiedParameter, system: System, document: Case
             raise UnknownNameError(f"parameter of the {entry.of}", key, offered, where=f"identify.{name}")
         start = offered[key].start
         found = FreeParameter(name, offered[key].unit, owner, key, start, abs(start) or 1.0)
-    value = found.value if entry.start is None else entry.start
-    low, high = entry.limits
-    low, high = max(found.lowest, low), min(found.highest, high)
-    if not low <= value <= high:
-        raise InputError(
-            "The start value is outside the limits.", where=f"identify.{name}", got=value, valid=f"{low:g} to {high:g}",
-            next_step="Give start:, or other limits.",
-        )  # fmt: skip
+    value, low, high = entry.start_and_limits(name, found.value, (found.lowest, found.highest))
     return replace(found, value=value, lowest=low, highest=high)

@@ -42,22 +42,20 @@ def identified(document: CaseDocument, model: RobotModel | None, plant: Componen
             "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
             next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
         )  # fmt: skip
-    plant_names = []
+    plant_names, ranges = [], []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
         if plant_names[-1] not in offered:
             raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
+        ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))
     return NamedParameters(
         names=tuple(chosen),
         units=tuple(offered[name].unit for name in plant_names),
         plant_names=tuple(plant_names),
         torque_units=tuple(v.unit or "N.m" for v in joints),
-        start=tuple(
-            entry.start if entry.start is not None else offered[name].start
-            for name, entry in zip(plant_names, chosen.values(), strict=True)
-        ),
-        lowest=tuple(entry.limits[0] for entry in chosen.values()),
-        highest=tuple(entry.limits[1] for entry in chosen.values()),
+        start=tuple(start for start, _, _ in ranges),
+        lowest=tuple(low for _, low, _ in ranges),
+        highest=tuple(high for _, _, high in ranges),
         probed=document.estimator.get("kind") == "didim",
     )
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, field_validator, model_validator
 
 from fmu_didim.documents import Strict
+from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
 
 Role = Literal["estimation", "validation"]
@@ -200,13 +201,26 @@ class IdentifiedParameter(Strict):
     minimum: float | None = None
     maximum: float | None = None
 
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Lowest and highest value; infinite where there is none."""
-        return (
-            -math.inf if self.minimum is None else self.minimum,
-            math.inf if self.maximum is None else self.maximum,
-        )
+    def start_and_limits(
+        self, name: str, own_start: float, own_limits: tuple[float, float] = (-math.inf, math.inf)
+    ) -> tuple[float, float, float]:
+        """Start value, lowest and highest value; the limits are infinite where there are none.
+
+        Args:
+            name: under which it is listed; own_start, own_limits: what the loop says of it.
+
+        Raises:
+            InputError: the start value is outside the limits.
+        """
+        value = own_start if self.start is None else self.start
+        low = own_limits[0] if self.minimum is None else max(own_limits[0], self.minimum)
+        high = own_limits[1] if self.maximum is None else min(own_limits[1], self.maximum)
+        if not low <= value <= high:
+            raise InputError(
+                "The start value is outside the limits.", where=f"identify.{name}", got=value,
+                valid=f"{low:g} to {high:g}", next_step="Give start:, or other limits.",
+            )  # fmt: skip
+        return value, low, high
 
     @model_validator(mode="after")
     def _in_order(self) -> IdentifiedParameter:

@@ -15,6 +15,7 @@ from pathlib import Path
 from tests.benchmarks import (
     command_start,
     discovery,
+    discovery_stages,
     first_identification,
     master_overhead,
     processes,
@@ -37,6 +38,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "command_start": command_start.run,
     "first_identification": first_identification.run,
     "discovery": discovery.run,
+    "discovery_stages": discovery_stages.run,
 }
 
 
@@ -70,7 +72,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", action="append", choices=BENCHMARKS, help="may be given several times")
     parser.add_argument("--repeats", type=int, default=5, help="rounds of each measurement")
     parser.add_argument("--quick", action="store_true", help="small counts, only to see that it runs")
-    parser.add_argument("--full", action="store_true", help="1 000 identifications, repeated TX40 identifications")
+    parser.add_argument(
+        "--full", action="store_true", help="1 000 identifications, repeated TX40 identifications, a second discovery"
+    )
     options = parser.parse_args(arguments)
     settings = Settings(options.repeats, options.quick, options.full)
     figures = measure(options.only or list(BENCHMARKS), settings)

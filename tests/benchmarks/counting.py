@@ -1,7 +1,10 @@
-"""What an identification simulates."""
+"""What an identification or a discovery simulates."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 from unittest.mock import patch
@@ -39,3 +42,32 @@ def simulated(model: LoopModel, estimator: Estimator) -> tuple[Estimate, Simulat
     with patch.object(loop_model, "simulate", counted):
         estimate = estimator.estimate(model)
     return estimate, Simulated(tuple(counts[False]), tuple(counts[True]))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the loop.
+
+    Attributes:
+        effects: that the model has beside the base; cpu_s: of the thread that ran it.
+    """
+
+    effects: tuple[str, ...]
+    cpu_s: float
+
+
+@contextmanager
+def runs_of_loops() -> Iterator[list[Run]]:
+    """The runs of all loops in this process, in a list that grows as they come, from several threads."""
+    runs: list[Run] = []
+    record = LoopModel.record
+
+    def noted(model: LoopModel, *arguments: Any, **options: Any) -> Recording:
+        begin = time.thread_time()
+        try:
+            return record(model, *arguments, **options)
+        finally:
+            runs.append(Run(tuple(a.effect for a in model.added_effects), time.thread_time() - begin))
+
+    with patch.object(LoopModel, "record", noted):
+        yield runs

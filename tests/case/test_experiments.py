@@ -6,11 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.errors import FmuDidimError, InputError
+from tests.cases import plant_case, scara_case
 
 EXAMPLE = Path("examples/scara/two_payloads.yaml")
 Change = Callable[[dict[str, Any]], Any]
@@ -70,3 +72,33 @@ def test_a_label_may_be_a_part_of_a_file_name(label: str) -> None:
 def test_a_gain_may_be_of_one_experiment_alone() -> None:
     case = load_case(changed(own("payload", "Kp2")), folder=EXAMPLE.parent.resolve())
     assert case.model.names[-2:] == ("Kp2", "Kp2[payload]")
+
+
+@pytest.mark.parametrize("of", ["controller", "plant"])
+@pytest.mark.parametrize(
+    ("limits", "start", "valid"),
+    [
+        ({}, None, ""),
+        ({"minimum": 0.0}, None, ""),
+        ({"minimum": 9.0}, None, "9 to inf"),
+        ({"maximum": 0.001}, None, "-inf to 0.001"),
+        ({"minimum": -2.0, "maximum": -1.0}, None, "-2 to -1"),
+        ({"minimum": 9.0}, 9.0, ""),
+        ({"minimum": 8.0, "maximum": 9.0}, 8.5, ""),
+    ],
+)
+def test_a_start_value_outside_the_limits_is_refused(
+    tmp_path: Path, of: str, limits: dict[str, float], start: float | None, valid: str
+) -> None:
+    """The same for an unknown of the loop and for a parameter of a plant without robot description, whose start values
+    are their own where the case gives none."""
+    entry = {"of": of, "parameter": "Kd2" if of == "controller" else "Fv1", "start": start, **limits}
+    entries = {"sought": entry}
+    path = scara_case(tmp_path, identify=entries) if of == "controller" else plant_case(tmp_path, entries)
+    if valid:
+        with pytest.raises(InputError, match=rf"outside the limits[\s\S]*identify\.sought[\s\S]*valid: {valid}"):
+            _ = load_case(path).model
+        return
+    found = next(p for p in load_case(path).model.free_parameters if p.name == "sought")
+    assert (found.lowest, found.highest) == (limits.get("minimum", -np.inf), limits.get("maximum", np.inf))
+    assert start is None or found.value == start

@@ -70,8 +70,10 @@ class LoopModelBuilder:
         return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:
-        """The joints, from 1, on which an effect may be; of one of the whole log the first stands for all."""
-        return tuple(range(1, self.base.joint_count + 1))[: 1 if self.is_of_log(name) else None]
+        """The joints, from 1, on which an effect may be; of one of the whole log or of the base the first stands for
+        all."""
+        is_of_none = self.is_of_log(name) or self.effects[name].acts_on_base
+        return tuple(range(1, self.base.joint_count + 1))[: 1 if is_of_none else None]
 
     def is_of_log(self, name: str) -> bool:
         """Whether an effect changes the log as a whole, and not the loop."""

@@ -90,8 +90,8 @@ def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
     mean, std = float(torques.mean()), float(torques.std(ddof=1) / np.sqrt(torques.size))
     unit = next(v.unit for v in values if v.name.startswith("F["))
     low, high = confidence_interval(np.array([mean]), np.array([std]), torques.size - 1.0)[0]
-    both = ValueFound(name="F", unit=unit, value=mean, std=std, interval=(float(low), float(high)))
-    return [both, *(v for v in values if v.name.endswith("[1]"))]
+    both = ValueFound(name="F[mean]", unit=unit, value=mean, std=std, interval=(float(low), float(high)))
+    return [both, *(v for v in values if v.name in ("t_on[1]", "t_off[1]"))]
 
 
 def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:

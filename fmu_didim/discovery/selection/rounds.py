@@ -51,6 +51,7 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Opti
     candidates = _candidates(builder, options)
     say(f"signatures of {len(candidates)} candidates")
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
+    say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     while len(steps) < options.rounds:
         screened = screen(catalogue, builder, fit, noise)

@@ -273,11 +273,12 @@ def test_a_few_torques_are_all_listed(monkeypatch: pytest.MonkeyPatch, count: in
 
 
 def test_of_many_torques_the_mean_with_its_interval_by_students_t(monkeypatch: pytest.MonkeyPatch) -> None:
-    values = [value(f"{n}[{i}]", float(i)) for i in range(1, 5) for n in ("F", "t_on")]
+    values = [value(f"{n}[{i}]", float(i)) for i in range(1, 5) for n in ("F", "t_on", "t_off")]
     monkeypatch.setattr(findings, "values_found", lambda *_: values)
     mean, *first = _summary(table_fit(1.0), noise())
-    assert (mean.name, mean.unit, mean.value) == ("F", "N", 2.5)
+    assert (mean.name, mean.unit, mean.value) == ("F[mean]", "N", 2.5)
     assert mean.std == pytest.approx(np.sqrt(5 / 3) / 2)
     # 3.1824: the 97.5 % quantile of Student's t with three degrees of freedom.
     assert mean.interval == pytest.approx((2.5 - 3.182446 * mean.std, 2.5 + 3.182446 * mean.std), rel=1e-6)
-    assert first == values[:2]
+    # Beside the mean of all torques that of the first would look like another quantity.
+    assert [v.name for v in first] == ["t_on[1]", "t_off[1]"]

@@ -231,3 +231,11 @@ def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     fields = {name: getattr(motion, name)[some] for name in ("time", "q", "dq", "ddq", "torque", "load")}
     part = replace(motion, **fields, links={j: table[some] for j, table in motion.links.items()})
     assert made.columns(part, shapes) == pytest.approx(made.columns(motion, shapes)[some])
+
+
+def test_what_is_of_the_base_is_tried_once(bench: Bench) -> None:
+    assert bench.builder.joints("base_tilt") == (1,)
+    assert bench.builder.joints("joint_elasticity") == (1, 2)
+    assert signatures(bench, "base_tilt", 1)
+    # A description has it at joint 1 or nowhere: at any other joint it would be simulated and change nothing.
+    assert not signatures(bench, "base_tilt", 2)

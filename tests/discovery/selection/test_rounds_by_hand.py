@@ -108,7 +108,7 @@ def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch)
     competition = Competition(monkeypatch, reasons)
     found, said = run()
     assert (found.base, found.final, found.steps, found.refused) == (BASE, BASE, (), reasons)
-    assert said == ["signatures of 3 candidates"]
+    assert said == ["signatures of 3 candidates", "competition of the candidates"]
     assert competition.helds == [((["screened"], EFFECTS, BASE, WHITE), BASE, BASE)]
 
 
@@ -117,7 +117,7 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     competition = Competition(monkeypatch, first, second, ())
     found, said = run()
     assert [s.effect_at.effect for s in found.steps] == ["a", "b"]
-    assert said[1:] == ["added: a on joint 1", "added: b on joint 1"]
+    assert said[2:] == ["added: a on joint 1", "added: b on joint 1"]
     # From the minimum of the first the second is looked for.
     assert [m.added_effects for m, _ in competition.fitted] == [
         first.fit.model.added_effects,
