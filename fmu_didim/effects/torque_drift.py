@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import Parameter, Surroundings, Values
 
 
 class TorqueDrift(TorqueEffect):
@@ -22,10 +20,7 @@ class TorqueDrift(TorqueEffect):
     experiment = "Repeat the path many times; rest at the same position before and after."
     source = "torque_offset (Gautier, Janot, Vandanjon: DIDIM, section 2), made a function of time"
     needs = frozenset({"time"})
+    own_parameters = (Parameter("drift", ("N.m/s", "N/s"), "drift of the torque offset"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit = "N.m/s" if joint_type == "revolute" else "N/s"
-        return (Variable("drift", unit, "parameter", 0.0, "drift of the torque offset"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.time,)
