@@ -42,11 +42,7 @@ def loop_of_archive(document: CaseDocument, folder: Path) -> System:
         system,
         components={**system.components, plant.component: component},
         connections=tuple(
-            replace(
-                c,
-                source=columns.get(c.source, new.get(c.source, c.source)),
-                target=fed.get(c.target, c.target),
-            )
+            replace(c, source=columns.get(c.source, new.get(c.source, c.source)), target=fed.get(c.target, c.target))
             for c in system.connections
         ),
     )

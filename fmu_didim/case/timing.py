@@ -21,10 +21,9 @@ def communication_step(document: CaseDocument, controller: Component) -> float:
             return 1.0 / rate
     if controller.sample_time is None:
         raise InputError(
-            "The control rate is unknown.",
-            where="loop",
+            "The control rate is unknown.", where="loop",
             next_step="Give loop: {rate_hz: ...}; this controller states none.",
-        )
+        )  # fmt: skip
     return controller.sample_time
 
 
@@ -56,10 +55,9 @@ def with_timing(system: System, document: CaseDocument) -> System:
         else:
             raise InputError(
                 "The rate of a component must be a whole multiple or divisor of the rate of the loop.",
-                where=f"{name}.rate_hz",
-                got=f"{source.rate_hz:g} Hz in a loop of {1.0 / system.step_size:g} Hz",
+                where=f"{name}.rate_hz", got=f"{source.rate_hz:g} Hz in a loop of {1.0 / system.step_size:g} Hz",
                 next_step="Choose loop: {rate_hz: ...} as a common multiple.",
-            )
+            )  # fmt: skip
     return replace(
         system,
         every=every,

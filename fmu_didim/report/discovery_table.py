@@ -97,11 +97,7 @@ def _gaps(document: FindingsDocument) -> list[str]:
 
 
 def _gap_block(
-    labels: Sequence[str],
-    rows: Sequence[tuple[str, Sequence[GapPair | None]]],
-    longest: float,
-    *,
-    changed: bool,
+    labels: Sequence[str], rows: Sequence[tuple[str, Sequence[GapPair | None]]], longest: float, *, changed: bool
 ) -> list[str]:
     """The gaps of a few experiments beside each other."""
     texts = [[step_text(pair, changed=changed) for pair in pairs] for _, pairs in rows]

@@ -16,15 +16,7 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.effects import EFFECTS
 from fmu_didim.report.experiments import titled
-from fmu_didim.report.numbers import (
-    MISSING,
-    ParameterText,
-    percent_std,
-    percentage,
-    pretty_unit,
-    rounding,
-    significant,
-)
+from fmu_didim.report.numbers import MISSING, ParameterText, percent_std, percentage, pretty_unit, rounding, significant
 
 FILES = {
     "robot": "robot description with the effects",

@@ -6,13 +6,7 @@ from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.discovery_words import experiment_name, located, share_text, step_text, value_text
-from fmu_didim.report.experiments import (
-    disagreeing,
-    error_rows,
-    experiment_title,
-    parameter_groups,
-    shown_parameter,
-)
+from fmu_didim.report.experiments import disagreeing, error_rows, experiment_title, parameter_groups, shown_parameter
 from fmu_didim.report.numbers import MISSING, percentage
 from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict

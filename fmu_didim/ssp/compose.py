@@ -63,12 +63,10 @@ def parts(system: System) -> dict[str, Part]:
             continue
         if not isinstance(component, FmuComponent):
             raise InputError(
-                f"The component '{name}' is not an FMU, and an SSP archive holds FMUs.",
-                where="write_ssp",
-                got=component.describe().get("kind"),
-                valid="fmu",
+                f"The component '{name}' is not an FMU, and an SSP archive holds FMUs.", where="write_ssp",
+                got=component.describe().get("kind"), valid="fmu",
                 next_step=f"Give '{name}' as kind fmu in the case, or load_fmu(build_fmu(block)).",
-            )
+            )  # fmt: skip
         own = load_fmu(
             component.path, si_units=False, interface=component.interface.kind, solver=component.solver,
             substeps=component.substeps if component.interface.kind == MODEL_EXCHANGE else None,
@@ -77,9 +75,8 @@ def parts(system: System) -> dict[str, Part]:
         if not all(rule.is_identity for rule in shown):
             raise InputError(
                 f"The FMU '{name}' has other units than the loop shows, and an SSP holds the FMU's own.",
-                where=f"write_ssp: {component.path}",
-                next_step="Load it with load_fmu(path, si_units=False).",
-            )
+                where=f"write_ssp: {component.path}", next_step="Load it with load_fmu(path, si_units=False).",
+            )  # fmt: skip
         if own.digest != component.digest:
             raise InputError("The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}")
         found[name] = _part(own, component)
@@ -121,12 +118,11 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
         other = inbound.get(connection.target)
         if other is not None:
             raise InputError(
-                f"Two connections add up in '{connection.target}', which SSP cannot express.",
-                where="write_ssp",
+                f"Two connections add up in '{connection.target}', which SSP cannot express.", where="write_ssp",
                 got=f"{other.source} -> {other.target} and {connection.source} -> {connection.target}",
                 valid="one connection to each input",
                 next_step="Let the controller or the plant do the sum, as an input of its own for each term.",
-            )
+            )  # fmt: skip
         inbound[connection.target] = connection
     own_names = {
         f"{name}.{part.roles.get(v.name, v.name)}": (name, v.name)
