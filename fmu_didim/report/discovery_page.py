@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
@@ -10,6 +11,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, ValueFound, load_findings
+from fmu_didim.report import discovery_words
 from fmu_didim.report.discovery_figures import (
     binned_figure,
     drawn_joints,
@@ -17,49 +19,27 @@ from fmu_didim.report.discovery_figures import (
     panel_quantities,
     residual_figure,
 )
-from fmu_didim.report.discovery_regions import strongest_regions
+from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.discovery_words import (
     SIGNALS,
     error_text,
-    experiment_head,
     experiment_name,
-    file_title,
     interval_text,
     located,
-    noise_source,
-    refused_line,
-    rival_text,
     share_text,
     step_text,
     value_text,
-    window_line,
 )
-from fmu_didim.report.figures import points_per_trace
-from fmu_didim.report.numbers import MISSING, pretty_unit, significant
-from fmu_didim.report.page import write_page
-from fmu_didim.report.tables import Table, aligned
-from fmu_didim.signals import Trajectory, read_trajectory
+from fmu_didim.report.figures import points_per_trace, signals_note
+from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
+from fmu_didim.report.tables import Table, table
+from fmu_didim.report.templates import write_page
+from fmu_didim.signals import read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"
-REGIONS_PER_JOINT = 3
 TRACES_PER_JOINT = 2
-
-
-@dataclass(frozen=True)
-class Card:
-    """One finding, ready to be shown."""
-
-    number: int
-    title: str
-    place: str
-    equation: str
-    parameters: Table | None
-    facts: tuple[tuple[str, str], ...]
-    rivals: tuple[str, ...]
-    experiment_head: str
-    experiment: str
 
 
 @dataclass(frozen=True)
@@ -80,7 +60,6 @@ def write_discovery_report(folder: Path | str) -> Path:
     """
     folder = Path(folder)
     document = load_findings(folder)
-    joints = sorted({r.joint for r in document.regions})
     return write_page(
         folder / DISCOVERY_FILE,
         TEMPLATE,
@@ -88,17 +67,15 @@ def write_discovery_report(folder: Path | str) -> Path:
         verdict=verdict_of(document),
         cards=_headline(document),
         gap_figure=Markup(gap_figure(document)) if document.gap and document.torque_unit else None,
-        findings=[_card(number, f, document) for number, f in enumerate(document.findings, start=1)],
+        words=discovery_words,
+        facts=partial(_facts, document),
+        values=_values,
+        link=_link,
         rounds=_rounds(document),
         plots=_plots(document, folder),
-        places=[line for j in joints for line in strongest_regions(document, joint=j, count=REGIONS_PER_JOINT)],
+        places=regions_by_joint(document),
         regions=_regions(document),
-        windows=[window_line(w, document.torque_unit) for w in document.windows],
         noise=_noise(document),
-        noise_source=noise_source(document.noise),
-        refused=[refused_line(r) for r in document.refused],
-        base=_values(document.base_parameters),
-        files=[(file_title(key), name, _link(name)) for key, name in document.files.items()],
         plotly=Markup(get_plotlyjs()),
     )
 
@@ -117,31 +94,18 @@ def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
     return cards
 
 
-def _card(number: int, finding: FindingResult, document: FindingsDocument) -> Card:
+def _facts(document: FindingsDocument, finding: FindingResult) -> list[tuple[str, str]]:
+    """What a finding is worth: a head and a value each."""
     facts = [("share of the gap", share_text(finding.share_of_gap))]
     facts += [(f"gap, {experiment_name(document, label)}", step_text(pair)) for label, pair in finding.gap.items()]
     facts.append(("held-out RMS ratio, 95 %", interval_text(finding.ratio_interval)))
     facts.append(("gain in BIC", significant(finding.delta_bic)))
-    return Card(
-        number=number,
-        title=f"{finding.title}, {located(finding.effect, finding.joint)}",
-        place=finding.place,
-        equation=finding.equation,
-        parameters=_values(finding.parameters),
-        facts=tuple(facts),
-        rivals=tuple(rival_text(r) for r in finding.ambiguous),
-        experiment_head=experiment_head(finding),
-        experiment=finding.experiment,
-    )
+    return facts
 
 
 def _values(values: list[ValueFound]) -> Table | None:
-    if not values:
-        return None
-    shown = [value_text(v) for v in values]
-    rows = tuple((t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in shown)
-    heads = ("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit")
-    return aligned(Table(heads, rows, (0, 6)))
+    rows = [(t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in map(value_text, values)]
+    return table(("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit"), rows, (0, 6))
 
 
 def _rounds(document: FindingsDocument) -> Table | None:
@@ -163,7 +127,7 @@ def _rounds(document: FindingsDocument) -> Table | None:
         ("all", "base → final model", "", "", *(step_text(document.gap[label]) for label in labels),
          interval_text(document.ratio_interval))
     )  # fmt: skip
-    return Table(tuple(heads), tuple(rows), (0, 1))
+    return table(heads, rows, (0, 1), is_aligned=False)
 
 
 def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
@@ -182,47 +146,35 @@ def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
             for quantity in panel_quantities(document, signals, j)
         ]
-        title = experiment_name(document, key.removeprefix(SIGNALS))
-        title = title[:1].upper() + title[1:]
-        plots.append(ResidualPlots(title, Markup(over_time), tuple(panels), _note(signals, limit)))
+        name = experiment_name(document, key.removeprefix(SIGNALS))
+        note = signals_note(signals.time, limit)
+        plots.append(ResidualPlots(name, Markup(over_time), tuple(panels), note))
     return plots
 
 
-def _note(signals: Trajectory, limit: int) -> str:
-    count = signals.time.size
-    note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
-    return note + (f"; drawn by the extremes of {(limit - 2) // 2} stretches" if count > limit else "")
-
-
 def _regions(document: FindingsDocument) -> Table | None:
-    if not document.regions:
-        return None
-    units = document.torque_unit
-    rows = tuple(
+    rows = [
         (
             f"joint {r.joint}", r.quantity, significant(r.low), significant(r.high), pretty_unit(r.unit) or MISSING,
-            significant(r.mean), pretty_unit(units[r.joint - 1]) if r.joint <= len(units) else MISSING,
-            significant(100 * r.share_of_gap),
-            significant(r.p_value, 2) if r.p_value > 0 else "< 1e-300",
+            significant(r.mean), joint_unit(document.torque_unit, r.joint - 1) or MISSING,
+            significant(100 * r.share_of_gap), significant(r.p_value, 2) if r.p_value > 0 else "< 1e-300",
         )
         for r in document.regions
-    )  # fmt: skip
+    ]  # fmt: skip
     heads = ("", "quantity", "from", "to", "unit", "mean residual", "unit", "share of the quantity (%)", "p-value")
-    return aligned(Table(heads, rows, (0, 1, 4, 6, 8)))
+    return table(heads, rows, (0, 1, 4, 6, 8))
 
 
 def _noise(document: FindingsDocument) -> Table | None:
-    noise, units = document.noise, document.torque_unit
-    if not noise.std:
-        return None
-    rows = tuple(
+    noise = document.noise
+    rows = [
         (
-            f"joint {j + 1}", significant(std, 2), pretty_unit(units[j]) if j < len(units) else MISSING,
-            significant(noise.correlation[j] if j < len(noise.correlation) else None, 2),
+            f"joint {j + 1}", significant(std, 2), joint_unit(document.torque_unit, j) or MISSING,
+            significant(at(noise.correlation, j), 2),
         )
         for j, std in enumerate(noise.std)
-    )  # fmt: skip
-    return aligned(Table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2)))
+    ]  # fmt: skip
+    return table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2))
 
 
 def _link(name: str) -> str | None:

@@ -16,7 +16,16 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.effects import EFFECTS
 from fmu_didim.report.experiments import titled
-from fmu_didim.report.numbers import MISSING, ParameterText, percent_std, percentage, pretty_unit, rounding, significant
+from fmu_didim.report.numbers import (
+    MISSING,
+    ParameterText,
+    joint_unit,
+    percent_std,
+    percentage,
+    pretty_unit,
+    rounding,
+    significant,
+)
 
 FILES = {
     "robot": "robot description with the effects",
@@ -109,11 +118,10 @@ def experiment_head(finding: FindingResult) -> str:
 
 def window_line(window: WindowResult, units: Sequence[str]) -> str:
     """An interval of time with a torque of its own."""
-    unit = pretty_unit(units[window.joint - 1]) if window.joint <= len(units) else ""
-    return (
-        f"joint {window.joint}: {window.begin_s:.6g} s to {window.end_s:.6g} s, {significant(window.torque, 2)} {unit}"
-        f" ({significant(window.score, 2)} standard deviations), {window.experiment}"
-    )
+    size = f"{significant(window.torque, 2)} {joint_unit(units, window.joint - 1)}"
+    times = f"{window.begin_s:.6g} s to {window.end_s:.6g} s"
+    score = significant(window.score, 2)
+    return f"joint {window.joint}: {times}, {size} ({score} standard deviations), {window.experiment}"
 
 
 def noise_source(noise: NoiseResult) -> str:
@@ -121,12 +129,6 @@ def noise_source(noise: NoiseResult) -> str:
     if noise.source == "periods" and noise.period_s is not None:
         return f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
     return {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
-
-
-def noise_joint(noise: NoiseResult, index: int, units: Sequence[str]) -> str:
-    """Noise of a joint, from 0."""
-    unit = pretty_unit(units[index]) if index < len(units) else ""
-    return f"joint {index + 1} {significant(noise.std[index], 2)} {unit}".rstrip()
 
 
 def refused_line(refused: tuple[str, int, str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ FRAME = {"gridcolor": "#e5e7eb", "zeroline": True, "zerolinecolor": "#9ca3af", "
 """What all axes of a figure have in common."""
 AXIS_TITLE = {"font": {"size": 12}, "standoff": 10}
 MARGIN = {"l": 84, "r": 16, "t": 66, "b": 48}
+WHITE = {"font": FONT, "plot_bgcolor": "white", "paper_bgcolor": "white"}
 
 
 def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:
@@ -53,6 +54,12 @@ def points_per_trace(traces: int) -> int:
     return max(min(POINTS_PER_TRACE, POINTS_PER_PAGE // max(traces, 1)), 200)
 
 
+def signals_note(time: Array, limit: int) -> str:
+    """What to say of signals at (N,) instants of which a trace has that many points at most."""
+    note = f"{time.size} samples over {time[-1] - time[0]:.6g} s"
+    return note + (f"; drawn by the extremes of {(limit - 2) // 2} stretches" if time.size > limit else "")
+
+
 def torque_figure(
     time: Array,
     measured: Array,
@@ -70,10 +77,11 @@ def torque_figure(
     """
     count = len(units)
     figure = go.Figure()
-    domains, height = _domains(count)
+    gaps = [GAP_BELOW_TORQUE, *(GAP_BELOW_JOINT, GAP_BELOW_TORQUE) * (count - 1)]
+    domains, height = stacked([TORQUE_HEIGHT, RESIDUAL_HEIGHT] * count, gaps)
     for j, unit in enumerate(units):
         shown = pretty_unit(unit)
-        upper, lower = _axis(2 * j), _axis(2 * j + 1)
+        upper, lower = axis_of_row(2 * j), axis_of_row(2 * j + 1)
         for name, group, values, is_residual, style in _traces(
             measured[:, j], {k: v[:, j] for k, v in simulated.items()}
         ):
@@ -91,18 +99,13 @@ def torque_figure(
             )  # fmt: skip
         error = percent[j] if j < len(percent) else None
         text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
-        figure.add_annotation(
-            text=text, x=0, y=domains[2 * j][1], xref="paper", yref="paper", xanchor="left", yanchor="bottom",
-            showarrow=False,
-        )  # fmt: skip
+        add_head(figure, text, domains[2 * j][1])
     figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{_axis(2 * count - 1)}", "mirror": "all",
+        xaxis=FRAME | {"anchor": f"y{axis_of_row(2 * count - 1)}", "mirror": "all",
                        "title": AXIS_TITLE | {"text": "time (s)"}},
-        height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", hovermode="x unified",
-        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
-                "itemsizing": "constant"},
+        hovermode="x unified",
     )  # fmt: skip
-    figure.update_layout(legend={"y": 1 - 8 / height, "yanchor": "top"}, template="none")
+    finish(figure, height, MARGIN)
     return figure
 
 
@@ -126,21 +129,37 @@ def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[Trace]:
     return traces
 
 
-def _axis(row: int) -> str:
+def axis_of_row(row: int) -> str:
+    """What follows ``x`` or ``y`` in the name of an axis of this row, from 0."""
     return "" if row == 0 else str(row + 1)
 
 
-def _domains(count: int) -> tuple[list[tuple[float, float]], int]:
-    """The stretch of each axis from the top down, as shares of the plot, and the height of the figure in px."""
-    per_joint = TORQUE_HEIGHT + GAP_BELOW_TORQUE + RESIDUAL_HEIGHT
-    inner = count * per_joint + (count - 1) * GAP_BELOW_JOINT
-    domains, top = [], float(inner)
-    for _ in range(count):
-        middle = top - TORQUE_HEIGHT
-        bottom = middle - GAP_BELOW_TORQUE - RESIDUAL_HEIGHT
-        domains += [(middle / inner, top / inner), (bottom / inner, (bottom + RESIDUAL_HEIGHT) / inner)]
-        top = bottom - GAP_BELOW_JOINT
-    return [(max(low, 0.0), min(high, 1.0)) for low, high in domains], inner + MARGIN["t"] + MARGIN["b"]
+def stacked(heights: Sequence[int], gaps: Sequence[int]) -> tuple[list[tuple[float, float]], int]:
+    """The stretch of each row from the top down, as shares of the plot, and the height of the plot in px.
+
+    Args:
+        heights: px of each row; gaps: px below each but the last one.
+    """
+    total = sum(heights) + sum(gaps)
+    tops = [total - above for above in accumulate((h + g for h, g in zip(heights, gaps, strict=False)), initial=0)]
+    return [((top - height) / total, top / total) for top, height in zip(tops, heights, strict=True)], total
+
+
+def add_head(figure: go.Figure, text: str, top: float) -> None:
+    """A text above a row whose upper end is there."""
+    figure.add_annotation(
+        text=text, x=0, y=top, xref="paper", yref="paper", xanchor="left", yanchor="bottom", showarrow=False
+    )
+
+
+def finish(figure: go.Figure, plot_height: int, margin: Mapping[str, int]) -> None:
+    """Size and legend of a figure whose plot has this height."""
+    height = plot_height + margin["t"] + margin["b"]
+    figure.update_layout(
+        height=height, margin=margin, showlegend=True, **WHITE,
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1 - 8 / height, "yanchor": "top",
+                "yref": "container", "itemsizing": "constant"},
+    )  # fmt: skip
 
 
 def history_figure(history: Sequence[IterationResult]) -> go.Figure:
@@ -172,9 +191,7 @@ def history_figure(history: Sequence[IterationResult]) -> go.Figure:
         )  # fmt: skip
     figure.update_xaxes(FRAME | {"zeroline": False, "gridcolor": "#f3f4f6"})
     figure.update_yaxes(FRAME | {"zeroline": False})
-    figure.update_layout(
-        height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
-    )
+    figure.update_layout(height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, **WHITE)
     return figure
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
@@ -18,18 +17,17 @@ from fmu_didim.report.experiments import (
     disagreeing,
     error_rows,
     experiment_title,
-    noise_text,
     parameter_groups,
     shown_parameter,
 )
-from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, torque_figure
+from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, signals_note, torque_figure
 from fmu_didim.report.numbers import (
-    MISSING,
     ParameterText,
+    aligned_parameters,
     consistency_line,
-    decimal_aligned,
     iteration_count,
     loop_summary,
+    noise_text,
     percentage,
     significant,
 )
@@ -42,7 +40,7 @@ from fmu_didim.report.tables import (
     history_values,
     stage_table,
 )
-from fmu_didim.report.templates import rendered
+from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
 
@@ -53,14 +51,6 @@ BAR_RANGE = (0.1, 100.0)
 """Percent that the bars of the relative standard deviation cover, logarithmically."""
 GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """Up to these relative standard deviations in percent; beyond, the parameter is poorly known."""
-
-
-@dataclass(frozen=True)
-class Bar:
-    """A horizontal bar: its length in percent of the cell and its grade."""
-
-    length: float
-    grade: str
 
 
 @dataclass(frozen=True)
@@ -91,9 +81,9 @@ def write_report(directory: Path) -> Path:
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
         delay_lines=delay_lines(document),
         experiments=experiment_table(document),
-        warnings=[agreement.warning for agreement in disagreeing(document).values()],
+        disagreeing=disagreeing(document),
         errors=error_table(document),
-        noise=noise_text(document),
+        noise=noise_text(document.noise_std, document.torque_unit),
         plots=plots,
         stages=stage_table(document),
         history=history_table(document),
@@ -103,25 +93,13 @@ def write_report(directory: Path) -> Path:
         loop_summary=loop_summary(document),
         consistency_line=consistency_line(document),
         plant_columns=column_table(document),
-        components=_mapping(document.loop.get("components")),
-        delays=_mapping(document.loop.get("delay_samples")),
         wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
         other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
         plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
 
 
-def write_page(path: Path, template: str, **values: Any) -> Path:
-    """Write the page that a template of this folder gives with these values, and return its path."""
-    path.write_text(rendered(template, **values), encoding="utf-8")
-    return path
-
-
 _SHOWN_OF_LOOP = ("order", "step_size_s", "delay_samples", "hold", "components", "connections")
-
-
-def _mapping(value: Any) -> dict[str, Any]:
-    return dict(value) if isinstance(value, Mapping) else {}
 
 
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
@@ -138,36 +116,28 @@ def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     return cards
 
 
-def _parameter_groups(document: ResultDocument) -> list[tuple[str, list[tuple[ParameterText, Bar | None, str]]]]:
-    """Head of each group -> each parameter with its numbers aligned, its bar and what carries it."""
+def _parameter_groups(
+    document: ResultDocument,
+) -> list[tuple[str, list[tuple[str, ParameterText, tuple[str, float] | None, str]]]]:
+    """Head of each group -> name of each parameter, its texts, grade and length of its bar, and what carries it."""
     groups = parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
-    rows = [shown_parameter(name, p) for name, p in listed]
-    columns = [
-        decimal_aligned(texts)
-        for texts in (
-            [row.value for row in rows],
-            [row.std for row in rows],
-            [row.percent for row in rows],
-            [row.interval[0] for row in rows],
-            [row.interval[1] for row in rows],
-        )
-    ]
-    shown = []
-    for row, (name, parameter), cells in zip(rows, listed, zip(*columns, strict=True), strict=True):
-        value, std, percent, low, high = cells
-        text = ParameterText(name, value, std, percent, row.unit or MISSING, (low, high), row.insignificant)
-        shown.append((text, _bar(parameter.rel_std_percent), parameter.standard or parameter.of))
-    return [(group.head, [shown.pop(0) for _ in group.parameters]) for group in groups]
+    texts = aligned_parameters([shown_parameter(name, p) for name, p in listed])
+    rows = iter([
+        (name, text, _bar(p.rel_std_percent), p.standard or p.of)
+        for (name, p), text in zip(listed, texts, strict=True)
+    ])  # fmt: skip
+    return [(group.head, list(islice(rows, len(group.parameters)))) for group in groups]
 
 
-def _bar(percent: float | None) -> Bar | None:
+def _bar(percent: float | None) -> tuple[str, float] | None:
+    """Grade, and length in percent of the cell."""
     if percent is None:
         return None
     low, high = BAR_RANGE
     length = 100.0 * math.log(min(max(percent, low), high) / low) / math.log(high / low)
     grade = next((grade for limit, grade in GRADES if percent <= limit), "refused")
-    return Bar(round(max(length, 2.0), 1), grade)
+    return grade, round(max(length, 2.0), 1)
 
 
 def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]:
@@ -183,9 +153,6 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
             signals.time, measured, {"simulated": simulated}, units,
             percent=error.per_joint if error is not None else (), limit=limit,
         )  # fmt: skip
-        count = signals.time.size
-        note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
-        if count > limit:
-            note += f"; drawn by the extremes of {(limit - 2) // 2} stretches"
+        note = signals_note(signals.time, limit)
         plots.append(TorquePlot(experiment_title(document, label), Markup(figure_json(figure)), note))
     return plots
