@@ -11,26 +11,10 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, ValueFound, load_findings
-from fmu_didim.report import discovery_words
-from fmu_didim.report.discovery_figures import (
-    binned_figure,
-    drawn_joints,
-    gap_figure,
-    panel_quantities,
-    residual_figure,
-)
+from fmu_didim.report import discovery_figures as figures
+from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.discovery_words import (
-    SIGNALS,
-    error_text,
-    experiment_name,
-    interval_text,
-    located,
-    share_text,
-    step_text,
-    value_text,
-)
 from fmu_didim.report.figures import points_per_trace, signals_note
 from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
 from fmu_didim.report.tables import Table, table
@@ -66,8 +50,8 @@ def write_discovery_report(folder: Path | str) -> Path:
         document=document,
         verdict=verdict_of(document),
         cards=_headline(document),
-        gap_figure=Markup(gap_figure(document)) if document.gap and document.torque_unit else None,
-        words=discovery_words,
+        gap_figure=Markup(figures.gap_figure(document)) if document.gap and document.torque_unit else None,
+        words=words,
         facts=partial(_facts, document),
         values=_values,
         link=_link,
@@ -85,26 +69,29 @@ def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
     changed = bool(document.findings)
     cards = [("effects named", str(len(document.findings)))]
     for label, pair in document.gap.items():
-        cards.append((f"gap / noise, {experiment_name(document, label)}", step_text(pair, changed=changed)))
+        cards.append((f"gap / noise, {words.experiment_name(document, label)}", words.step_text(pair, changed=changed)))
     if document.ratio_interval is not None:
-        cards.append(("held-out RMS over the base model's, 95 %", interval_text(document.ratio_interval)))
+        cards.append(("held-out RMS over the base model's, 95 %", words.interval_text(document.ratio_interval)))
     for label, errors in document.error_percent.items():
-        cards.append((f"torque error, {experiment_name(document, label)}", error_text(*errors, changed=changed)))
+        cards.append(
+            (f"torque error, {words.experiment_name(document, label)}", words.error_text(*errors, changed=changed))
+        )
     cards.append(("time taken", f"{significant(document.seconds)} s"))
     return cards
 
 
 def _facts(document: FindingsDocument, finding: FindingResult) -> list[tuple[str, str]]:
     """What a finding is worth: a head and a value each."""
-    facts = [("share of the gap", share_text(finding.share_of_gap))]
-    facts += [(f"gap, {experiment_name(document, label)}", step_text(pair)) for label, pair in finding.gap.items()]
-    facts.append(("held-out RMS ratio, 95 %", interval_text(finding.ratio_interval)))
+    facts = [("share of the gap", words.share_text(finding.share_of_gap))]
+    for label, pair in finding.gap.items():
+        facts.append((f"gap, {words.experiment_name(document, label)}", words.step_text(pair)))
+    facts.append(("held-out RMS ratio, 95 %", words.interval_text(finding.ratio_interval)))
     facts.append(("gain in BIC", significant(finding.delta_bic)))
     return facts
 
 
 def _values(values: list[ValueFound]) -> Table | None:
-    rows = [(t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in map(value_text, values)]
+    rows = [(t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in map(words.value_text, values)]
     return table(("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit"), rows, (0, 6))
 
 
@@ -114,39 +101,39 @@ def _rounds(document: FindingsDocument) -> Table | None:
     if not document.findings:
         return None
     heads = ["round", "added", "share of the gap", "gain in BIC"]
-    heads += [f"gap, {experiment_name(document, label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
+    heads += [f"gap, {words.experiment_name(document, label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
     rows = [
         (
-            str(number), f"{f.title}, {located(f.effect, f.joint)}",
-            share_text(f.share_of_gap), significant(f.delta_bic),
-            *(step_text(f.gap.get(label)) for label in labels), interval_text(f.ratio_interval),
+            str(number), words.named(f),
+            words.share_text(f.share_of_gap), significant(f.delta_bic),
+            *(words.step_text(f.gap.get(label)) for label in labels), words.interval_text(f.ratio_interval),
         )
         for number, f in enumerate(document.findings, start=1)
     ]  # fmt: skip
     rows.append(
-        ("all", "base → final model", "", "", *(step_text(document.gap[label]) for label in labels),
-         interval_text(document.ratio_interval))
+        ("all", "base → final model", "", "", *(words.step_text(document.gap[label]) for label in labels),
+         words.interval_text(document.ratio_interval))
     )  # fmt: skip
     return table(heads, rows, (0, 1), is_aligned=False)
 
 
 def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
     units = document.torque_unit
-    names = {key: name for key, name in document.files.items() if key.startswith(SIGNALS)}
+    names = {key: name for key, name in document.files.items() if key.startswith(words.SIGNALS)}
     limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(names))
     plots: list[ResidualPlots] = []
     for key, name in names.items():
         signals = read_trajectory(folder / name)
-        joints = drawn_joints(signals, len(units))
+        joints = figures.drawn_joints(signals, len(units))
         if not joints:
             continue
-        over_time = residual_figure(signals, units, document.noise.std, limit=limit)
+        over_time = figures.residual_figure(signals, units, document.noise.std, limit=limit)
         panels = [
-            Markup(binned_figure(signals, j, quantity, units[j - 1]))
+            Markup(figures.binned_figure(signals, j, quantity, units[j - 1]))
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
-            for quantity in panel_quantities(document, signals, j)
+            for quantity in figures.panel_quantities(document, signals, j)
         ]
-        name = experiment_name(document, key.removeprefix(SIGNALS))
+        name = words.experiment_name(document, key.removeprefix(words.SIGNALS))
         note = signals_note(signals.time, limit)
         plots.append(ResidualPlots(name, Markup(over_time), tuple(panels), note))
     return plots

@@ -5,23 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
+from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.discovery_words import (
-    error_text,
-    experiment_head,
-    experiment_name,
-    file_title,
-    interval_text,
-    located,
-    noise_source,
-    refused_line,
-    rival_text,
-    share_text,
-    step_text,
-    value_line,
-    window_line,
-)
 from fmu_didim.report.numbers import at, noise_text, significant
 from fmu_didim.report.table import clipped, column, entries, joined, listing, wrapped
 
@@ -46,20 +32,20 @@ def discovery_table(document: FindingsDocument) -> str:
         _facts(document),
         listing("Not accepted", _refused(document)),
         listing("Notes", document.notes),
-        listing("Files", [f"{file_title(key)}: {name}" for key, name in document.files.items()]),
+        listing("Files", [f"{words.file_title(key)}: {name}" for key, name in document.files.items()]),
     ]
     return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
 
 
 def _finding(number: int, finding: FindingResult) -> list[str]:
     """One named effect: values, what it is worth, what it is mistaken for."""
-    head = f"{number}  {finding.title}, {located(finding.effect, finding.joint)} ({finding.place})"
-    rows = [(p.name, value_line(p)) for p in finding.parameters]
-    rows.append(("share of the gap", share_text(finding.share_of_gap)))
+    head = f"{number}  {words.named(finding)} ({finding.place})"
+    rows = [(p.name, words.value_line(p)) for p in finding.parameters]
+    rows.append(("share of the gap", words.share_text(finding.share_of_gap)))
     if finding.ratio_interval is not None:
-        rows.append(("held-out RMS", f"{interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
-    rivals = "; ".join(rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
-    rows += [("cannot be told from", rivals), (experiment_head(finding), finding.experiment)]
+        rows.append(("held-out RMS", f"{words.interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
+    rivals = "; ".join(words.rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
+    rows += [("cannot be told from", rivals), (words.experiment_head(finding), finding.experiment)]
     return [*wrapped(head, "", "   "), *entries(rows, "     ")]
 
 
@@ -67,7 +53,7 @@ def _gaps(document: FindingsDocument) -> list[str]:
     """Round by round, then base against final model: over all joints and of each one."""
     labels = list(document.gap)
     rows = [
-        (f"{number}  {f.title}, {located(f.effect, f.joint)}", [f.gap.get(label) for label in labels])
+        (f"{number}  {words.named(f)}", [f.gap.get(label) for label in labels])
         for number, f in enumerate(document.findings, start=1)
     ]
     final = [document.gap[label] for label in labels]
@@ -94,7 +80,7 @@ def _gap_block(
     names = [clipped(name, NAME_WIDTH) for name, _ in rows]
     columns = [column("Gap, in times the noise".ljust(NAME_WIDTH), names, left=True)]
     for label, pairs in zip(labels, zip(*(pairs for _, pairs in rows), strict=True), strict=True):
-        _, *steps = column("", [step_text(pair, changed=changed) for pair in pairs])
+        _, *steps = column("", [words.step_text(pair, changed=changed) for pair in pairs])
         texts = [f"{step}  {_bar(pair, longest)}" for step, pair in zip(steps, pairs, strict=True)]
         columns.append(column(clipped(label, len(texts[0])), texts, left=True))
     return joined(columns)
@@ -115,29 +101,31 @@ def _bar(pair: GapPair | None, longest: float) -> str:
 
 
 def _windows(document: FindingsDocument) -> list[str]:
-    lines = [window_line(w, document.torque_unit) for w in document.windows[:SHOWN_WINDOWS]]
+    lines = [words.window_line(w, document.torque_unit) for w in document.windows[:SHOWN_WINDOWS]]
     return [*lines, *_hidden(len(document.windows) - SHOWN_WINDOWS)]
 
 
 def _facts(document: FindingsDocument) -> list[str]:
     noise = document.noise
     stds = noise_text(noise.std, document.torque_unit)
-    rows = [("Noise σ", f"{stds} ({noise_source(noise)})")] if noise.std else []
+    rows = [("Noise σ", f"{stds} ({words.noise_source(noise)})")] if noise.std else []
     changed = bool(document.findings)
     errors = ", ".join(
-        f"{experiment_name(document, k)} {error_text(*pair, changed=changed)}"
+        f"{words.experiment_name(document, k)} {words.error_text(*pair, changed=changed)}"
         for k, pair in document.error_percent.items()
     )
     if errors:
         rows.append(("Torque error", errors))
     if document.ratio_interval is not None:
-        rows.append(("Held-out RMS", f"{interval_text(document.ratio_interval)} of the base model's, 95 % interval"))
+        rows.append(
+            ("Held-out RMS", f"{words.interval_text(document.ratio_interval)} of the base model's, 95 % interval")
+        )
     rows.append(("Time taken", f"{significant(document.seconds)} s"))
     return entries(rows)
 
 
 def _refused(document: FindingsDocument) -> list[str]:
-    lines = [refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
+    lines = [words.refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
     return [*lines, *_hidden(len(document.refused) - SHOWN_REFUSED)]
 
 

@@ -111,6 +111,11 @@ def located(effect: str, joint: int) -> str:
     return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
 
 
+def named(finding: FindingResult) -> str:
+    """An effect that was found, and where it is."""
+    return f"{finding.title}, {located(finding.effect, finding.joint)}"
+
+
 def experiment_head(finding: FindingResult) -> str:
     """What the proposed experiment is good for."""
     return "to split them" if finding.ambiguous else "to confirm it"

@@ -11,35 +11,8 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.identification.result import ResultDocument, load_result
-from fmu_didim.report.experiments import (
-    ALL_FITTED,
-    delay_lines,
-    disagreeing,
-    error_rows,
-    experiment_title,
-    parameter_groups,
-    shown_parameter,
-)
+from fmu_didim.report import experiments, numbers, tables
 from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, signals_note, torque_figure
-from fmu_didim.report.numbers import (
-    ParameterText,
-    aligned_parameters,
-    consistency_line,
-    iteration_count,
-    loop_summary,
-    noise_text,
-    percentage,
-    significant,
-)
-from fmu_didim.report.tables import (
-    column_table,
-    correlation_table,
-    error_table,
-    experiment_table,
-    history_table,
-    history_values,
-    stage_table,
-)
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
@@ -79,20 +52,20 @@ def write_report(directory: Path) -> Path:
         cards=_cards(document),
         parameters=_parameter_groups(document),
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
-        delay_lines=delay_lines(document),
-        experiments=experiment_table(document),
-        disagreeing=disagreeing(document),
-        errors=error_table(document),
-        noise=noise_text(document.noise_std, document.torque_unit),
+        delay_lines=experiments.delay_lines(document),
+        experiments=tables.experiment_table(document),
+        disagreeing=experiments.disagreeing(document),
+        errors=tables.error_table(document),
+        noise=numbers.noise_text(document.noise_std, document.torque_unit),
         plots=plots,
-        stages=stage_table(document),
-        history=history_table(document),
-        history_values=history_values(document),
+        stages=tables.stage_table(document),
+        history=tables.history_table(document),
+        history_values=tables.history_values(document),
         history_figure=history,
-        correlations=correlation_table(document),
-        loop_summary=loop_summary(document),
-        consistency_line=consistency_line(document),
-        plant_columns=column_table(document),
+        correlations=tables.correlation_table(document),
+        loop_summary=numbers.loop_summary(document),
+        consistency_line=numbers.consistency_line(document),
+        plant_columns=tables.column_table(document),
         wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
         other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
         plotly=Markup(get_plotlyjs()) if plots or history else None,
@@ -104,25 +77,27 @@ _SHOWN_OF_LOOP = ("order", "step_size_s", "delay_samples", "hold", "components",
 
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     """The figures at the top: a head and a value each."""
-    shown = {label: values[0] for label, values in error_rows(document)}
-    if ALL_FITTED in shown:  # the cards have no room for each of them
+    shown = {label: values[0] for label, values in experiments.error_rows(document)}
+    if experiments.ALL_FITTED in shown:  # the cards have no room for each of them
         fitted = [label for label, e in document.experiments.items() if e.role == "estimation"]
-        shown = {ALL_FITTED: shown[ALL_FITTED]} | {k: v for k, v in shown.items() if k not in fitted}
-    cards = [(f"torque error, {experiment_title(document, k)}", percentage(v)) for k, v in shown.items()]
+        shown = {label: shown[label] for label in (experiments.ALL_FITTED, *shown) if label not in fitted}
+    titles = {label: experiments.experiment_title(document, label) for label in shown}
+    cards = [(f"torque error, {titles[label]}", numbers.percentage(error)) for label, error in shown.items()]
     if document.parameters:
         cards.append(("parameters", str(len(document.parameters))))
-        cards.append(("condition number", significant(document.condition_number)))
-    cards.append(("iterations" + (", main + finish" if document.finish_iterations else ""), iteration_count(document)))
+        cards.append(("condition number", numbers.significant(document.condition_number)))
+    stages = ", main + finish" if document.finish_iterations else ""
+    cards.append((f"iterations{stages}", numbers.iteration_count(document)))
     return cards
 
 
 def _parameter_groups(
     document: ResultDocument,
-) -> list[tuple[str, list[tuple[str, ParameterText, tuple[str, float] | None, str]]]]:
+) -> list[tuple[str, list[tuple[str, numbers.ParameterText, tuple[str, float] | None, str]]]]:
     """Head of each group -> name of each parameter, its texts, grade and length of its bar, and what carries it."""
-    groups = parameter_groups(document)
+    groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
-    texts = aligned_parameters([shown_parameter(name, p) for name, p in listed])
+    texts = numbers.aligned_parameters([experiments.shown_parameter(name, p) for name, p in listed])
     rows = iter([
         (name, text, _bar(p.rel_std_percent), p.standard or p.of)
         for (name, p), text in zip(listed, texts, strict=True)
@@ -154,5 +129,5 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
             percent=error.per_joint if error is not None else (), limit=limit,
         )  # fmt: skip
         note = signals_note(signals.time, limit)
-        plots.append(TorquePlot(experiment_title(document, label), Markup(figure_json(figure)), note))
+        plots.append(TorquePlot(experiments.experiment_title(document, label), Markup(figure_json(figure)), note))
     return plots

@@ -6,16 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from fmu_didim.identification.result import ResultDocument
-from fmu_didim.report.experiments import (
-    agreement_text,
-    delay_lines,
-    disagreeing,
-    error_rows,
-    is_short_form,
-    own_names,
-    parameter_groups,
-    shown_parameter,
-)
+from fmu_didim.report import experiments
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -46,7 +37,7 @@ def result_table(document: ResultDocument) -> str:
         [*wrapped(title), *wrapped(document.description)],
         _parameters(document),
         _experiments(document),
-        _torque(document) if is_short_form(document) else _errors_by_experiment(document),
+        _torque(document) if experiments.is_short_form(document) else _errors_by_experiment(document),
         _figures(document),
         listing("Regrouping", document.regrouping),
         listing("Notes of the iterations", _notes(document)),
@@ -80,8 +71,8 @@ def _parameters(document: ResultDocument) -> list[str]:
     """The table; parameters of one experiment alone and those of the loop follow below rules of their own."""
     if not document.parameters:
         return []
-    groups = parameter_groups(document)
-    rows = [shown_parameter(name, p) for group in groups for name, p in group.parameters.items()]
+    groups = experiments.parameter_groups(document)
+    rows = [experiments.shown_parameter(name, p) for group in groups for name, p in group.parameters.items()]
     head, *body = joined(_columns(rows))
     width = max(len(head), *(len(line) for line in body))
     lines = [head]
@@ -91,7 +82,7 @@ def _parameters(document: ResultDocument) -> list[str]:
         body = body[len(group.parameters) :]
     if any(row.insignificant for row in rows):
         lines.append("* not significantly different from zero")
-    return lines + [line for text in delay_lines(document) for line in wrapped(text)]
+    return lines + [line for text in experiments.delay_lines(document) for line in wrapped(text)]
 
 
 def _columns(rows: Sequence[ParameterText]) -> list[list[str]]:
@@ -126,7 +117,7 @@ def clipped(text: str, width: int) -> str:
 
 def _torque(document: ResultDocument) -> list[str]:
     """Relative error of each experiment and noise, a line a joint."""
-    errors = error_rows(document)
+    errors = experiments.error_rows(document)
     if not errors and not document.noise_std:
         return []
     joints = range(len(document.torque_unit))
@@ -143,7 +134,7 @@ def _torque(document: ResultDocument) -> list[str]:
 def _experiments(document: ResultDocument) -> list[str]:
     """What each experiment is and how it agrees with the others; nothing where the torque says it all."""
     found = document.experiments
-    if is_short_form(document):
+    if experiments.is_short_form(document):
         return []
     columns = [
         column("Experiment", [clipped(label, LABEL) for label in found], left=True),
@@ -153,21 +144,21 @@ def _experiments(document: ResultDocument) -> list[str]:
     ]
     if any(e.agreement is not None for e in found.values()):
         marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in found.values()]
-        texts = decimal_aligned([agreement_text(e.agreement) for e in found.values()])
+        texts = decimal_aligned([experiments.agreement_text(e.agreement) for e in found.values()])
         columns.append(column("agreement p", [f"{t}{m:2}" for t, m in zip(texts, marks, strict=True)]))
-    own = [", ".join(own_names(label, e)) for label, e in found.items()]
+    own = [", ".join(experiments.own_names(label, e)) for label, e in found.items()]
     if any(own):
         room = WIDTH - sum(len(column[0]) + len(GAP) for column in columns)
         columns.append(column("own", [clipped(text, room) for text in own], left=True))
     lines = joined(columns)
-    for agreement in disagreeing(document).values():
+    for agreement in experiments.disagreeing(document).values():
         lines += wrapped(f"! WARNING: {agreement.warning}", "", "  ")
     return lines
 
 
 def _errors_by_experiment(document: ResultDocument) -> list[str]:
     """Relative errors, a line an experiment, and the noise."""
-    errors = error_rows(document)
+    errors = experiments.error_rows(document)
     if not errors:
         return []
     heads = ["total %", *(f"joint {j + 1} %" for j in range(len(document.torque_unit)))]
