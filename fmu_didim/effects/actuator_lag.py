@@ -1,7 +1,3 @@
-"""Lag of the current loop."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.first_order import FirstOrder, torque_rate

@@ -1,7 +1,3 @@
-"""Viscous friction that differs between the two directions."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Backlash of the gear."""
-
-from __future__ import annotations
-
 from fmu_didim.effects.first_order import FirstOrder, play
 from fmu_didim.effects.joint import Parameter, Search
 from fmu_didim.effects.structure import StructureEffect, gear_damping, gear_stiffness, motor_share

@@ -1,7 +1,3 @@
-"""Tilt of the base."""
-
-from __future__ import annotations
-
 from fmu_didim.effects.joint import Parameter, Search
 from fmu_didim.effects.structure import StructureEffect
 

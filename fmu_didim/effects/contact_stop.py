@@ -1,7 +1,3 @@
-"""Elastic contact at the upper end of the range."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Error of the controller's gain."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.joint import Parameter, Search, Values

@@ -1,7 +1,3 @@
-"""Coulomb friction, smoothed at zero velocity."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Friction of a motor shared by two wrist joints, as in TX40 models."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

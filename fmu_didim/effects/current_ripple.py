@@ -1,7 +1,3 @@
-"""Torque ripple that follows the torque, as by errors of commutation."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect
@@ -12,7 +8,7 @@ from fmu_didim.effects.torque_ripple import ripple_frequency
 class CurrentRipple(TorqueEffect):
     """tau_e = load (Ksin sin(nr q) + Kcos cos(nr q)); Ksin and Kcos are numbers, nr as for ``torque_ripple``.
 
-    The transmitted torque stands for the current.
+    Errors of commutation give such a ripple; the transmitted torque stands for the current.
     """
 
     name = "current_ripple"

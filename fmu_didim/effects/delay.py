@@ -1,7 +1,3 @@
-"""Delay of the command of one joint."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.first_order import FirstOrder, torque_rate

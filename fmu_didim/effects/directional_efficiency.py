@@ -1,7 +1,3 @@
-"""Gear losses that differ between driving and being driven."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Error of the drive's gain."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.first_order import FirstOrder, torque_less

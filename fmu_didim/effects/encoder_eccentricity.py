@@ -1,7 +1,3 @@
-"""Eccentricity of the encoder."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.joint import Parameter, Search, Values

@@ -1,7 +1,3 @@
-"""Torque from outside during part of the run."""
-
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as ca

@@ -1,7 +1,3 @@
-"""Gravity compensator with a coil spring on a lever."""
-
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,7 +1,3 @@
-"""Elasticity between motor and link."""
-
-from __future__ import annotations
-
 from fmu_didim.effects.first_order import FirstOrder, twist
 from fmu_didim.effects.joint import Search
 from fmu_didim.effects.structure import StructureEffect, gear_damping, gear_stiffness, motor_share

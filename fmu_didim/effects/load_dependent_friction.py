@@ -1,7 +1,3 @@
-"""Friction of a gear that grows with the transmitted torque."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Shift of the time stamps of the torque log."""
-
-from __future__ import annotations
-
 from fmu_didim.effects.base import MeasurementEffect
 from fmu_didim.effects.first_order import FirstOrder, torque_rate_before
 from fmu_didim.effects.joint import Parameter, Search

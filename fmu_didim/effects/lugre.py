@@ -1,7 +1,3 @@
-"""LuGre friction, in place of Coulomb and Stribeck friction."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.bristles import BristleFriction, presliding_distance

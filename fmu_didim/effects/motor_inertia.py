@@ -1,7 +1,3 @@
-"""Inertia of the motor's rotor."""
-
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import casadi as ca

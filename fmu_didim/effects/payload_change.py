@@ -1,7 +1,3 @@
-"""Change of the load of a link during the run."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

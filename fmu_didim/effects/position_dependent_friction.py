@@ -1,7 +1,3 @@
-"""Coulomb friction that changes along the joint."""
-
-from __future__ import annotations
-
 import math
 
 import casadi as ca

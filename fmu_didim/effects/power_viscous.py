@@ -1,7 +1,3 @@
-"""Friction that follows a power of the velocity."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

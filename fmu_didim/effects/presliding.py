@@ -1,7 +1,3 @@
-"""Presliding friction (Dahl), in addition to Coulomb friction."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.bristles import BristleFriction, presliding_distance

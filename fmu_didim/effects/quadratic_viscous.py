@@ -1,7 +1,3 @@
-"""Friction that grows with the square of the velocity."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

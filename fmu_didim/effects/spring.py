@@ -1,7 +1,3 @@
-"""Linear spring, stiffness of cables and hoses."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

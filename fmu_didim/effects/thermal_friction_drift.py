@@ -1,7 +1,3 @@
-"""Friction that changes while the drive warms up."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Torque offset that drifts with time."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

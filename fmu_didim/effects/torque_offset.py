@@ -1,7 +1,3 @@
-"""Constant torque offset."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

@@ -1,7 +1,3 @@
-"""Cogging and torque ripple of the motor."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

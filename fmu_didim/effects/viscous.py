@@ -1,7 +1,3 @@
-"""Viscous friction."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect

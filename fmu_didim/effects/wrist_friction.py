@@ -1,7 +1,3 @@
-"""Friction of a wrist motor that turns with the sum of two joint velocities."""
-
-from __future__ import annotations
-
 import casadi as ca
 
 from fmu_didim.effects.base import TorqueEffect
