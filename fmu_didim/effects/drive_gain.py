@@ -1,6 +1,6 @@
 import casadi as ca
 
-from fmu_didim.effects.first_order import FirstOrder, torque_less
+from fmu_didim.effects.first_order import FirstOrder
 from fmu_didim.effects.joint import Parameter, Search, Values
 from fmu_didim.effects.spliced import SplicedEffect
 
@@ -21,7 +21,7 @@ class DriveGain(SplicedEffect):
     experiment = "A known payload, or the same motion with and without it."
     source = "Gautier and Briot, New method for global identification of the joint drive gains, IROS 2011"
     rank = 10
-    first_order = FirstOrder("torque", torque_less)
+    first_order = FirstOrder("torque", lambda at: -at.logged)  # a drive that gives more has to be asked for less
     own_parameters = (
         Parameter(
             "drive_gain", "1", "torque per torque asked for", 1.0,

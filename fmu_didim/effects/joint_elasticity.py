@@ -1,4 +1,4 @@
-from fmu_didim.effects.first_order import FirstOrder, twist
+from fmu_didim.effects.first_order import FirstOrder
 from fmu_didim.effects.joint import Search
 from fmu_didim.effects.structure import StructureEffect, gear_damping, gear_stiffness, motor_share
 
@@ -25,6 +25,6 @@ class JointElasticity(StructureEffect):
     source = "Spong: Modeling and control of elastic joint robots, ASME JDSMC 109, 1987"
     signed = frozenset({"D"})
     elastic = True
-    first_order = FirstOrder("link position", twist)
+    first_order = FirstOrder("link position", lambda at: -at.load)  # the twist of a gear whose compliance is one
     own_parameters = (gear_stiffness.searched((Search(50.0, 5e4, 10), Search(5e3, 5e7, 10))), gear_damping)
     own_shapes = (motor_share,)

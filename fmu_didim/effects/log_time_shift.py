@@ -1,5 +1,5 @@
 from fmu_didim.effects.base import MeasurementEffect
-from fmu_didim.effects.first_order import FirstOrder, torque_rate_before
+from fmu_didim.effects.first_order import FirstOrder, torque_rate
 from fmu_didim.effects.joint import Parameter, Search
 
 
@@ -19,7 +19,7 @@ class LogTimeShift(MeasurementEffect):
     experiment = "Logged positions or a step of the command: a lag or delay in the loop changes the motion, too."
     source = "definition of a time stamp; its effect to first order is -log_shift*dtau/dt"
     signed = frozenset({"log_shift"})
-    first_order = FirstOrder("torque", torque_rate_before)
+    first_order = FirstOrder("torque", lambda at: -torque_rate(at))  # a log that is late shows what was
     own_parameters = (
         Parameter(
             "log_shift", "s", "lag of the torque log", neutral=0.0, limits=(-1.0, 1.0), search=Search(5e-4, 0.05, 7)

@@ -59,6 +59,3 @@ def discovery_html(document: FindingsDocument) -> str:
             for label, pair in document.gap.items()
         ],
     )
-
-
-__all__ = ["discovery_html", "result_html"]

@@ -201,13 +201,8 @@ def component_line(name: str, described: Mapping[str, Any]) -> str:
     return f"{name}: {', '.join(part for part in parts if part)}"
 
 
-def loop_summary(document: ResultDocument) -> list[str]:
-    """The loop in words, a line a component in their order and one for rate, order and delay; empty if unknown."""
-    return loop_lines(document.loop)
-
-
 def loop_lines(loop: Mapping[str, Any]) -> list[str]:
-    """The same of the description of a system."""
+    """A described loop in words, a line a component in their order, one for rate, order and delay; empty if unknown."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []

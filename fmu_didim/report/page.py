@@ -63,7 +63,7 @@ def write_report(directory: Path) -> Path:
         history_values=tables.history_values(document),
         history_figure=history,
         correlations=tables.correlation_table(document),
-        loop_summary=numbers.loop_summary(document),
+        loop_summary=numbers.loop_lines(document.loop),
         consistency_line=numbers.consistency_line(document),
         plant_columns=tables.column_table(document),
         wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
