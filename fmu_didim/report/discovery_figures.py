@@ -15,11 +15,13 @@ from fmu_didim.report.figures import (
     FRAME,
     RESIDUAL,
     SIMULATED,
+    Row,
     add_head,
     axis_of_row,
-    decimated,
     figure_json,
     finish,
+    line,
+    over_time,
     stacked,
 )
 from fmu_didim.report.numbers import at, capitalised, pretty_unit
@@ -120,34 +122,20 @@ def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[f
     Args:
         signals: columns ``measured<j>``, ``base<j>``, ``final<j>``; units, noise: (n,); limit: points a trace.
     """
-    joints = drawn_joints(signals, len(units))
-    figure = go.Figure()
-    domains, height = stacked([PANEL_HEIGHT] * len(joints), [PANEL_GAP] * (len(joints) - 1))
-    for row, j in enumerate(joints):
-        axis, unit = axis_of_row(row), pretty_unit(units[j - 1])
-        for name, colour, values in _residuals(signals, j):
-            x, y = decimated(signals.time, values, limit)
-            figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name, legendgroup=name, showlegend=row == 0, mode="lines",
-                line={"color": colour, "width": 1.1}, xaxis="x", yaxis=f"y{axis}",
-                hovertemplate=f"%{{y:.4g}} {unit}<extra>{name} {j}</extra>",
-            )  # fmt: skip
-        if j <= len(noise):
+    rows = []
+    for j in drawn_joints(signals, len(units)):
+        traces = [(name, name, values, line(colour, 1.1)) for name, colour, values in _residuals(signals, j)]
+        unit = pretty_unit(units[j - 1])
+        rows.append(Row(j, "residual", unit, traces, PANEL_HEIGHT, PANEL_GAP, 6, f"<b>Joint {j}</b>"))
+    figure = over_time(signals.time, rows, MARGIN, limit)
+    figure.update_layout(xaxis={"zeroline": False})
+    for k, row in enumerate(rows):
+        if row.joint <= len(noise):
+            band = 2 * noise[row.joint - 1]
             figure.add_shape(
-                type="rect", xref="x domain", yref=f"y{axis}", x0=0, x1=1, y0=-2 * noise[j - 1], y1=2 * noise[j - 1],
+                type="rect", xref="x domain", yref=f"y{axis_of_row(k)}", x0=0, x1=1, y0=-band, y1=band,
                 fillcolor=NOISE_BAND, line={"width": 0}, layer="below",
             )  # fmt: skip
-        title = AXIS_TITLE | {"text": f"residual ({unit})"}
-        figure.update_layout(
-            {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": 6, "title": title}}
-        )
-        add_head(figure, f"<b>Joint {j}</b>", domains[row][1])
-    figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{axis_of_row(len(joints) - 1)}", "mirror": "all", "zeroline": False,
-                       "title": AXIS_TITLE | {"text": "time (s)"}},
-        hovermode="x unified",
-    )  # fmt: skip
-    finish(figure, height, MARGIN)
     return figure_json(figure)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -12,7 +13,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fmu_didim.identification.result import IterationResult
-from fmu_didim.report.numbers import percentage, pretty_unit
+from fmu_didim.report.numbers import at, percentage, pretty_unit
 from fmu_didim.signals import Array
 
 MEASURED, MEASURED_DENSE, SIMULATED, RESIDUAL, FAILED = "#374151", "#a3acb9", "#0072b2", "#d55e00", "#b42318"
@@ -75,58 +76,83 @@ def torque_figure(
         time: (N,) s; measured: (N, n); simulated: name of each model -> (N, n), at most two.
         units: (n,) FMI units of the joints; percent: (n,) relative errors; limit: points a trace.
     """
-    count = len(units)
-    figure = go.Figure()
-    gaps = [GAP_BELOW_TORQUE, *(GAP_BELOW_JOINT, GAP_BELOW_TORQUE) * (count - 1)]
-    domains, height = stacked([TORQUE_HEIGHT, RESIDUAL_HEIGHT] * count, gaps)
-    for j, unit in enumerate(units):
-        shown = pretty_unit(unit)
-        upper, lower = axis_of_row(2 * j), axis_of_row(2 * j + 1)
-        for name, group, values, is_residual, style in _traces(
-            measured[:, j], {k: v[:, j] for k, v in simulated.items()}
-        ):
-            x, y = decimated(time, values, limit)
-            figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name, legendgroup=group, showlegend=j == 0 and name == group,
-                xaxis="x", yaxis=f"y{lower if is_residual else upper}", **style,
-                hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
-            )  # fmt: skip
+    rows = []
+    for j, unit in enumerate(units, start=1):
+        torque, residual = _traces(measured[:, j - 1], {k: v[:, j - 1] for k, v in simulated.items()})
+        error = at(percent, j - 1)
+        head = f"<b>Joint {j}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
         quantity = "force" if unit == "N" else "torque"
-        for axis, row, title, ticks in ((upper, 2 * j, quantity, 7), (lower, 2 * j + 1, "residual", 5)):
-            figure.update_layout(
-                {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": ticks,
-                                          "title": AXIS_TITLE | {"text": f"{title} ({shown})"}}}
-            )  # fmt: skip
-        error = percent[j] if j < len(percent) else None
-        text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
-        add_head(figure, text, domains[2 * j][1])
-    figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{axis_of_row(2 * count - 1)}", "mirror": "all",
-                       "title": AXIS_TITLE | {"text": "time (s)"}},
-        hovermode="x unified",
-    )  # fmt: skip
-    finish(figure, height, MARGIN)
-    return figure
+        rows.append(Row(j, quantity, pretty_unit(unit), torque, TORQUE_HEIGHT, GAP_BELOW_TORQUE, 7, head))
+        rows.append(Row(j, "residual", pretty_unit(unit), residual, RESIDUAL_HEIGHT, GAP_BELOW_JOINT, 5))
+    return over_time(time, rows, MARGIN, limit)
 
 
-Trace = tuple[str, str, Array, bool, dict[str, Any]]
-"""Name, group in the legend, values (N,), whether it is a residual, and style of a line."""
+Trace = tuple[str, str, Array, dict[str, Any]]
+"""Name, group in the legend, values (N,) and style of a line."""
 
 
-def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[Trace]:
-    """What is drawn of one joint; of two models each has one colour and one entry in the legend."""
+def _traces(measured: Array, simulated: Mapping[str, Array]) -> tuple[list[Trace], list[Trace]]:
+    """Torques and residuals of one joint; of two models each has one colour and one entry in the legend."""
     mode = "markers" if measured.size <= MARKERS_UP_TO else "lines"
     dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
-    traces: list[Trace] = [("measured", "measured", measured, False, dots)]
+    torques: list[Trace] = [("measured", "measured", measured, dots)]
+    residuals: list[Trace] = []
     one = len(simulated) == 1
     colours = ((SIMULATED, RESIDUAL),) if one else ((RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED))
     for (name, torque), (wide, thin) in zip(simulated.items(), colours, strict=False):
         residual, group = ("residual", "residual") if one else (f"residual of the {name}", name)
-        traces.append((name, name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
-        traces.append(
-            (residual, group, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}})
-        )
-    return traces
+        torques.append((name, name, torque, line(wide, 1.6)))
+        residuals.append((residual, group, measured - torque, line(thin, 1)))
+    return torques, residuals
+
+
+def line(colour: str, width: float) -> dict[str, Any]:
+    """The style of a line."""
+    return {"mode": "lines", "line": {"color": colour, "width": width}}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of a joint, counted from 1, in a figure over time.
+
+    Attributes:
+        title, unit: of its axis; height, gap: px of it and below it; ticks: about so many; head: what stands above it.
+    """
+
+    joint: int
+    title: str
+    unit: str
+    traces: Sequence[Trace]
+    height: int
+    gap: int
+    ticks: int
+    head: str = ""
+
+
+def over_time(time: Array, rows: Sequence[Row], margin: Mapping[str, int], limit: int) -> go.Figure:
+    """Rows below each other over one axis of (N,) instants in s, with at most about ``limit`` points a trace."""
+    figure = go.Figure()
+    domains, height = stacked([row.height for row in rows], [row.gap for row in rows[:-1]])
+    known: set[str] = set()
+    for k, row in enumerate(rows):
+        axis = axis_of_row(k)
+        for name, group, values, style in row.traces:
+            x, y = decimated(time, values, limit)
+            figure.add_scatter(
+                x=x, y=y.astype(np.float32), name=name, legendgroup=group, xaxis="x", yaxis=f"y{axis}", **style,
+                showlegend=name == group and name not in known,
+                hovertemplate=f"%{{y:.4g}} {row.unit}<extra>{name} {row.joint}</extra>",
+            )  # fmt: skip
+            known.add(name)
+        title = AXIS_TITLE | {"text": f"{row.title} ({row.unit})"}
+        own = FRAME | {"anchor": "x", "domain": domains[k], "nticks": row.ticks, "title": title}
+        figure.update_layout({f"yaxis{axis}": own})
+        if row.head:
+            add_head(figure, row.head, domains[k][1])
+    last = {"anchor": f"y{axis_of_row(len(rows) - 1)}", "mirror": "all", "title": AXIS_TITLE | {"text": "time (s)"}}
+    figure.update_layout(xaxis=FRAME | last, hovermode="x unified")
+    finish(figure, height, margin)
+    return figure
 
 
 def axis_of_row(row: int) -> str:
