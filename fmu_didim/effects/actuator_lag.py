@@ -22,7 +22,6 @@ class ActuatorLag(SplicedEffect):
     name = "actuator_lag"
     title = "Lag of the current loop"
     equation = "T*dtau/dt + tau = command"
-    place = "drive"
     class_name = "lag"
     confounded_with = ("delay", "log_time_shift")
     signature = "Residual proportional to the rate of change of the torque, the larger the faster the motion."

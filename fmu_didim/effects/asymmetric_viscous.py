@@ -11,7 +11,6 @@ class AsymmetricViscous(TorqueEffect):
     name = "asymmetric_viscous"
     title = "Asymmetric viscous friction"
     equation = "Fva*|dq|"
-    class_name = "asymmetric_viscous"
     confounded_with = ("quadratic_viscous",)
     signature = "Residual even in the velocity that grows with speed and is zero at rest."
     experiment = CONSTANT_SPEEDS

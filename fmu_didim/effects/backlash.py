@@ -16,7 +16,6 @@ class Backlash(StructureEffect):
     name = "backlash"
     title = "Backlash"
     equation = "tau = Im*ddq + friction(dq) + tau_s, tau_s = K*dead_zone(q - q_link, gap/2) while in contact"
-    class_name = "backlash"
     confounded_with = ("joint_elasticity",)
     signature = "Residual where the transmitted torque changes its sign: the load vanishes, then there is an impact."
     experiment = "Motions whose transmitted torque changes its sign at different velocities, or an encoder on the link."

@@ -119,6 +119,11 @@ class Effect(ABC):
     is_smooth: ClassVar[bool] = False
     distance: ClassVar[str] = ""
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls) and not hasattr(cls, "class_name"):
+            cls.class_name = cls.name
+
     @cached_property
     def neutral(self) -> Mapping[str, float]:
         return {p.name: p.neutral for p in (*self.own_parameters, *self.own_shapes) if p.neutral is not None}

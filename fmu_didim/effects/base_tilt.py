@@ -16,7 +16,6 @@ class BaseTilt(StructureEffect):
     name = "base_tilt"
     title = "Tilt of the base"
     equation = "g -> R(h_x, tilt_x)*R(h_y, tilt_y)*g"
-    class_name = "base_tilt"
     confounded_with = ("torque_offset", "spring")
     signature = "Residual like gravity on all joints; that of a first vertical joint is taken for its MX and MY."
     experiment = "A wide range of all joints, or a spirit level on the base."

@@ -13,8 +13,6 @@ class ControllerGain(SplicedEffect):
     name = "controller_gain"
     title = "Gain of the controller"
     equation = "command = controller_gain*u"
-    place = "drive"
-    class_name = "controller_gain"
     confounded_with = ("actuator_lag", "joint_elasticity")
     signature = "A residual at the frequencies where tracking is loose; none in slow motion."
     experiment = "Logged positions: the command against the tracking error."

@@ -15,7 +15,6 @@ class Coulomb(TorqueEffect):
     name = "coulomb"
     title = "Coulomb friction"
     equation = "Fc*tanh(dq/v0)"
-    class_name = "coulomb"
     confounded_with = ("stribeck", "presliding", "power_viscous")
     signature = "Residual that jumps when the velocity changes its sign."
     experiment = "Constant speeds in both directions; slow ones tell the smoothing from Stribeck friction."

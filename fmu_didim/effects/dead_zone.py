@@ -17,8 +17,6 @@ class DeadZone(SplicedEffect):
     name = "dead_zone"
     title = "Dead zone of the drive"
     equation = "tau = sign(command)*max(0, |command| - dead_zone)"
-    place = "drive"
-    class_name = "dead_zone"
     confounded_with = ("contact_stop", "spring", "drive_gain")
     signature = "Steps of the residual where the torque, not the velocity, changes its sign."
     experiment = "Motions whose torque changes its sign at many velocities."

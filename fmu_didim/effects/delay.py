@@ -21,7 +21,6 @@ class Delay(SplicedEffect):
     name = "delay"
     title = "Delay of the command"
     equation = "tau(t) = command(t - delay)"
-    place = "drive"
     class_name = "lag"
     confounded_with = ("actuator_lag", "log_time_shift")
     signature = "Residual proportional to the rate of change of the torque, the larger the faster the motion."

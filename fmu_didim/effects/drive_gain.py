@@ -14,8 +14,6 @@ class DriveGain(SplicedEffect):
     name = "drive_gain"
     title = "Gain of the drive"
     equation = "tau = drive_gain*command"
-    place = "drive"
-    class_name = "drive_gain"
     confounded_with = ("dead_zone", "payload_change")
     signature = "All torques of the joint scaled; visible only in what coupled joints share."
     experiment = "A known payload, or the same motion with and without it."

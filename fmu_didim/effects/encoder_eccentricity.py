@@ -20,7 +20,6 @@ class EncoderEccentricity(SplicedEffect):
     title = "Eccentricity of the encoder"
     equation = "q_measured = q + eccentricity_cosine*cos(N*q) + eccentricity_sine*sin(N*q)"
     place = "sensor"
-    class_name = "encoder_eccentricity"
     confounded_with = ("torque_ripple",)
     signature = "Residual periodic in position, growing with the square of the velocity."
     experiment = "The same path at two speeds: a ripple of torque does not grow."

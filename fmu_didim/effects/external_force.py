@@ -17,7 +17,6 @@ class ExternalForce(TorqueEffect):
     name = "external_force"
     title = "External force for a while"
     equation = "Fext*(t_on < t < t_off)"
-    class_name = "external_force"
     confounded_with = ("payload_change",)
     signature = "Residual within one interval of time that does not come back when the path is repeated."
     experiment = "Repeat the path."

@@ -14,7 +14,6 @@ class LoadDependentFriction(TorqueEffect):
     name = "load_dependent_friction"
     title = "Load-dependent friction"
     equation = "Fl*|load|*tanh(dq/v0)"
-    class_name = "load_dependent_friction"
     confounded_with = ("directional_efficiency", "position_dependent_friction")
     signature = "Residual in a square wave of the velocity whose height follows gravity and inertia."
     experiment = "The same path with two payloads."

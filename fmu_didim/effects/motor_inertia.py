@@ -12,7 +12,6 @@ class MotorInertia(TorqueEffect):
     name = "motor_inertia"
     title = "Motor inertia"
     equation = "Ia*ddq"
-    class_name = "motor_inertia"
     signature = "Residual in proportion to the acceleration of the joint, whatever the other joints do."
     experiment = "Move the joint alone and together with the others, so that its inertia about the axis changes."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots, chapter 9"

@@ -17,7 +17,6 @@ class PayloadChange(TorqueEffect):
     name = "payload_change"
     title = "Change of payload"
     equation = "(t > t_load)*(W_M*dM + W_MX*dMX + W_MY*dMY + W_MZ*dMZ)"
-    class_name = "payload_change"
     confounded_with = ("external_force",)
     signature = "Residual like gravity and inertia on all joints below the load, from one instant on."
     experiment = "Repeat the path with and without the load."

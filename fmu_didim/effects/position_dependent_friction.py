@@ -16,7 +16,6 @@ class PositionDependentFriction(TorqueEffect):
     name = "position_dependent_friction"
     title = "Position-dependent friction"
     equation = "(Fcos*cos(2*pi*q/lp) + Fsin*sin(2*pi*q/lp))*tanh(dq/v0)"
-    class_name = "position_dependent_friction"
     confounded_with = ("load_dependent_friction",)
     signature = "Residual in a square wave of the velocity whose height repeats along the joint."
     experiment = "The same path at two speeds and with two payloads."

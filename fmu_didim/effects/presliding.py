@@ -15,7 +15,6 @@ class Presliding(BristleFriction):
     name = "presliding"
     title = "Presliding friction (Dahl)"
     equation = "Fd*(z/zs - tanh(dq/v0)), dz/dt = dq - |dq|*z/zs"
-    class_name = "presliding"
     confounded_with = ("lugre", "stribeck", "coulomb", "quadratic_viscous")
     signature = "Residual after every reversal that decays over a distance, not over a time or with speed."
     experiment = "Many reversals with amplitudes below five times zs, at two speeds."

@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from fmu_didim.block import Block
-from fmu_didim.effects.base import NonlinearEffect
+from fmu_didim.effects.base import NonlinearEffect, Place
 from fmu_didim.effects.joint import UNITS, JointType, Values
 from fmu_didim.signals import Variable
 
@@ -31,11 +31,13 @@ class SplicedEffect(NonlinearEffect):
     """One effect of a drive or a sensor; its neutral values give y = u.
 
     Class attributes:
+        place: ``drive`` if nothing else is said.
         logged: of an effect in a drive: whether the torque log shows the signal before it (usual: the command), or
             after it (it changes the command itself).
         rank: place in the drive; effects of lower rank come earlier. Those logged after have negative ranks.
     """
 
+    place: ClassVar[Place] = "drive"
     logged: ClassVar[Literal["before", "after"]] = "before"
     rank: ClassVar[int] = 0
 

@@ -15,7 +15,6 @@ class ThermalFrictionDrift(TorqueEffect):
     name = "thermal_friction_drift"
     title = "Drift of friction by warming"
     equation = "(1 - exp(-t/Theat))*(Fvt*dq + Fct*tanh(dq/v0))"
-    class_name = "thermal_friction_drift"
     confounded_with = ("torque_drift",)
     signature = "Residual in the shape of friction that differs between the first and the last period of the same path."
     experiment = "Repeat the path many times from cold, and once more after a pause."

@@ -10,7 +10,6 @@ class TorqueDrift(TorqueEffect):
     name = "torque_drift"
     title = "Drift of the torque offset"
     equation = "drift*t"
-    class_name = "torque_drift"
     confounded_with = ("thermal_friction_drift", "torque_offset")
     signature = "Residual whose mean grows from one period of the same path to the next."
     experiment = "Repeat the path many times; rest at the same position before and after."

@@ -11,9 +11,7 @@ class TorqueSaturation(SplicedEffect):
     name = "torque_saturation"
     title = "Saturation of the command"
     equation = "tau = clip(command, -limit, limit)"
-    place = "drive"
     class_name = "saturation"
-    confounded_with = ()
     signature = "Flat tops of the measured torque at one level; the model asks for more there, less soon after."
     experiment = "A slower motion, whose torque stays below the limit."
     source = "Astrom and Wittenmark, Computer-Controlled Systems: limits of actuators"

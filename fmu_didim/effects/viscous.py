@@ -11,7 +11,6 @@ class Viscous(TorqueEffect):
     name = "viscous"
     title = "Viscous friction"
     equation = "Fv*dq"
-    class_name = "viscous"
     signature = "Residual in proportion to the velocity."
     experiment = CONSTANT_SPEEDS
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
