@@ -13,7 +13,7 @@ from fmu_didim.errors import FmuError, InputError, UnknownNameError
 from fmu_didim.master import Connection, System
 from fmu_didim.master.system import REFERENCE, LoopTreatment
 from fmu_didim.signals import Variable
-from fmu_didim.ssp.archive import open_archive
+from fmu_didim.ssp.archive import Archive, open_archive
 from fmu_didim.ssp.document import STRUCTURE, Loop, Node, Place, Structure, free_name
 from fmu_didim.ssp.parameters import Bindings
 from fmu_didim.ssp.parse import fmu_facts, parse_structure
@@ -61,16 +61,8 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
         name = flat_name(own)
         if name == REFERENCE or name in map(flat_name, fmus):
             raise InputError("This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}")
-        file = archive.file(element.source, where=f"Component {'.'.join(own)}")
-        solver, substeps = solvers.get(name, ("rk4", None))
-        try:  # values and units of an SSP are those of the FMU
-            fmus[own] = load_fmu(file, si_units=False, interface=element.interface, solver=solver, substeps=substeps)
-        except FmuError as error:
-            here = f"{archive.path}: Component {'.'.join(own)}, {element.source}"
-            raise FmuError(
-                error.what, where=here, got=error.got, valid=error.valid, next_step=error.next_step
-            ) from error
-        known, step = fmu_facts(file)
+        fmus[own] = _load(archive, own, element.source, element.interface, *solvers.get(name, ("rk4", None)))
+        known, step = fmu_facts(fmus[own].path)
         scope = {**structure.units, **known}
         for v in (*fmus[own].inputs, *fmus[own].outputs, *fmus[own].parameters):
             units[own, v.name] = scope.get(v.unit, Unit(v.unit)) if v.unit else None
@@ -83,6 +75,18 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
     values = Bindings(net, fmus, units, strict).values()
     components: dict[str, Component] = {flat_name(own): _with_values(fmus[own], values[own], net) for own in fmus}
     return _system(structure, net, components, steps, step_size, where)
+
+
+def _load(
+    archive: Archive, path: Place, source: str, interface: str | None, solver: str, substeps: int | None
+) -> FmuComponent:
+    where = f"Component {'.'.join(path)}"
+    file = archive.file(source, where=where)
+    try:  # values and units of an SSP are those of the FMU
+        return load_fmu(file, si_units=False, interface=interface, solver=solver, substeps=substeps)
+    except FmuError as error:
+        where = f"{archive.path}: {where}, {source}"
+        raise FmuError(error.what, where=where, got=error.got, valid=error.valid, next_step=error.next_step) from error
 
 
 def _check_connectors(net: Net, fmus: Mapping[Place, FmuComponent]) -> None:
