@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 
 from fmu_didim.discovery.findings import FindingsDocument, GapPair
 from fmu_didim.report.discovery_words import experiment_name
@@ -61,7 +62,7 @@ QUANTITIES = {
 PANELS = 2
 
 
-def gap_figure(document: FindingsDocument) -> str:
+def gap_figure(document: FindingsDocument) -> Markup:
     """Gap before and after, over all joints and of each one, a row an experiment; 1: error as large as the noise."""
     labels, joints = list(document.gap), len(document.torque_unit)
     heads = ["all", *(f"joint {j + 1}" for j in range(joints))] if joints > 1 else ["joint 1"]
@@ -116,7 +117,7 @@ def _residuals(signals: Trajectory, joint: int) -> list[tuple[str, str, Array]]:
     return [(name, colour, measured - known[column]) for name, column, colour in STAGES if column in known]
 
 
-def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[float], *, limit: int) -> str:
+def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[float], *, limit: int) -> Markup:
     """Residual before and after over time, a row a joint, with the band of two standard deviations of the noise.
 
     Args:
@@ -146,7 +147,7 @@ def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int
     return [name for name in wanted if f"{QUANTITIES[name].column}{joint}" in signals.names][:PANELS]
 
 
-def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: str) -> str:
+def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: str) -> Markup:
     """Mean residual before and after in bins of a quantity, with twice its standard error.
 
     The bins hold equally many samples. The error is s / sqrt(N) of the residuals in the bin, as if they were

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
@@ -15,7 +14,7 @@ from fmu_didim.report import discovery_figures as figures
 from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.figures import points_per_trace, signals_note
+from fmu_didim.report.figures import Plots, points_per_trace, signals_note
 from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
 from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
@@ -24,16 +23,6 @@ from fmu_didim.signals import read_trajectory
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"
 TRACES_PER_JOINT = 2
-
-
-@dataclass(frozen=True)
-class ResidualPlots:
-    """One experiment: its residual over time, and in bins of what it depends on."""
-
-    title: str
-    over_time: Markup
-    binned: tuple[Markup, ...]
-    note: str
 
 
 def write_discovery_report(folder: Path | str) -> Path:
@@ -50,7 +39,7 @@ def write_discovery_report(folder: Path | str) -> Path:
         document=document,
         verdict=verdict_of(document),
         cards=_headline(document),
-        gap_figure=Markup(figures.gap_figure(document)) if document.gap and document.torque_unit else None,
+        gap_figure=figures.gap_figure(document) if document.gap and document.torque_unit else None,
         words=words,
         facts=partial(_facts, document),
         values=_values,
@@ -117,11 +106,11 @@ def _rounds(document: FindingsDocument) -> Table | None:
     return table(heads, rows, (0, 1), is_aligned=False)
 
 
-def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
+def _plots(document: FindingsDocument, folder: Path) -> list[Plots]:
     units = document.torque_unit
     names = {key: name for key, name in document.files.items() if key.startswith(words.SIGNALS)}
     limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(names))
-    plots: list[ResidualPlots] = []
+    plots: list[Plots] = []
     for key, name in names.items():
         signals = read_trajectory(folder / name)
         joints = figures.drawn_joints(signals, len(units))
@@ -129,13 +118,13 @@ def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
             continue
         over_time = figures.residual_figure(signals, units, document.noise.std, limit=limit)
         panels = [
-            Markup(figures.binned_figure(signals, j, quantity, units[j - 1]))
+            figures.binned_figure(signals, j, quantity, units[j - 1])
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
             for quantity in figures.panel_quantities(document, signals, j)
         ]
         name = words.experiment_name(document, key.removeprefix(words.SIGNALS))
         note = signals_note(signals.time, limit)
-        plots.append(ResidualPlots(name, Markup(over_time), tuple(panels), note))
+        plots.append(Plots(name, note, over_time, panels))
     return plots
 
 

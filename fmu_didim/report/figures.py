@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.subplots import make_subplots
 
 from fmu_didim.identification.result import IterationResult
@@ -230,8 +231,18 @@ def _scale(values: Sequence[float | None]) -> dict[str, object]:
     return {"type": "log", "exponentformat": "e", "dtick": int(max(1, decades // 5))}
 
 
-def figure_json(figure: go.Figure) -> str:
+def figure_json(figure: go.Figure) -> Markup:
     """JSON that is safe inside a script element."""
     figure.update_layout(template="none")
     text = str(figure.to_json())
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+
+
+@dataclass(frozen=True)
+class Plots:
+    """One experiment on a page: its title, what to say of it, its figure over time, and others."""
+
+    title: str
+    note: str
+    over_time: Markup
+    others: Sequence[Markup] = ()

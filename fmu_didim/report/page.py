@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from plotly.offline import get_plotlyjs
 
 from fmu_didim.identification.result import ResultDocument, load_result
 from fmu_didim.report import experiments, numbers, tables
-from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, signals_note, torque_figure
+from fmu_didim.report.figures import Plots, figure_json, history_figure, points_per_trace, signals_note, torque_figure
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
@@ -26,15 +25,6 @@ GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """Up to these relative standard deviations in percent; beyond, the parameter is poorly known."""
 
 
-@dataclass(frozen=True)
-class TorquePlot:
-    """One experiment: its title, the figure as JSON, and what to say of it."""
-
-    title: str
-    figure: Markup
-    note: str
-
-
 def write_report(directory: Path) -> Path:
     """Write ``report.html`` beside the ``result.json`` of a directory and return its path.
 
@@ -43,7 +33,7 @@ def write_report(directory: Path) -> Path:
     """
     document = load_result(directory)
     plots = _torque_plots(document, directory)
-    history = Markup(figure_json(history_figure(document.history))) if document.history else None
+    history = figure_json(history_figure(document.history)) if document.history else None
     return write_page(
         directory / REPORT_FILE,
         TEMPLATE,
@@ -115,7 +105,7 @@ def _bar(percent: float | None) -> tuple[str, float] | None:
     return grade, round(max(length, 2.0), 1)
 
 
-def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]:
+def _torque_plots(document: ResultDocument, directory: Path) -> list[Plots]:
     units = document.torque_unit
     limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(document.signals))
     plots = []
@@ -129,5 +119,5 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
             percent=error.per_joint if error is not None else (), limit=limit,
         )  # fmt: skip
         note = signals_note(signals.time, limit)
-        plots.append(TorquePlot(experiments.experiment_title(document, label), Markup(figure_json(figure)), note))
+        plots.append(Plots(experiments.experiment_title(document, label), note, figure_json(figure)))
     return plots

@@ -117,9 +117,7 @@ class _Reader:
 
     def _component(self, element: ET.Element, path: Place) -> Element:
         where = self._where(f"Component {'.'.join(path)}")
-        kind = element.get("type", FMU_TYPE)
-        if kind != FMU_TYPE:
-            raise InputError("Only FMUs are supported as components.", where=where, got=kind, valid=FMU_TYPE)
+        _check_type(element, FMU_TYPE, "Only FMUs are supported as components.", where)
         implementation = element.get("implementation", "any")
         if implementation not in INTERFACES:
             raise InputError("This implementation is not known.", where=where, got=implementation, valid=INTERFACES)
@@ -166,9 +164,7 @@ class _Reader:
         return inline[0]
 
     def _binding(self, element: ET.Element, where: str) -> Binding:
-        kind = element.get("type", PARAMETER_SET)
-        if kind != PARAMETER_SET:
-            raise InputError("This kind of parameters is not supported.", where=where, got=kind, valid=PARAMETER_SET)
+        _check_type(element, PARAMETER_SET, "This kind of parameters is not supported.", where)
         root = self._content(element.find("{*}ParameterValues"), element, f"{{{SSV}}}ParameterSet", where)
         if element.get("source"):
             where += f" ({element.get('source')})"
@@ -190,9 +186,7 @@ class _Reader:
         mapping = element.find("{*}ParameterMapping")
         if mapping is None:
             return None
-        kind = mapping.get("type", PARAMETER_MAPPING)
-        if kind != PARAMETER_MAPPING:
-            raise InputError("This kind of mapping is not supported.", where=where, got=kind, valid=PARAMETER_MAPPING)
+        _check_type(mapping, PARAMETER_MAPPING, "This kind of mapping is not supported.", where)
         root = self._content(mapping, mapping, f"{{{SSM}}}ParameterMapping", f"{where}, ParameterMapping")
         entries: list[MappingEntry] = []
         for own in root.iterfind("{*}MappingEntry"):
@@ -234,6 +228,12 @@ class _Reader:
 
 def _local(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
+
+
+def _check_type(element: ET.Element, valid: str, what: str, where: str) -> None:
+    kind = element.get("type", valid)
+    if kind != valid:
+        raise InputError(what, where=where, got=kind, valid=valid)
 
 
 def _required(element: ET.Element, key: str, *, where: str) -> str:
