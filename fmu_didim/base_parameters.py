@@ -188,10 +188,9 @@ def _check_independent(rows: Array, kept: list[int], shown: list[str]) -> None:
     for i, norm in enumerate(norms):
         if norm <= RANK_TOLERANCE * np.linalg.norm(rows, axis=0).max():
             raise InputError(
-                f"The parameter '{shown[i]}' has no effect on any torque.",
-                where="robot description, identified",
+                f"The parameter '{shown[i]}' has no effect on any torque.", where="robot description, identified",
                 next_step="Remove it from the list.",
-            )
+            )  # fmt: skip
     for i in range(1, len(kept)):
         if _depends(rows, kept[:i], kept[i]):
             scaled = _scaled(rows, kept[:i])

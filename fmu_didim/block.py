@@ -86,11 +86,7 @@ class Block:
 
     def __post_init__(self) -> None:
         nx, nu, ny, p = len(self.states), len(self.inputs), len(self.outputs), len(self.parameters)
-        checks = [
-            (self.update, (nx, nu, p), nx),
-            (self.output, (nx, nu, p), ny),
-            (self.start, (nu, p), nx),
-        ]
+        checks = [(self.update, (nx, nu, p), nx), (self.output, (nx, nu, p), ny), (self.start, (nu, p), nx)]
         if self.rate_bound is not None:
             checks.append((self.rate_bound, (nx, p), 1))
         for function, sizes, result in checks:
@@ -98,9 +94,8 @@ class Block:
             if got != sizes or function.numel_out(0) != result:
                 raise InputError(
                     f"Function '{function.name()}' does not fit the variables of block '{self.name}'.",
-                    got=f"inputs {got}, output {function.numel_out(0)}",
-                    valid=f"inputs {sizes}, output {result}",
-                )
+                    got=f"inputs {got}, output {function.numel_out(0)}", valid=f"inputs {sizes}, output {result}",
+                )  # fmt: skip
         names = [v.name for v in (*self.inputs, *self.outputs, *self.states, *self.parameters)]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -46,24 +47,16 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_case_verbs(commands: _Commands) -> None:
-    one = commands.add_parser("identify", help="identify the parameters of a case", description=_identify.__doc__)
-    one.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     one.add_argument("--quiet", action="store_true", help="print the table only")
-    one.set_defaults(run=_identify)
-    first = commands.add_parser("check", help="look at a case before any long work", description=_check.__doc__)
-    first.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
-    first.set_defaults(run=_check)
-    two = commands.add_parser("simulate", help="simulate the closed loop of a case", description=_simulate.__doc__)
-    two.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    _case_verb(commands, "check", _check, "look at a case before any long work")
+    two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
     two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
     two.add_argument("--experiment", metavar="LABEL", help="whose reference: estimation (the first), validation, ...")
-    two.set_defaults(run=_simulate)
-    found = commands.add_parser(
-        "discover", help="find, name and add the physical effects that the model lacks", description=_discover.__doc__
-    )
-    found.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file; its validation is held out")
+    help_ = "find, name and add the physical effects that the model lacks"
+    found = _case_verb(commands, "discover", _discover, help_, case="the case file; its validation is held out")
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
     found.add_argument("--forbid", action="append", default=[], metavar="EFFECT", help="never propose this effect")
     found.add_argument("--prefer", action="append", default=[], metavar="EFFECT", help="take it first where it fits")
@@ -71,7 +64,15 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument("--rounds", type=int, default=5, metavar="N", help="largest number of effects (5)")
     found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
     found.add_argument("--quiet", action="store_true", help="print the table only")
-    found.set_defaults(run=_discover)
+
+
+def _case_verb(
+    commands: _Commands, name: str, run: Callable[[argparse.Namespace], int], help_: str, case: str = "the case file"
+) -> argparse.ArgumentParser:
+    verb = commands.add_parser(name, help=help_, description=run.__doc__)
+    verb.add_argument("case", type=Path, metavar="CASE.yaml", help=case)
+    verb.set_defaults(run=run)
+    return verb
 
 
 def _add_export(commands: _Commands) -> None:
@@ -125,7 +126,7 @@ def _identify(options: argparse.Namespace) -> int:
     say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
     case = load_case(options.case)
     say(f"Ready after {time.perf_counter() - started:.1f} s. Identifying {case.name} ...")
-    outcome = identify(case, out=out, progress=_Progress(started, say))
+    outcome = identify(case, out=out, progress=lambda it: say(_progress_line(it, time.perf_counter() - started)))
     print()
     print(outcome.summary())
     if outcome.robot is not None:
@@ -251,21 +252,12 @@ def _silent(text: str) -> None:
     pass
 
 
-class _Progress:
-    """One line an iteration."""
-
-    def __init__(self, started: float, say: Callable[[str], None]) -> None:
-        self._started, self._say = started, say
-
-    def __call__(self, iteration: Iteration) -> None:
-        from math import isfinite
-
-        error = iteration.relative_error_percent
-        text = f"torque error {error:7.3f} %" if isfinite(error) else "no simulation       "
-        change = f", change {iteration.change:.2e}" if isfinite(iteration.change) else ""
-        note = f"  [{iteration.note}]" if iteration.note else ""
-        elapsed = time.perf_counter() - self._started
-        self._say(f"{elapsed:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}")
+def _progress_line(iteration: Iteration, elapsed: float) -> str:
+    error = iteration.relative_error_percent
+    text = f"torque error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
+    change = f", change {iteration.change:.2e}" if math.isfinite(iteration.change) else ""
+    note = f"  [{iteration.note}]" if iteration.note else ""
+    return f"{elapsed:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}"
 
 
 if __name__ == "__main__":

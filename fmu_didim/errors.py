@@ -14,13 +14,7 @@ class FmuDidimError(Exception):
     """Root of all errors raised by the framework."""
 
     def __init__(
-        self,
-        what: str,
-        *,
-        where: str = "",
-        got: object = None,
-        valid: Iterable[str] | str = (),
-        next_step: str = "",
+        self, what: str, *, where: str = "", got: object = None, valid: Iterable[str] | str = (), next_step: str = ""
     ) -> None:
         self.what = what
         self.where = where

@@ -12,10 +12,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from fmu_didim.documents import Strict
+from fmu_didim.documents import Positive, Strict
 from fmu_didim.signals import Array, Trajectory, trajectory
-
-Positive = Annotated[float, Field(gt=0)]
 
 
 class Excitation(Strict):

@@ -36,11 +36,9 @@ def import_object(reference: str, *, folder: Path | None = None, where: str = ""
             module = importlib.import_module(module_name)
         except ImportError as error:
             raise InputError(
-                "The module cannot be imported.",
-                where=where,
-                got=f"{module_name}: {error}",
+                "The module cannot be imported.", where=where, got=f"{module_name}: {error}",
                 next_step="Install it in this environment, or name a file: path/to/file.py:name.",
-            ) from error
+            ) from error  # fmt: skip
     if not hasattr(module, name):
         raise UnknownNameError("object", name, [n for n in vars(module) if not n.startswith("_")], where=module_name)
     return getattr(module, name)

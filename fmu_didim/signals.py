@@ -69,27 +69,23 @@ class Trajectory:
         where = self.source or "trajectory"
         if time.ndim != 1 or values.shape != (time.size, len(self.variables)):
             raise InputError(
-                "The table of a trajectory does not fit its time and its names.",
-                where=where,
+                "The table of a trajectory does not fit its time and its names.", where=where,
                 got=f"time {time.shape}, values {values.shape}, {len(self.variables)} names",
                 valid="time (N,), values (N, m), m names",
-            )
+            )  # fmt: skip
         if time.size and not (np.isfinite(time).all() and np.isfinite(values).all()):
             bad = np.flatnonzero(~np.isfinite(np.column_stack([time, values])).all(axis=1))
             raise InputError(
-                "A trajectory holds values that are not finite numbers.",
-                where=where,
+                "A trajectory holds values that are not finite numbers.", where=where,
                 got=f"{bad.size} rows, the first one is row {bad[0]} (from 0)",
                 next_step="Remove or interpolate those rows.",
-            )
+            )  # fmt: skip
         if time.size > 1 and not (np.diff(time) > 0).all():
             row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
             raise InputError(
-                "Time does not increase.",
-                where=where,
-                got=f"row {row}: t = {time[row]:g} s after {time[row - 1]:g} s",
+                "Time does not increase.", where=where, got=f"row {row}: t = {time[row]:g} s after {time[row - 1]:g} s",
                 next_step="Sort the rows by time and remove duplicates.",
-            )
+            )  # fmt: skip
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "values", values)
 
@@ -159,11 +155,9 @@ def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
         columns = reader(path)
     except (ValueError, NotImplementedError, OSError) as error:
         raise InputError(
-            "The data file cannot be read.",
-            where=str(path),
-            got=str(error)[:200],
+            "The data file cannot be read.", where=str(path), got=str(error)[:200],
             next_step="Convert it to CSV, UTF-8.",
-        ) from error
+        ) from error  # fmt: skip
     candidates = (time,) if time else TIME_NAMES
     key = next((name for name in candidates if name in columns), None)
     if key is None:
@@ -204,11 +198,9 @@ def _read_csv(path: Path) -> dict[str, Array]:
                 numbers = []
             if len(numbers) != len(header):
                 raise InputError(
-                    "A line of the CSV file is not a row of numbers.",
-                    where=f"{path}, line {rows.line_num}",
-                    got=",".join(row)[:80],
-                    valid=f"{len(header)} comma-separated numbers, decimal point",
-                )
+                    "A line of the CSV file is not a row of numbers.", where=f"{path}, line {rows.line_num}",
+                    got=",".join(row)[:80], valid=f"{len(header)} comma-separated numbers, decimal point",
+                )  # fmt: skip
             data.append(numbers)
     if not data:
         raise InputError("The CSV file holds no rows.", where=str(path))

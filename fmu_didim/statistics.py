@@ -99,27 +99,21 @@ def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:
     return np.asarray(np.maximum(np.sqrt((residual**2).sum(axis=0) / np.maximum(freedom, 1.0)), floor))
 
 
-def covariance_paper(w: Array) -> Array:
-    """(W'W)^-1 of the whitened regressor (r, p): eq. (8)."""
-    return _inverse_gram(w)
-
-
 def covariance_sandwich(w: Array, s: Array) -> Array:
     """(W'S)^-1 (W'W) (S'W)^-1 of the whitened regressor and sensitivity (r, p)."""
     cross = np.linalg.inv(w.T @ s)
     return np.asarray(cross @ (w.T @ w) @ cross.T)
 
 
-def covariance_efficient(s: Array) -> Array:
-    """(S'S)^-1 of the whitened sensitivity (r, p)."""
-    return _inverse_gram(s)
-
-
-def _inverse_gram(a: Array) -> Array:
+def covariance_efficient(a: Array) -> Array:
+    """(A'A)^-1 of a whitened matrix (r, p): the sensitivity S, or the regressor W (eq. 8)."""
     norms = np.linalg.norm(a, axis=0)
     r = np.linalg.qr(a / norms)[1]
     inverse = np.linalg.inv(r) / norms[:, None]
     return np.asarray(inverse @ inverse.T)
+
+
+covariance_paper = covariance_efficient
 
 
 def relative_deviation_percent(value: Array, deviation: Array) -> Array:

@@ -62,6 +62,3 @@ def recorded(tables: Iterable[Table]) -> dict[str, float | list[float]]:
     return {
         row.name: list(row.value) if isinstance(row.value, tuple) else row.value for table in tables for row in table
     }
-
-
-__all__ = ["Table", "Threshold", "recorded"]

@@ -10,19 +10,23 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from fmu_didim.case.archive import loop_of_archive
 from fmu_didim.case.changes import CaseChanges, merged
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
-from fmu_didim.case.free import free_parameters, with_drive_gains
+from fmu_didim.case.free import free_parameters
+from fmu_didim.case.loop import (
+    communication_step,
+    loop_of_archive,
+    loop_of_components,
+    with_drive_gains,
+    with_spliced_effects,
+)
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
-from fmu_didim.case.spliced import with_spliced_effects
-from fmu_didim.case.timing import communication_step, delay_in_samples, with_timing
 from fmu_didim.components import Component
 from fmu_didim.documents import validate
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
-from fmu_didim.master import System, closed_loop
+from fmu_didim.master import System
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
@@ -123,7 +127,8 @@ class Case:
         system = self.base
         if system is None:
             assert self.controller is not None  # the document says so
-            system = _system(self.document, self.parameters, self.plant, self.controller, reference)
+            n = self.parameters.joint_count
+            system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
         robot = None if self.document.robot is None else read_robot(self.folder / self.document.robot)
         if robot is not None:
             system = with_spliced_effects(system, robot, plant=self.plant_name)
@@ -228,25 +233,6 @@ def _with_data(case: Case) -> LoopModel:
     model = case.model_on(experiments)
     _check(document, model, case.estimator)
     return model
-
-
-def _system(
-    document: CaseDocument, parameters: Parameters, plant: Component, controller: Component, reference: Trajectory
-) -> System:
-    step = communication_step(document, controller)
-    system = closed_loop(
-        plant,
-        controller,
-        joint_count=parameters.joint_count,
-        step_size=step,
-        drive_gains=document.loop.drive_gains,
-        delay_samples=delay_in_samples(document, step),
-        jacobi=document.loop.algorithm == "jacobi",
-        # Not every experiment has the test signal; that one of them does is checked when the case is loaded.
-        injections={c: name for c, name in document.loop.injections.items() if name in reference.names},
-        reference_names=reference.names,
-    )
-    return with_timing(system, document)
 
 
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:

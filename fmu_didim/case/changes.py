@@ -50,6 +50,3 @@ def _is_another(key: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> boo
         return True
     other_kind = "kind" in new and new["kind"] != old.get("kind")
     return key in ("reference", "estimator") and (other_kind or ("file" in new and "file" not in old))
-
-
-__all__ = ["CaseChanges", "merged"]

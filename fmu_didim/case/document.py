@@ -16,11 +16,10 @@ from fmu_didim.case.sources import (
     IdentifiedParameter,
     Loop,
     LowPassSource,
-    Positive,
     SignalFile,
     SystemSource,
 )
-from fmu_didim.documents import Strict, read_document
+from fmu_didim.documents import Positive, Strict, read_document
 from fmu_didim.estimators import ESTIMATORS, Estimator
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")

@@ -8,10 +8,9 @@ from dataclasses import replace
 
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import IdentifiedParameter
-from fmu_didim.effects import EFFECTS
 from fmu_didim.effects.drive_gain import DriveGain
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import System, splice_effect
+from fmu_didim.master import System
 from fmu_didim.prediction.free_parameter import (
     DELAY,
     LOG,
@@ -23,7 +22,6 @@ from fmu_didim.prediction.free_parameter import (
     of_experiment,
 )
 from fmu_didim.prediction.parameters import Parameters
-from fmu_didim.robot import RobotDescription
 
 DRIVE = "drive"
 """Owner, in a case, of the gain of a drive."""
@@ -32,32 +30,6 @@ DRIVE = "drive"
 def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter]:
     """The entries of ``identify`` that do not belong to the plant."""
     return {name: entry for name, entry in (document.identify or {}).items() if entry.of != PLANT}
-
-
-def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescription | None, *, plant: str) -> System:
-    """The loop with a gain in each drive whose gain is free, behind the torque log.
-
-    Raises:
-        InputError: a drive is named without its joint, or with one that the robot lacks.
-    """
-    for name, entry in beside_the_plant(document).items():
-        if entry.of != DRIVE:
-            continue
-        if entry.joint is None:
-            raise InputError(
-                "The gain of a drive needs the joint.", where=f"identify.{name}", next_step="Add joint: 1."
-            )
-        if robot is not None and entry.joint > len(robot.joints):
-            raise InputError(
-                "The robot has no such joint.", where=f"identify.{name}.joint", got=entry.joint,
-                valid=f"1 to {len(robot.joints)}",
-            )  # fmt: skip
-        kind = robot.joints[entry.joint - 1].type if robot is not None else "revolute"
-        effect = EFFECTS[DriveGain.name]
-        assert isinstance(effect, DriveGain)
-        if f"{effect.name}{entry.joint}" not in system.components:
-            system = splice_effect(system, effect, entry.joint, kind, plant=plant)
-    return system
 
 
 def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> tuple[FreeParameter, ...]:

@@ -8,13 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, field_validator, model_validator
 
-from fmu_didim.documents import Strict
+from fmu_didim.documents import Positive, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
-
-Role = Literal["estimation", "validation"]
-Positive = Annotated[float, Field(gt=0)]
-Kind = Literal["fmu", "model", "control"]
+from fmu_didim.master.sampling import Kind, Window
+from fmu_didim.master.system import LoopTreatment
+from fmu_didim.prediction.experiment import Role
 
 
 class ComponentSource(Strict):
@@ -44,7 +43,7 @@ class ComponentSource(Strict):
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
     """
 
-    kind: Kind = "fmu"
+    kind: Literal["fmu", "model", "control"] = "fmu"
     source: str | None = None
     component: str = "plant"
     inputs: Mapping[str, str] = Field(default_factory=dict)
@@ -82,7 +81,7 @@ class Loop(Strict):
     delay_samples: Annotated[float, Field(ge=0, le=1000)] = 0.0
     delay_s: Annotated[float, Field(ge=0)] | None = None
     algorithm: Literal["gauss_seidel", "jacobi"] = "gauss_seidel"
-    algebraic_loops: Literal["refuse", "iterate", "previous"] = "refuse"
+    algebraic_loops: LoopTreatment = "refuse"
     drive_gains: tuple[float, ...] | None = None
     injections: Mapping[str, str] = Field(default_factory=dict)
 
@@ -142,8 +141,8 @@ class TorqueFile(SignalFile):
     quantity: Literal["torque", "command"] = "torque"
     rate_hz: Positive | None = None
     phase_s: float = 0.0
-    sampling: Literal["point", "average"] = "point"
-    window: Literal["preceding", "centred", "following"] = "preceding"
+    sampling: Kind = "point"
+    window: Window = "preceding"
     window_s: Positive | None = None
     offset_s: float = 0.0
     log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0

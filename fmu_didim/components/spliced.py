@@ -9,7 +9,7 @@ from typing import Any
 
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.effects.base import JointType
+from fmu_didim.effects import JointType
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.signals import Variable
 

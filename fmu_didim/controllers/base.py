@@ -11,17 +11,16 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import casadi as ca
 from pydantic import Field, model_validator
 
 from fmu_didim.block import Block
-from fmu_didim.documents import Strict
+from fmu_didim.documents import Positive, Strict
 from fmu_didim.effects import UNITS, JointType
 from fmu_didim.signals import Variable
 
-Positive = Annotated[float, Field(gt=0)]
 VelocityKind = Literal["measured", "backward_difference"]
 
 
@@ -78,7 +77,7 @@ class ControlLaw(Strict):
     def _one_value_per_joint(self) -> ControlLaw:
         for key in type(self).model_fields:
             value = getattr(self, key)
-            if key not in ("joints", "gravity") and isinstance(value, tuple) and len(value) != len(self.joints):
+            if key != "joints" and isinstance(value, tuple) and len(value) != len(self.joints):
                 raise ValueError(f"{key} has {len(value)} values for {len(self.joints)} joints")
         return self
 

@@ -7,10 +7,11 @@ balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
 model, with their own states in the plant where they have any. A description also takes effects from outside the
 tree, ``package.module:Name``.
 
-Where a new one goes: one file here with one final class; the base class asks for what is missing. Its equation
-stands in ``columns`` (``rates`` for states), the step of the integration follows from ``damping``, ``stiffness`` and
-``own_rate``. Then a row in EFFECTS below. Names of its parameters must differ from those of all other effects that
-may be listed at the same joint; shape parameters that mean the same are shared (see ``steps.smoothing_velocity``).
+Where a new one goes: one file here with one final class; the base class asks for what is missing. Its parameters
+are declared in ``own_parameters`` and ``own_shapes``, its equation stands in ``columns`` (``rates`` for states), the
+step of the integration follows from ``damping``, ``stiffness`` and ``own_rate``. Then a row in EFFECTS below. Names of
+its parameters must differ from those of all other effects that may be listed at the same joint; shape parameters that
+mean the same are shared (see ``steps.smoothing_velocity``).
 """
 
 from __future__ import annotations
@@ -22,22 +23,7 @@ from fmu_didim.effects.actuator_lag import ActuatorLag
 from fmu_didim.effects.asymmetric_coulomb import AsymmetricCoulomb
 from fmu_didim.effects.asymmetric_viscous import AsymmetricViscous
 from fmu_didim.effects.backlash import Backlash
-from fmu_didim.effects.base import (
-    LINK_PARAMETERS,
-    NOMINAL_ACCELERATION,
-    NOMINAL_SPEED,
-    PAYLOAD,
-    UNITS,
-    Column,
-    Effect,
-    JointType,
-    JointUnits,
-    OperatingRange,
-    Place,
-    Search,
-    Surroundings,
-    TorqueEffect,
-)
+from fmu_didim.effects.base import Effect, MeasurementEffect, NonlinearEffect, Place, PreCheck, TorqueEffect
 from fmu_didim.effects.base_tilt import BaseTilt
 from fmu_didim.effects.contact_stop import ContactStop
 from fmu_didim.effects.contact_stop_lower import ContactStopLower
@@ -55,17 +41,29 @@ from fmu_didim.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.effects.external_force import ExternalForce
 from fmu_didim.effects.first_order import JointTorque
 from fmu_didim.effects.gravity_compensator import GravityCompensator
+from fmu_didim.effects.joint import (
+    LINK_PARAMETERS,
+    NOMINAL_ACCELERATION,
+    NOMINAL_SPEED,
+    PAYLOAD,
+    UNITS,
+    Column,
+    JointType,
+    JointUnits,
+    OperatingRange,
+    Parameter,
+    Search,
+    Surroundings,
+    Values,
+)
 from fmu_didim.effects.joint_elasticity import JointElasticity
 from fmu_didim.effects.load_dependent_friction import LoadDependentFriction
 from fmu_didim.effects.log_time_shift import LogTimeShift
 from fmu_didim.effects.lugre import LuGre
-from fmu_didim.effects.measurement import MeasurementEffect
 from fmu_didim.effects.motor_inertia import MotorInertia
-from fmu_didim.effects.nonlinear import NonlinearEffect
 from fmu_didim.effects.payload_change import PayloadChange
 from fmu_didim.effects.position_dependent_friction import PositionDependentFriction
 from fmu_didim.effects.power_viscous import PowerViscous
-from fmu_didim.effects.pre_check import PreCheck
 from fmu_didim.effects.presliding import Presliding
 from fmu_didim.effects.quadratic_viscous import QuadraticViscous
 from fmu_didim.effects.spliced import SplicedEffect
@@ -84,49 +82,18 @@ from fmu_didim.imports import import_object
 
 _ALL: tuple[Effect, ...] = (
     # torque balance
-    MotorInertia(),
-    Viscous(),
-    Coulomb(),
-    TorqueOffset(),
-    AsymmetricCoulomb(),
-    AsymmetricViscous(),
-    QuadraticViscous(),
-    CubicViscous(),
-    PowerViscous(),
-    Stribeck(),
-    Presliding(),
-    LuGre(),
-    LoadDependentFriction(),
-    DirectionalEfficiency(),
-    PositionDependentFriction(),
-    CouplingFriction(),
-    WristFriction(),
-    Spring(),
-    CubicSpring(),
-    GravityCompensator(),
-    TorqueRipple(),
-    CurrentRipple(),
-    ContactStop(),
-    ContactStopLower(),
-    ThermalFrictionDrift(),
-    TorqueDrift(),
-    ExternalForce(),
-    PayloadChange(),
+    MotorInertia(), Viscous(), Coulomb(), TorqueOffset(), AsymmetricCoulomb(), AsymmetricViscous(), QuadraticViscous(),
+    CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
+    DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), Spring(), CubicSpring(),
+    GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(), ThermalFrictionDrift(),
+    TorqueDrift(), ExternalForce(), PayloadChange(),
     # drive and sensor
-    ControllerGain(),
-    TorqueSaturation(),
-    DriveGain(),
-    DeadZone(),
-    Delay(),
-    ActuatorLag(),
-    EncoderEccentricity(),
+    ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure
-    JointElasticity(),
-    Backlash(),
-    BaseTilt(),
+    JointElasticity(), Backlash(), BaseTilt(),
     # measurement
     LogTimeShift(),
-)
+)  # fmt: skip
 EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ALL}
 DEFAULT_EFFECTS: tuple[str, ...] = ("motor_inertia", "viscous", "coulomb", "torque_offset")
 
@@ -168,29 +135,8 @@ def torque_effect(name: str) -> TorqueEffect:
 
 
 __all__ = [
-    "DEFAULT_EFFECTS",
-    "EFFECTS",
-    "LINK_PARAMETERS",
-    "NOMINAL_ACCELERATION",
-    "NOMINAL_SPEED",
-    "PAYLOAD",
-    "UNITS",
-    "Column",
-    "Effect",
-    "JointTorque",
-    "JointType",
-    "JointUnits",
-    "MeasurementEffect",
-    "NonlinearEffect",
-    "OperatingRange",
-    "Place",
-    "PreCheck",
-    "Search",
-    "SplicedEffect",
-    "StructureEffect",
-    "Surroundings",
-    "TorqueEffect",
-    "effect_catalogue",
-    "find_effect",
-    "torque_effect",
-]
+    "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
+    "Column", "Effect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect", "NonlinearEffect",
+    "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "SplicedEffect", "StructureEffect", "Surroundings",
+    "TorqueEffect", "Values", "effect_catalogue", "find_effect", "torque_effect",
+]  # fmt: skip

@@ -1,16 +1,8 @@
-"""Lag of the current loop."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import ClassVar
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, Search
 from fmu_didim.effects.first_order import FirstOrder, torque_rate
+from fmu_didim.effects.joint import Parameter, Search, Values
 from fmu_didim.effects.spliced import SplicedEffect
-from fmu_didim.signals import Variable
 
 SHORTEST = 1e-12
 """A lag in s below which its exponential is zero in any case."""
@@ -30,31 +22,27 @@ class ActuatorLag(SplicedEffect):
     name = "actuator_lag"
     title = "Lag of the current loop"
     equation = "T*dtau/dt + tau = command"
-    place = "drive"
     class_name = "lag"
     confounded_with = ("delay", "log_time_shift")
     signature = "Residual proportional to the rate of change of the torque, the larger the faster the motion."
     experiment = "The same path at twice the speed with positions logged, or a step of the command."
     source = "first-order model of a current loop: Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, ch. 6"
     rank = 40
-    neutral: ClassVar[Mapping[str, float]] = {"T": 0.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"T": (0.0, 1.0)}
     first_order = FirstOrder("torque", torque_rate)
-
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("T", "s", "parameter", 0.0, "time constant of the current loop"),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"T": Search(5e-4, 0.05, 7)}
+    own_parameters = (
+        Parameter(
+            "T", "s", "time constant of the current loop", neutral=0.0, limits=(0.0, 1.0), search=Search(5e-4, 0.05, 7)
+        ),
+    )
 
     def state_count(self) -> int:
         return 1
 
-    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def output(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         lag = values["T"]
         return u + (x - u) * (1 - _decay(lag, step)) * lag / step
 
-    def following(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def following(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         decay = _decay(values["T"], step)
         return decay * x + (1 - decay) * u
 

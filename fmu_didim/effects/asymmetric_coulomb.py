@@ -1,14 +1,8 @@
-"""Coulomb friction that differs between the two directions."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import direction, smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class AsymmetricCoulomb(TorqueEffect):
@@ -25,24 +19,12 @@ class AsymmetricCoulomb(TorqueEffect):
     signature = "Residual with the same mean in both directions of motion."
     experiment = "Hold the joint at rest at several positions: this friction vanishes there, an offset stays."
     source = "Janot, Gautier, Brunot: Data set and reference models of EMPS, 2019"
+    own_parameters = (Parameter("Fca", "torque", "half the difference of Coulomb friction between the directions"),)
+    own_shapes = (smoothing_velocity,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable(
-                "Fca",
-                UNITS[joint_type].torque,
-                "parameter",
-                0.0,
-                "half the difference of Coulomb friction between the directions",
-            ),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (smoothing_velocity(joint_type),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (direction(at, shapes) ** 2,)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         # The largest slope of tanh^2 is 4/(3 sqrt 3).
         return 0.77 * ca.fabs(parameters["Fca"]) / shapes["v0"]

@@ -1,13 +1,8 @@
-"""Viscous friction that differs between the two directions."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.effects.steps import CONSTANT_SPEEDS
 
 
 class AsymmetricViscous(TorqueEffect):
@@ -16,27 +11,14 @@ class AsymmetricViscous(TorqueEffect):
     name = "asymmetric_viscous"
     title = "Asymmetric viscous friction"
     equation = "Fva*|dq|"
-    class_name = "asymmetric_viscous"
     confounded_with = ("quadratic_viscous",)
     signature = "Residual even in the velocity that grows with speed and is zero at rest."
-    experiment = (
-        "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
-    )
+    experiment = CONSTANT_SPEEDS
     source = "Janot, Gautier, Brunot: Data set and reference models of EMPS, 2019"
+    own_parameters = (Parameter("Fva", "viscous", "half the difference of viscous friction between the directions"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable(
-                "Fva",
-                UNITS[joint_type].viscous,
-                "parameter",
-                0.0,
-                "half the difference of viscous friction between the directions",
-            ),
-        )
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.fabs(at.dq),)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["Fva"])

@@ -15,132 +15,32 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
 
 import casadi as ca
 
 from fmu_didim.effects.first_order import FirstOrder
-from fmu_didim.effects.pre_check import PreCheck
+from fmu_didim.effects.joint import Column, JointType, OperatingRange, Parameter, Search, Surroundings, Values
 from fmu_didim.signals import Variable
 
-JointType = Literal["revolute", "prismatic"]
 Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
-Column: TypeAlias = ca.SX | Mapping[int, ca.SX]
-"""A column of the regressor: the entry in the row of the effect's own joint, or entries by joint, from 0."""
 
 
 @dataclass(frozen=True)
-class JointUnits:
-    """FMI unit strings of one joint type."""
-
-    position: str
-    velocity: str
-    acceleration: str
-    torque: str
-    viscous: str
-    inertia: str
-    stiffness: str
-
-
-UNITS: Mapping[str, JointUnits] = {
-    "revolute": JointUnits("rad", "rad/s", "rad/s2", "N.m", "N.m.s/rad", "kg.m2", "N.m/rad"),
-    "prismatic": JointUnits("m", "m/s", "m/s2", "N", "N.s/m", "kg", "N/m"),
-}
-NOMINAL_SPEED: Mapping[str, float] = {"revolute": 5.0, "prismatic": 0.5}
-"""A high speed of a joint, rad/s or m/s; integration steps are chosen for it."""
-NOMINAL_ACCELERATION: Mapping[str, float] = {"revolute": 10.0, "prismatic": 5.0}
-"""An ordinary acceleration of a joint, rad/s2 or m/s2; integration steps are chosen for it."""
-
-
-LINK_PARAMETERS: tuple[Variable, ...] = tuple(
-    Variable(name, unit, "parameter", 0.0, text)
-    for name, unit, text in (
-        ("XX", "kg.m2", "inertia about the x axis of the link frame"),
-        ("XY", "kg.m2", "product of inertia"),
-        ("XZ", "kg.m2", "product of inertia"),
-        ("YY", "kg.m2", "inertia about the y axis of the link frame"),
-        ("YZ", "kg.m2", "product of inertia"),
-        ("ZZ", "kg.m2", "inertia about the z axis of the link frame"),
-        ("MX", "kg.m", "first moment along x"),
-        ("MY", "kg.m", "first moment along y"),
-        ("MZ", "kg.m", "first moment along z"),
-        ("M", "kg", "mass of the link"),
-    )
-)
-"""The ten inertial parameters of a link, about the origin of its frame."""
-PAYLOAD: tuple[str, ...] = ("M", "MX", "MY", "MZ")
-"""Those of them whose columns an effect can use."""
-
-
-@dataclass(frozen=True)
-class Search:
-    """How a shape parameter is searched for: a grid of values.
+class PreCheck:
+    """How an effect is looked for to which linear screening is blind: values of its one parameter, tried in full
+    simulations before all other effects.
 
     Attributes:
-        lowest, highest: first and last value; count: number of values.
-        logarithmic: whether their ratios are equal, else their differences.
-        cost: parameters that the search counts as when models are compared; 3 for a frequency.
+        parameter: its name; in N.m or N.
+        quantiles: of the absolute measured torque of the joint, which are tried as its values.
     """
 
-    lowest: float
-    highest: float
-    count: int
-    logarithmic: bool = True
-    cost: float = 1.0
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What a torque effect of one joint can see; CasADi expressions.
-
-    Attributes:
-        joint: number of its joint, from 0; joint_type: that joint's type.
-        all_q, all_dq, all_ddq: (n,) motion of all joints.
-        load: torque that the joint transmits: gravity, inertia and Coriolis terms of the links, no effects.
-        time: time of the loop in s.
-        state: own states, in the order of :meth:`TorqueEffect.states`.
-        link: torque (n,) of all joints for one unit of each of PAYLOAD of the link of this joint.
-    """
-
-    joint: int
-    joint_type: JointType
-    all_q: ca.SX
-    all_dq: ca.SX
-    all_ddq: ca.SX
-    load: ca.SX = field(default_factory=lambda: ca.SX(0))
-    time: ca.SX = field(default_factory=lambda: ca.SX(0))
-    state: tuple[ca.SX, ...] = ()
-    link: Mapping[str, ca.SX] = field(default_factory=dict)
-
-    @property
-    def q(self) -> ca.SX:
-        """Position of the joint."""
-        return self.all_q[self.joint]
-
-    @property
-    def dq(self) -> ca.SX:
-        """Velocity of the joint."""
-        return self.all_dq[self.joint]
-
-    @property
-    def ddq(self) -> ca.SX:
-        """Acceleration of the joint."""
-        return self.all_ddq[self.joint]
-
-
-@dataclass(frozen=True)
-class OperatingRange:
-    """The motion for which integration steps are chosen.
-
-    Attributes:
-        speed, acceleration: nominal magnitudes of the joint; load: bound of the transmitted torque.
-    """
-
-    speed: float
-    acceleration: float
-    load: ca.SX
+    parameter: str
+    quantiles: tuple[float, ...]
 
 
 class Effect(ABC):
@@ -158,6 +58,8 @@ class Effect(ABC):
         source: where the equation comes from.
 
     Its parameters:
+        own_parameters: the amplitudes; zero means that the effect is absent.
+        own_shapes: the shape parameters; effects of a joint share those that are equal.
         is_linear: whether the torque is linear in its parameters, which then are amplitudes of columns.
         neutral: value of each parameter with which all is as without the effect, 0 if it is not here; infinite where
             only a limit is.
@@ -197,9 +99,9 @@ class Effect(ABC):
     experiment: ClassVar[str]
     source: ClassVar[str]
 
+    own_parameters: ClassVar[tuple[Parameter, ...]] = ()
+    own_shapes: ClassVar[tuple[Parameter, ...]] = ()
     is_linear: ClassVar[bool]
-    neutral: ClassVar[Mapping[str, float]] = {}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     signed: ClassVar[frozenset[str]] = frozenset()
 
     elastic: ClassVar[bool] = False
@@ -217,17 +119,31 @@ class Effect(ABC):
     is_smooth: ClassVar[bool] = False
     distance: ClassVar[str] = ""
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls) and not hasattr(cls, "class_name"):
+            cls.class_name = cls.name
+
+    @cached_property
+    def neutral(self) -> Mapping[str, float]:
+        return {p.name: p.neutral for p in (*self.own_parameters, *self.own_shapes) if p.neutral is not None}
+
+    @cached_property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        return {p.name: p.limits for p in (*self.own_parameters, *self.own_shapes) if p.limits is not None}
+
     def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        """The amplitudes, names without the joint number; zero means that the effect is absent."""
+        """The amplitudes at a joint of this type."""
+        return tuple(p(joint_type) for p in self.own_parameters if p.exists(joint_type))
 
     def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        """The shape parameters with their default values; effects of a joint share those that are equal."""
-        return ()
+        """The shape parameters at a joint of this type, with their default values."""
+        return tuple(p(joint_type) for p in self.own_shapes if p.exists(joint_type))
 
     def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        """The shape parameters that are searched for when it is unknown whether the effect is there."""
-        return {}
+        """The parameters that are searched for when it is unknown whether the effect is there."""
+        grids = {p.name: p.grid(joint_type) for p in (*self.own_parameters, *self.own_shapes)}
+        return {name: grid for name, grid in grids.items() if grid is not None}
 
     def allows(self, shapes: Mapping[str, float]) -> bool:
         """Whether these values of its shapes go together: a window ends after it begins."""
@@ -288,29 +204,47 @@ class TorqueEffect(Effect):
         return ()
 
     @abstractmethod
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         """The regressor columns c_i, in the order of the parameters."""
 
-    def rates(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def rates(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         """dz/dt of the own states; may depend on motion, time and states, not on load or acceleration."""
         return ()
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         """A bound of |d tau_e / d dq|: it sets the integration step of the direct model.
 
         Negative where the effect takes away from what another effect of the joint counts.
         """
         return ca.SX(0)
 
-    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         """A bound of |d tau_e / d q|, own states that follow q included; sets the step like :meth:`damping`."""
         return ca.SX(0)
 
-    def own_rate(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def own_rate(self, shapes: Values, within: OperatingRange) -> ca.SX:
         """Rate in 1/s that the integration must resolve whatever the inertia: own states, edges in time."""
         return ca.SX(0)
 
-    def relaxation(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def relaxation(self, shapes: Values, within: OperatingRange) -> ca.SX:
         """Rate in 1/s at which own states relax that have long settled: explicit integration must stay stable there, no
         more."""
         return ca.SX(0)
+
+
+class NonlinearEffect(Effect):
+    """One effect outside the torque balance: its parameters are no amplitudes of columns.
+
+    Each parameter has its value in ``neutral`` and a grid in :meth:`search`.
+    """
+
+    is_linear: ClassVar[bool] = False
+
+
+class MeasurementEffect(NonlinearEffect):
+    """An effect of the torque log as a whole; the loop runs as without it.
+
+    Its one parameter is the lag of the log in s: the samples at t show the torque at t - lag, of all joints.
+    """
+
+    place: ClassVar[Place] = "measurement"

@@ -1,14 +1,9 @@
-"""Elastic contact at the lower end of the range."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.contact_stop import contact_positions, contact_width
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import ramp
-from fmu_didim.signals import Variable
 
 
 class ContactStopLower(TorqueEffect):
@@ -24,23 +19,14 @@ class ContactStopLower(TorqueEffect):
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qlower"})
     acts_on_link = True
+    own_parameters = (Parameter("klower", "stiffness", "stiffness of the contact"),)
+    own_shapes = (
+        Parameter("qlower", "position", "position where the contact begins", (-1.0, -0.1), search=contact_positions),
+        contact_width,
+    )
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("klower", UNITS[joint_type].stiffness, "parameter", 0.0, "stiffness of the contact"),)
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit, scale = UNITS[joint_type].position, 1.0 if joint_type == "revolute" else 0.1
-        return (
-            Variable("qlower", unit, "parameter", -1.0 * scale, "position where the contact begins"),
-            Variable("wstop", unit, "parameter", 0.005 * scale, "half the width in which contact is made"),
-        )
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        reach = 3.0 if joint_type == "revolute" else 0.5
-        return {"qlower": Search(-reach, reach, 31, logarithmic=False)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (-ramp(shapes["qlower"] - at.q, shapes["wstop"]),)
 
-    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["klower"])

@@ -1,14 +1,8 @@
-"""Friction of a motor shared by two wrist joints, as in TX40 models."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, Column, JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import Column, OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class CouplingFriction(TorqueEffect):
@@ -31,31 +25,16 @@ class CouplingFriction(TorqueEffect):
     )
     needs = frozenset({"other joints"})
     reach = 1
+    own_parameters = (
+        Parameter("Fvm", "viscous", "viscous friction by the velocity of the other joint"),
+        Parameter("Fcm", "torque", "Coulomb friction by the velocity of the other joint"),
+    )
+    own_shapes = (smoothing_velocity,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable(
-                "Fvm",
-                UNITS[joint_type].viscous,
-                "parameter",
-                0.0,
-                "viscous friction by the velocity of the other joint",
-            ),
-            Variable(
-                "Fcm", UNITS[joint_type].torque, "parameter", 0.0, "Coulomb friction by the velocity of the other joint"
-            ),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (smoothing_velocity(joint_type),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         here, there = at.joint, at.joint + 1
         own, other = at.all_dq[here], at.all_dq[there]
-        return (
-            {here: other, there: own},
-            {here: ca.tanh(other / shapes["v0"]), there: ca.tanh(own / shapes["v0"])},
-        )
+        return ({here: other, there: own}, {here: ca.tanh(other / shapes["v0"]), there: ca.tanh(own / shapes["v0"])})
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["Fvm"]) + ca.fabs(parameters["Fcm"]) / shapes["v0"]

@@ -1,16 +1,8 @@
-"""Dead zone of the drive."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import ClassVar
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, Search
 from fmu_didim.effects.first_order import FirstOrder, torque_sign
+from fmu_didim.effects.joint import Parameter, Search, Values
 from fmu_didim.effects.spliced import NO_LIMIT, SplicedEffect
-from fmu_didim.signals import Variable
 
 ROUNDING = 0.05
 """Radius of the rounded corners, as a fraction of the width."""
@@ -25,25 +17,20 @@ class DeadZone(SplicedEffect):
     name = "dead_zone"
     title = "Dead zone of the drive"
     equation = "tau = sign(command)*max(0, |command| - dead_zone)"
-    place = "drive"
-    class_name = "dead_zone"
     confounded_with = ("contact_stop", "spring", "drive_gain")
     signature = "Steps of the residual where the torque, not the velocity, changes its sign."
     experiment = "Motions whose torque changes its sign at many velocities."
     source = "Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2"
     rank = 20
-    neutral: ClassVar[Mapping[str, float]] = {"dead_zone": 0.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"dead_zone": (0.0, NO_LIMIT)}
     first_order = FirstOrder("torque", torque_sign)
+    own_parameters = (
+        Parameter(
+            "dead_zone", "torque", "half width of the drive's dead zone",
+            neutral=0.0, limits=(0.0, NO_LIMIT), search=Search(0.03, 10.0, 6),
+        ),
+    )  # fmt: skip
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit = UNITS[joint_type].torque
-        return (Variable("dead_zone", unit, "parameter", 0.0, "half width of the drive's dead zone"),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"dead_zone": Search(0.03, 10.0, 6)}
-
-    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def output(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         width = values["dead_zone"]
         square = (ROUNDING * width) ** 2 + 1e-24  # so that the root has a slope without a dead zone, too
         return u - (ca.sqrt((u + width) ** 2 + square) - ca.sqrt((u - width) ** 2 + square)) / 2

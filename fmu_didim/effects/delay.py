@@ -1,16 +1,8 @@
-"""Delay of the command of one joint."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import ClassVar
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, Search
 from fmu_didim.effects.first_order import FirstOrder, torque_rate
+from fmu_didim.effects.joint import Parameter, Search, Values
 from fmu_didim.effects.spliced import SplicedEffect
-from fmu_didim.signals import Variable
 
 LONGEST = 8
 """Longest delay in control periods."""
@@ -29,27 +21,21 @@ class Delay(SplicedEffect):
     name = "delay"
     title = "Delay of the command"
     equation = "tau(t) = command(t - delay)"
-    place = "drive"
     class_name = "lag"
     confounded_with = ("actuator_lag", "log_time_shift")
     signature = "Residual proportional to the rate of change of the torque, the larger the faster the motion."
     experiment = "A step of the command, or the same path at twice the speed with positions logged."
     source = "held command of a sampled loop: Astrom and Wittenmark, Computer-Controlled Systems, section 2.3"
     rank = 30
-    neutral: ClassVar[Mapping[str, float]] = {"delay": 0.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"delay": (0.0, 1.0)}
     first_order = FirstOrder("torque", torque_rate)
-
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("delay", "s", "parameter", 0.0, "delay of the command"),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"delay": Search(5e-4, 0.032, 7)}
+    own_parameters = (
+        Parameter("delay", "s", "delay of the command", neutral=0.0, limits=(0.0, 1.0), search=Search(5e-4, 0.032, 7)),
+    )
 
     def state_count(self) -> int:
         return LONGEST
 
-    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def output(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         periods = values["delay"] / step
         # c_i is how much of the command i + 1 periods ago has replaced that of i periods ago.
         passed = [ca.SX(1), *(ca.fmin(ca.fmax(periods - i, 0), 1) for i in range(LONGEST)), ca.SX(0)]
@@ -58,5 +44,5 @@ class Delay(SplicedEffect):
             result = result + (passed[i + 1] - passed[i + 2]) * x[i]
         return result
 
-    def following(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def following(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         return ca.vertcat(u, x[:-1])

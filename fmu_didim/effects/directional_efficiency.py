@@ -1,14 +1,8 @@
-"""Gear losses that differ between driving and being driven."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import direction, smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class DirectionalEfficiency(TorqueEffect):
@@ -29,20 +23,16 @@ class DirectionalEfficiency(TorqueEffect):
         "Duclusaud, Passault, Padois, Ly: Extended friction models for the physics simulation of servo actuators, 2024"
     )
     needs = frozenset({"load"})
+    own_parameters = (
+        Parameter("Fldrive", "1", "loss per transmitted torque while the motor drives"),
+        Parameter("Flback", "1", "loss per transmitted torque while the load drives"),
+    )
+    own_shapes = (smoothing_velocity,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable("Fldrive", "1", "parameter", 0.0, "loss per transmitted torque while the motor drives"),
-            Variable("Flback", "1", "parameter", 0.0, "loss per transmitted torque while the load drives"),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (smoothing_velocity(joint_type),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         step = direction(at, shapes)
         loss, gain = ca.fabs(at.load) * step / 2, at.load * step**2 / 2
         return (loss + gain, loss - gain)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return (ca.fabs(parameters["Fldrive"]) + ca.fabs(parameters["Flback"])) * 0.9 * within.load / shapes["v0"]

@@ -53,24 +53,9 @@ def torque_rate(at: JointTorque) -> Array:
     return np.asarray(np.gradient(at.logged, at.step))
 
 
-def torque_rate_before(at: JointTorque) -> Array:
-    """-d torque / dt: a log that is one second late shows what was."""
-    return -torque_rate(at)
-
-
 def torque_sign(at: JointTorque) -> Array:
     """The smoothed sign of the torque."""
     return np.asarray(np.tanh(at.logged / (STEEP * _rms(at.logged))))
-
-
-def torque_less(at: JointTorque) -> Array:
-    """-torque: a drive that gives more has to be asked for less."""
-    return -at.logged
-
-
-def twist(at: JointTorque) -> Array:
-    """-load: the twist of a gear whose compliance is one."""
-    return -at.load
 
 
 def play(at: JointTorque) -> Array:

@@ -1,14 +1,9 @@
-"""Gravity compensator with a coil spring on a lever."""
-
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
 
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
 
 
 class GravityCompensator(TorqueEffect):
@@ -33,28 +28,23 @@ class GravityCompensator(TorqueEffect):
     )
     signed = frozenset({"qc"})
     acts_on_link = True
+    own_parameters = (
+        Parameter("Fgc", "N", "force of the compensator's spring at its reference length"),
+        Parameter("kgc", "N/m", "stiffness of the compensator's spring"),
+    )
+    own_shapes = (
+        Parameter("Lc", "m", "distance of the foot of the spring", 0.5),
+        Parameter("rc", ("m", None), "lever of the spring", 0.1),
+        Parameter(
+            "qc", "position", "position of the longest or shortest spring",
+            search=(
+                Search(-math.pi, 5 / 6 * math.pi, 12, logarithmic=False),
+                Search(-1.0, 1.0, 9, logarithmic=False),
+            ),
+        ),
+    )  # fmt: skip
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable("Fgc", "N", "parameter", 0.0, "force of the compensator's spring at its reference length"),
-            Variable("kgc", "N/m", "parameter", 0.0, "stiffness of the compensator's spring"),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        foot = Variable("Lc", "m", "parameter", 0.5, "distance of the foot of the spring")
-        turn = Variable(
-            "qc", UNITS[joint_type].position, "parameter", 0.0, "position of the longest or shortest spring"
-        )
-        if joint_type == "prismatic":
-            return (foot, turn)
-        return (foot, Variable("rc", "m", "parameter", 0.1, "lever of the spring"), turn)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        if joint_type == "prismatic":
-            return {"qc": Search(-1.0, 1.0, 9, logarithmic=False)}
-        return {"qc": Search(-math.pi, 5 / 6 * math.pi, 12, logarithmic=False)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         away, foot = at.q - shapes["qc"], shapes["Lc"]
         if at.joint_type == "prismatic":
             length, reference = ca.sqrt(foot**2 + away**2), foot
@@ -66,7 +56,7 @@ class GravityCompensator(TorqueEffect):
             arm = -foot * lever * ca.sin(away) / length
         return (arm, (length - reference) * arm)
 
-    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         force, spring = ca.fabs(parameters["Fgc"]), ca.fabs(parameters["kgc"])
         foot = shapes["Lc"]
         if "rc" not in shapes:

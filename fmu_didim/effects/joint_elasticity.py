@@ -1,22 +1,6 @@
-"""Elasticity between motor and link."""
-
-from __future__ import annotations
-
-import math
-from collections.abc import Mapping
-from typing import ClassVar
-
-from fmu_didim.effects.base import JointType, Search
-from fmu_didim.effects.first_order import FirstOrder, twist
-from fmu_didim.effects.structure import (
-    GEAR_LIMITS,
-    StructureEffect,
-    gear_damping,
-    gear_stiffness,
-    motor_share,
-    stiffness_search,
-)
-from fmu_didim.signals import Variable
+from fmu_didim.effects.first_order import FirstOrder
+from fmu_didim.effects.joint import Search
+from fmu_didim.effects.structure import StructureEffect, gear_damping, gear_stiffness, motor_share
 
 
 class JointElasticity(StructureEffect):
@@ -40,16 +24,7 @@ class JointElasticity(StructureEffect):
     experiment = "A chirp through the resonance, or an encoder on the link."
     source = "Spong: Modeling and control of elastic joint robots, ASME JDSMC 109, 1987"
     signed = frozenset({"D"})
-    neutral: ClassVar[Mapping[str, float]] = {"K": math.inf, "D": 0.0}
-    limits = GEAR_LIMITS
     elastic = True
-    first_order = FirstOrder("link position", twist)
-
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (gear_stiffness(joint_type), gear_damping(joint_type))
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (motor_share(joint_type),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"K": stiffness_search(joint_type), "motor_share": Search(0.1, 0.5, 3, logarithmic=False)}
+    first_order = FirstOrder("link position", lambda at: -at.load)  # the twist of a gear whose compliance is one
+    own_parameters = (gear_stiffness.searched((Search(50.0, 5e4, 10), Search(5e3, 5e7, 10))), gear_damping)
+    own_shapes = (motor_share,)

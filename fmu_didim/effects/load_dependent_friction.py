@@ -1,14 +1,8 @@
-"""Friction of a gear that grows with the transmitted torque."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import direction, smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class LoadDependentFriction(TorqueEffect):
@@ -20,21 +14,16 @@ class LoadDependentFriction(TorqueEffect):
     name = "load_dependent_friction"
     title = "Load-dependent friction"
     equation = "Fl*|load|*tanh(dq/v0)"
-    class_name = "load_dependent_friction"
     confounded_with = ("directional_efficiency", "position_dependent_friction")
     signature = "Residual in a square wave of the velocity whose height follows gravity and inertia."
     experiment = "The same path with two payloads."
     source = "Hamon, Gautier, Garrec: friction depending on load and velocity, AIM 2010 and ICRA 2011"
     needs = frozenset({"load"})
+    own_parameters = (Parameter("Fl", "1", "friction per transmitted torque"),)
+    own_shapes = (smoothing_velocity,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("Fl", "1", "parameter", 0.0, "friction per transmitted torque"),)
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (smoothing_velocity(joint_type),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.fabs(at.load) * direction(at, shapes),)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["Fl"]) * within.load / shapes["v0"]

@@ -1,14 +1,6 @@
-"""Shift of the time stamps of the torque log."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import ClassVar
-
-from fmu_didim.effects.base import JointType, Search
-from fmu_didim.effects.first_order import FirstOrder, torque_rate_before
-from fmu_didim.effects.measurement import MeasurementEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import MeasurementEffect
+from fmu_didim.effects.first_order import FirstOrder, torque_rate
+from fmu_didim.effects.joint import Parameter, Search
 
 
 class LogTimeShift(MeasurementEffect):
@@ -26,13 +18,10 @@ class LogTimeShift(MeasurementEffect):
     signature = "Residual proportional to the rate of change of the torque on all joints; the loop is not changed."
     experiment = "Logged positions or a step of the command: a lag or delay in the loop changes the motion, too."
     source = "definition of a time stamp; its effect to first order is -log_shift*dtau/dt"
-    neutral: ClassVar[Mapping[str, float]] = {"log_shift": 0.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"log_shift": (-1.0, 1.0)}
     signed = frozenset({"log_shift"})
-    first_order = FirstOrder("torque", torque_rate_before)
-
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("log_shift", "s", "parameter", 0.0, "lag of the torque log"),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"log_shift": Search(5e-4, 0.05, 7)}
+    first_order = FirstOrder("torque", lambda at: -torque_rate(at))  # a log that is late shows what was
+    own_parameters = (
+        Parameter(
+            "log_shift", "s", "lag of the torque log", neutral=0.0, limits=(-1.0, 1.0), search=Search(5e-4, 0.05, 7)
+        ),
+    )

@@ -1,22 +1,8 @@
-"""Change of the load of a link during the run."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import (
-    PAYLOAD,
-    Column,
-    JointType,
-    OperatingRange,
-    Search,
-    Surroundings,
-    TorqueEffect,
-)
-from fmu_didim.effects.steps import rise
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import PAYLOAD, Column, OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.effects.steps import instants, rise
 
 
 class PayloadChange(TorqueEffect):
@@ -31,7 +17,6 @@ class PayloadChange(TorqueEffect):
     name = "payload_change"
     title = "Change of payload"
     equation = "(t > t_load)*(W_M*dM + W_MX*dMX + W_MY*dMY + W_MZ*dMZ)"
-    class_name = "payload_change"
     confounded_with = ("external_force",)
     signature = "Residual like gravity and inertia on all joints below the load, from one instant on."
     experiment = "Repeat the path with and without the load."
@@ -43,25 +28,17 @@ class PayloadChange(TorqueEffect):
     signed = frozenset({"t_load"})
     acts_on_link = True
     rivals_external_torque = True
+    own_parameters = tuple(
+        Parameter(f"d{name}", "kg" if name == "M" else "kg.m", f"change of {name} of the link") for name in PAYLOAD
+    )
+    own_shapes = (
+        Parameter("t_load", "s", "instant at which the load changes", 1.0, search=instants),
+        Parameter("w_load", "s", "width of that step", 0.02),
+    )
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return tuple(
-            Variable(f"d{name}", "kg" if name == "M" else "kg.m", "parameter", 0.0, f"change of {name} of the link")
-            for name in PAYLOAD
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable("t_load", "s", "parameter", 1.0, "instant at which the load changes"),
-            Variable("w_load", "s", "parameter", 0.02, "width of that step"),
-        )
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"t_load": Search(0.0, 60.0, 121, logarithmic=False)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         step = rise(at.time, shapes["t_load"], shapes["w_load"])
         return tuple({i: step * at.link[name][i] for i in range(at.all_q.numel())} for name in PAYLOAD)
 
-    def own_rate(self, shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def own_rate(self, shapes: Values, within: OperatingRange) -> ca.SX:
         return 1 / shapes["w_load"]

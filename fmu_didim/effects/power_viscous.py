@@ -1,14 +1,8 @@
-"""Friction that follows a power of the velocity."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Surroundings, TorqueEffect
-from fmu_didim.effects.steps import smoothing_velocity
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
+from fmu_didim.effects.steps import CONSTANT_SPEEDS, smoothing_velocity
 
 
 class PowerViscous(TorqueEffect):
@@ -23,27 +17,18 @@ class PowerViscous(TorqueEffect):
     class_name = "nonlinear viscous"
     confounded_with = ("quadratic_viscous", "cubic_viscous", "stribeck", "coulomb")
     signature = "Residual odd in the velocity, curved downwards (alpha < 1) or upwards (alpha > 1)."
-    experiment = (
-        "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
-    )
+    experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
+    own_parameters = (Parameter("Fp", "torque", "friction at unit speed"),)
+    own_shapes = (
+        smoothing_velocity,
+        Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.6, 2.5, 10, logarithmic=False)),
+    )
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("Fp", UNITS[joint_type].torque, "parameter", 0.0, "friction at unit speed"),)
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            smoothing_velocity(joint_type),
-            Variable("alpha", "1", "parameter", 0.5, "exponent of the velocity"),
-        )
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"alpha": Search(0.6, 2.5, 10, logarithmic=False)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.dq * (at.dq**2 + shapes["v0"] ** 2) ** ((shapes["alpha"] - 1) / 2),)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         # The slope is largest at rest for alpha < 1 and at high speed for alpha > 1.
         power, slow = shapes["alpha"] - 1, shapes["v0"]
         return ca.fabs(parameters["Fp"]) * ca.fmax(

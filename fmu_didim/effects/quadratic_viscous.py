@@ -1,13 +1,8 @@
-"""Friction that grows with the square of the velocity."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, OperatingRange, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.effects.steps import CONSTANT_SPEEDS
 
 
 class QuadraticViscous(TorqueEffect):
@@ -19,17 +14,12 @@ class QuadraticViscous(TorqueEffect):
     class_name = "nonlinear viscous"
     confounded_with = ("cubic_viscous", "power_viscous", "stribeck", "presliding")
     signature = "Residual odd in the velocity that is curved upwards at high speed."
-    experiment = (
-        "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
-    )
+    experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
+    own_parameters = (Parameter("Fq", ("N.m.s2/rad2", "N.s2/m2"), "quadratic friction coefficient"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit = "N.m.s2/rad2" if joint_type == "revolute" else "N.s2/m2"
-        return (Variable("Fq", unit, "parameter", 0.0, "quadratic friction coefficient"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.dq * ca.fabs(at.dq),)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return 2 * ca.fabs(parameters["Fq"]) * within.speed

@@ -14,14 +14,13 @@ a sensor, u is the position of the joint and y what the controller gets. Each jo
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 import casadi as ca
 
 from fmu_didim.block import Block
-from fmu_didim.effects.base import UNITS, JointType
-from fmu_didim.effects.nonlinear import NonlinearEffect
+from fmu_didim.effects.base import NonlinearEffect, Place
+from fmu_didim.effects.joint import UNITS, JointType, Values
 from fmu_didim.signals import Variable
 
 NO_LIMIT = 1e9
@@ -32,16 +31,18 @@ class SplicedEffect(NonlinearEffect):
     """One effect of a drive or a sensor; its neutral values give y = u.
 
     Class attributes:
+        place: ``drive`` if nothing else is said.
         logged: of an effect in a drive: whether the torque log shows the signal before it (usual: the command), or
             after it (it changes the command itself).
         rank: place in the drive; effects of lower rank come earlier. Those logged after have negative ranks.
     """
 
+    place: ClassVar[Place] = "drive"
     logged: ClassVar[Literal["before", "after"]] = "before"
     rank: ClassVar[int] = 0
 
     @abstractmethod
-    def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def output(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         """y of one control period.
 
         Args:
@@ -52,11 +53,11 @@ class SplicedEffect(NonlinearEffect):
         """Number nx of its sampled states; 0: it has no memory."""
         return 0
 
-    def following(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
+    def following(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         """x[k+1], (nx,)."""
         return x
 
-    def start(self, u: ca.SX, values: Mapping[str, ca.SX]) -> ca.SX:
+    def start(self, u: ca.SX, values: Values) -> ca.SX:
         """x[0], (nx,): as after an input that has always been u."""
         return ca.repmat(u, self.state_count(), 1)
 

@@ -1,13 +1,7 @@
-"""Linear spring, stiffness of cables and hoses."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
 
 
 class Spring(TorqueEffect):
@@ -22,12 +16,10 @@ class Spring(TorqueEffect):
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
     acts_on_link = True
+    own_parameters = (Parameter("k", "stiffness", "stiffness"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("k", UNITS[joint_type].stiffness, "parameter", 0.0, "stiffness"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.q,)
 
-    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["k"])

@@ -1,22 +1,21 @@
-"""Smoothed steps that several effects share."""
+"""What several effects share: smoothed steps, and the experiment that tells friction by speed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, Surroundings
-from fmu_didim.signals import Variable
+from fmu_didim.effects.joint import Parameter, Search, Surroundings, Values
+
+CONSTANT_SPEEDS = (
+    "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
+)
+smoothing_velocity = Parameter("v0", "velocity", "smoothing velocity of Coulomb friction", (0.01, 0.001))
+"""The shape of :func:`direction`; all effects of a joint share it."""
+instants = Search(0.0, 60.0, 121, logarithmic=False)
+"""Instants of a run, s, at which something may begin or end."""
 
 
-def smoothing_velocity(joint_type: JointType) -> Variable:
-    """The shape ``v0`` of :func:`direction`; all effects of a joint share it."""
-    value = 0.01 if joint_type == "revolute" else 0.001
-    return Variable("v0", UNITS[joint_type].velocity, "parameter", value, "smoothing velocity of Coulomb friction")
-
-
-def direction(at: Surroundings, shapes: Mapping[str, ca.SX]) -> ca.SX:
+def direction(at: Surroundings, shapes: Values) -> ca.SX:
     """s(dq) = tanh(dq/v0), the smoothed sign of the velocity."""
     return ca.tanh(at.dq / shapes["v0"])
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from typing import ClassVar
 
-from fmu_didim.effects.base import UNITS, JointType, Place, Search
-from fmu_didim.effects.nonlinear import NonlinearEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import NonlinearEffect, Place
+from fmu_didim.effects.joint import Parameter, Search
+
+LARGEST = 1e12
+"""A stiffness or damping, SI units, that no gear reaches."""
 
 
 class StructureEffect(NonlinearEffect):
@@ -18,33 +20,12 @@ class StructureEffect(NonlinearEffect):
     known_at_start: ClassVar[bool] = True
 
 
-LARGEST = 1e12
-"""A stiffness or damping, SI units, that no gear reaches."""
-GEAR_LIMITS: Mapping[str, tuple[float, float]] = {
-    "K": (1e-6, LARGEST),
-    "D": (0.0, LARGEST),
-    "gap": (0.0, 10.0),
-    "motor_share": (1e-3, 0.999),
-}
-
-
-def gear_stiffness(joint_type: JointType) -> Variable:
-    """The stiffness ``K`` between motor and link; effects of a joint share it."""
-    value = 1e4 if joint_type == "revolute" else 1e6
-    return Variable("K", UNITS[joint_type].stiffness, "parameter", value, "stiffness between motor and link")
-
-
-def gear_damping(joint_type: JointType) -> Variable:
-    """The damping ``D`` between motor and link; effects of a joint share it."""
-    return Variable("D", UNITS[joint_type].viscous, "parameter", 0.0, "damping between motor and link")
-
-
-def motor_share(joint_type: JointType) -> Variable:
-    """The shape ``motor_share``; effects of a joint share it."""
-    text = "part of the link's inertia that is the motor's, where the joint has no Ia"
-    return Variable("motor_share", "1", "parameter", 0.3, text)
-
-
-def stiffness_search(joint_type: JointType) -> Search:
-    """Values of ``K`` to search."""
-    return Search(50.0, 5e4, 10) if joint_type == "revolute" else Search(5e3, 5e7, 10)
+gear_stiffness = Parameter(
+    "K", "stiffness", "stiffness between motor and link", (1e4, 1e6), neutral=math.inf, limits=(1e-6, LARGEST)
+)
+gear_damping = Parameter("D", "viscous", "damping between motor and link", neutral=0.0, limits=(0.0, LARGEST))
+motor_share = Parameter(
+    "motor_share", "1", "part of the link's inertia that is the motor's, where the joint has no Ia", 0.3,
+    limits=(1e-3, 0.999), search=Search(0.1, 0.5, 3, logarithmic=False),
+)  # fmt: skip
+"""Effects of a joint share these three."""

@@ -1,14 +1,8 @@
-"""Friction that changes while the drive warms up."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
 from fmu_didim.effects.steps import direction, smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class ThermalFrictionDrift(TorqueEffect):
@@ -21,7 +15,6 @@ class ThermalFrictionDrift(TorqueEffect):
     name = "thermal_friction_drift"
     title = "Drift of friction by warming"
     equation = "(1 - exp(-t/Theat))*(Fvt*dq + Fct*tanh(dq/v0))"
-    class_name = "thermal_friction_drift"
     confounded_with = ("torque_drift",)
     signature = "Residual in the shape of friction that differs between the first and the last period of the same path."
     experiment = "Repeat the path many times from cold, and once more after a pause."
@@ -30,26 +23,19 @@ class ThermalFrictionDrift(TorqueEffect):
         "manipulators, IROS 2015"
     )
     needs = frozenset({"time"})
+    own_parameters = (
+        Parameter("Fvt", "viscous", "change of viscous friction when warm"),
+        Parameter("Fct", "torque", "change of Coulomb friction when warm"),
+    )
+    own_shapes = (
+        smoothing_velocity,
+        Parameter("Theat", "s", "time constant of warming", 20.0, search=Search(1.0, 300.0, 8)),
+    )
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable("Fvt", UNITS[joint_type].viscous, "parameter", 0.0, "change of viscous friction when warm"),
-            Variable("Fct", UNITS[joint_type].torque, "parameter", 0.0, "change of Coulomb friction when warm"),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            smoothing_velocity(joint_type),
-            Variable("Theat", "s", "parameter", 20.0, "time constant of warming"),
-        )
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"Theat": Search(1.0, 300.0, 8)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         warm = 1 - ca.exp(-at.time / shapes["Theat"])
         return (warm * at.dq, warm * direction(at, shapes))
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         # Where friction falls, as it mostly does, cold friction is the stiffer one.
         return ca.fmax(parameters["Fvt"], 0) + ca.fmax(parameters["Fct"], 0) / shapes["v0"]

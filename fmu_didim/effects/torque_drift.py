@@ -1,13 +1,7 @@
-"""Torque offset that drifts with time."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import JointType, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import Parameter, Surroundings, Values
 
 
 class TorqueDrift(TorqueEffect):
@@ -16,16 +10,12 @@ class TorqueDrift(TorqueEffect):
     name = "torque_drift"
     title = "Drift of the torque offset"
     equation = "drift*t"
-    class_name = "torque_drift"
     confounded_with = ("thermal_friction_drift", "torque_offset")
     signature = "Residual whose mean grows from one period of the same path to the next."
     experiment = "Repeat the path many times; rest at the same position before and after."
     source = "torque_offset (Gautier, Janot, Vandanjon: DIDIM, section 2), made a function of time"
     needs = frozenset({"time"})
+    own_parameters = (Parameter("drift", ("N.m/s", "N/s"), "drift of the torque offset"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit = "N.m/s" if joint_type == "revolute" else "N/s"
-        return (Variable("drift", unit, "parameter", 0.0, "drift of the torque offset"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.time,)

@@ -1,13 +1,7 @@
-"""Constant torque offset."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import Parameter, Surroundings, Values
 
 
 class TorqueOffset(TorqueEffect):
@@ -23,9 +17,7 @@ class TorqueOffset(TorqueEffect):
         "Hold the joint at rest at several positions: an offset stays, Coulomb friction of either direction does not."
     )
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
+    own_parameters = (Parameter("offset", "torque", "torque offset"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("offset", UNITS[joint_type].torque, "parameter", 0.0, "torque offset"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.SX(1),)

@@ -1,26 +1,16 @@
-"""Cogging and torque ripple of the motor."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Search, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
 
-
-def ripple_frequency(joint_type: JointType) -> Variable:
-    """The shape ``nr``; all effects of a joint share it."""
-    unit, value = ("1", 6.0) if joint_type == "revolute" else ("rad/m", 300.0)
-    return Variable("nr", unit, "parameter", value, "ripples in a turn of the joint, or phase per length")
-
-
-def ripple_search(joint_type: JointType) -> Search:
-    """Values of ``nr`` to search: every whole number for a turn from 6; what is slower looks like gravity."""
-    if joint_type == "revolute":
-        return Search(6, 120, 115, logarithmic=False, cost=3.0)
-    return Search(20, 3000, 150, logarithmic=False, cost=3.0)
+ripple_frequency = Parameter(
+    "nr", ("1", "rad/m"), "ripples in a turn of the joint, or phase per length", (6.0, 300.0),
+    search=(
+        Search(6, 120, 115, logarithmic=False, cost=3.0),
+        Search(20, 3000, 150, logarithmic=False, cost=3.0),
+    ),
+)  # fmt: skip
+"""Effects of a joint share it. Every whole number for a turn from 6 is searched; what is slower looks like gravity."""
 
 
 class TorqueRipple(TorqueEffect):
@@ -39,21 +29,14 @@ class TorqueRipple(TorqueEffect):
         "The same path at two speeds and with two payloads: cogging keeps its size, current ripple follows the torque."
     )
     source = "Gieras: Permanent magnet motor technology, chapter on cogging torque"
+    own_parameters = (
+        Parameter("Rsin", "torque", "sine part of the ripple"),
+        Parameter("Rcos", "torque", "cosine part of the ripple"),
+    )
+    own_shapes = (ripple_frequency,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable("Rsin", UNITS[joint_type].torque, "parameter", 0.0, "sine part of the ripple"),
-            Variable("Rcos", UNITS[joint_type].torque, "parameter", 0.0, "cosine part of the ripple"),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (ripple_frequency(joint_type),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"nr": ripple_search(joint_type)}
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.sin(shapes["nr"] * at.q), ca.cos(shapes["nr"] * at.q))
 
-    def stiffness(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return shapes["nr"] * ca.sqrt(parameters["Rsin"] ** 2 + parameters["Rcos"] ** 2)

@@ -1,13 +1,8 @@
-"""Viscous friction."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, JointType, OperatingRange, Surroundings, TorqueEffect
-from fmu_didim.signals import Variable
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.effects.steps import CONSTANT_SPEEDS
 
 
 class Viscous(TorqueEffect):
@@ -16,19 +11,14 @@ class Viscous(TorqueEffect):
     name = "viscous"
     title = "Viscous friction"
     equation = "Fv*dq"
-    class_name = "viscous"
     signature = "Residual in proportion to the velocity."
-    experiment = (
-        "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
-    )
+    experiment = CONSTANT_SPEEDS
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
     is_base = True
+    own_parameters = (Parameter("Fv", "viscous", "viscous friction coefficient"),)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (Variable("Fv", UNITS[joint_type].viscous, "parameter", 0.0, "viscous friction coefficient"),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.dq,)
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["Fv"])

@@ -1,14 +1,8 @@
-"""Friction of a wrist motor that turns with the sum of two joint velocities."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 import casadi as ca
 
-from fmu_didim.effects.base import UNITS, Column, JointType, OperatingRange, Surroundings, TorqueEffect
+from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.joint import Column, OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import smoothing_velocity
-from fmu_didim.signals import Variable
 
 
 class WristFriction(TorqueEffect):
@@ -30,24 +24,18 @@ class WristFriction(TorqueEffect):
     )
     needs = frozenset({"other joints"})
     reach = 1
+    own_parameters = (
+        Parameter("Fvw", "viscous", "viscous friction of the motor of both joints"),
+        Parameter("Fcw", "torque", "Coulomb friction of the motor of both joints"),
+    )
+    own_shapes = (smoothing_velocity,)
 
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (
-            Variable(
-                "Fvw", UNITS[joint_type].viscous, "parameter", 0.0, "viscous friction of the motor of both joints"
-            ),
-            Variable("Fcw", UNITS[joint_type].torque, "parameter", 0.0, "Coulomb friction of the motor of both joints"),
-        )
-
-    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
-        return (smoothing_velocity(joint_type),)
-
-    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[Column, ...]:
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         here, there = at.joint, at.joint + 1
         speed = at.all_dq[here] + at.all_dq[there]
         step = ca.tanh(speed / shapes["v0"])
         return ({here: speed, there: speed}, {here: step, there: step})
 
-    def damping(self, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX], within: OperatingRange) -> ca.SX:
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         # Twice: each row feels the velocities of both joints.
         return 2 * (ca.fabs(parameters["Fvw"]) + ca.fabs(parameters["Fcw"]) / shapes["v0"])

@@ -8,7 +8,7 @@ of the rows of the regressor belongs to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,8 +138,13 @@ def sample_operator(
     """
     position = (times - start) / step
     last = tick_count
-    # A point needs a period that begins there; a window may end where the last period does.
-    end = last - JITTER if kind == "point" else last + JITTER
+    match kind:
+        case "point":  # it needs a period that begins there
+            end = last - JITTER
+        case "average":  # its window may end where the last period does
+            end = last + JITTER
+        case _:
+            assert_never(kind)
     first_bad = np.flatnonzero((position < -JITTER) | (position >= end))
     if first_bad.size:
         t = times[first_bad[0]]
@@ -152,11 +157,14 @@ def sample_operator(
         )
     rows: Indices
     columns: Indices
-    if kind == "point":
-        ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
-        rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
-    else:
-        rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)
+    match kind:
+        case "point":
+            ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
+            rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
+        case "average":
+            rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)
+        case _:
+            assert_never(kind)
     support, place = np.unique(columns, return_inverse=True)
     matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
     return SampleOperator(support.astype(np.int64), matrix, position if kind == "point" else None)

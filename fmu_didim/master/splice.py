@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from fmu_didim.components import Component
 from fmu_didim.components.spliced import SplicedComponent, spliced_component
-from fmu_didim.effects.base import JointType
+from fmu_didim.effects import JointType
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.master.system import REFERENCE, Connection, System

@@ -7,11 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 
 from fmu_didim.discovery.findings import FindingsDocument, GapPair
 from fmu_didim.report.discovery_words import experiment_name
-from fmu_didim.report.figures import AXIS_TITLE, FONT, FRAME, RESIDUAL, SIMULATED, decimated, figure_json
-from fmu_didim.report.numbers import pretty_unit
+from fmu_didim.report.figures import (
+    AXIS_TITLE,
+    FRAME,
+    RESIDUAL,
+    SIMULATED,
+    Row,
+    add_head,
+    axis_of_row,
+    figure_json,
+    finish,
+    line,
+    over_time,
+    stacked,
+)
+from fmu_didim.report.numbers import at, capitalised, pretty_unit
 from fmu_didim.signals import Array, Trajectory
 
 BEFORE, AFTER = RESIDUAL, SIMULATED
@@ -48,15 +62,14 @@ QUANTITIES = {
 PANELS = 2
 
 
-def gap_figure(document: FindingsDocument) -> str:
+def gap_figure(document: FindingsDocument) -> Markup:
     """Gap before and after, over all joints and of each one, a row an experiment; 1: error as large as the noise."""
     labels, joints = list(document.gap), len(document.torque_unit)
     heads = ["all", *(f"joint {j + 1}" for j in range(joints))] if joints > 1 else ["joint 1"]
     figure = go.Figure()
-    domains, height = _rows(len(labels), GAP_HEIGHT)
+    domains, height = stacked([GAP_HEIGHT] * len(labels), [PANEL_GAP] * (len(labels) - 1))
     for row, label in enumerate(labels):
-        pair = document.gap[label]
-        axis = "" if row == 0 else str(row + 1)
+        pair, axis = document.gap[label], axis_of_row(row)
         for name, column, colour in STAGES if document.findings else STAGES[:1]:
             values = _bars(pair, column, joints)
             figure.add_bar(
@@ -75,16 +88,15 @@ def gap_figure(document: FindingsDocument) -> str:
                                          "nticks": 6, "title": AXIS_TITLE | {"text": "gap / noise"}},
             }
         )  # fmt: skip
-        title = experiment_name(document, label)
-        _head(figure, title[:1].upper() + title[1:], domains[row][1])
-    _finish(figure, height)
+        add_head(figure, f"<b>{capitalised(experiment_name(document, label))}</b>", domains[row][1])
+    finish(figure, height, MARGIN)
     figure.update_layout(barmode="group", bargap=0.35, uniformtext={"mode": "hide", "minsize": 9})
     return figure_json(figure)
 
 
 def _bars(pair: GapPair, column: str, joints: int) -> list[float | None]:
     total, each = (pair.before, pair.before_per_joint) if column == "base" else (pair.after, pair.after_per_joint)
-    padded = [each[j] if j < len(each) else None for j in range(joints)]
+    padded = [at(each, j) for j in range(joints)]
     return [total, *padded] if joints > 1 else padded
 
 
@@ -105,37 +117,26 @@ def _residuals(signals: Trajectory, joint: int) -> list[tuple[str, str, Array]]:
     return [(name, colour, measured - known[column]) for name, column, colour in STAGES if column in known]
 
 
-def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[float], *, limit: int) -> str:
+def residual_figure(signals: Trajectory, units: Sequence[str], noise: Sequence[float], *, limit: int) -> Markup:
     """Residual before and after over time, a row a joint, with the band of two standard deviations of the noise.
 
     Args:
         signals: columns ``measured<j>``, ``base<j>``, ``final<j>``; units, noise: (n,); limit: points a trace.
     """
-    joints = drawn_joints(signals, len(units))
-    figure = go.Figure()
-    domains, height = _rows(len(joints), PANEL_HEIGHT)
-    for row, j in enumerate(joints):
-        axis, unit = "" if row == 0 else str(row + 1), pretty_unit(units[j - 1])
-        for name, colour, values in _residuals(signals, j):
-            x, y = decimated(signals.time, values, limit)
-            figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name, legendgroup=name, showlegend=row == 0, mode="lines",
-                line={"color": colour, "width": 1.1}, xaxis="x", yaxis=f"y{axis}",
-                hovertemplate=f"%{{y:.4g}} {unit}<extra>{name} {j}</extra>",
+    rows = []
+    for j in drawn_joints(signals, len(units)):
+        traces = [(name, name, values, line(colour, 1.1)) for name, colour, values in _residuals(signals, j)]
+        unit = pretty_unit(units[j - 1])
+        rows.append(Row(j, "residual", unit, traces, PANEL_HEIGHT, PANEL_GAP, 6, f"<b>Joint {j}</b>"))
+    figure = over_time(signals.time, rows, MARGIN, limit)
+    figure.update_layout(xaxis={"zeroline": False})
+    for k, row in enumerate(rows):
+        if row.joint <= len(noise):
+            band = 2 * noise[row.joint - 1]
+            figure.add_shape(
+                type="rect", xref="x domain", yref=f"y{axis_of_row(k)}", x0=0, x1=1, y0=-band, y1=band,
+                fillcolor=NOISE_BAND, line={"width": 0}, layer="below",
             )  # fmt: skip
-        _band(figure, noise[j - 1] if j <= len(noise) else None, "x domain", f"y{axis}")
-        title = AXIS_TITLE | {"text": f"residual ({unit})"}
-        figure.update_layout(
-            {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": 6, "title": title}}
-        )
-        _head(figure, f"Joint {j}", domains[row][1])
-    last = "" if len(joints) == 1 else str(len(joints))
-    figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{last}", "mirror": "all", "zeroline": False,
-                       "title": AXIS_TITLE | {"text": "time (s)"}},
-        hovermode="x unified",
-    )  # fmt: skip
-    _finish(figure, height)
     return figure_json(figure)
 
 
@@ -146,7 +147,7 @@ def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int
     return [name for name in wanted if f"{QUANTITIES[name].column}{joint}" in signals.names][:PANELS]
 
 
-def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: str) -> str:
+def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: str) -> Markup:
     """Mean residual before and after in bins of a quantity, with twice its standard error.
 
     The bins hold equally many samples. The error is s / sqrt(N) of the residuals in the bin, as if they were
@@ -166,8 +167,8 @@ def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: s
         xaxis=FRAME | {"title": AXIS_TITLE | {"text": f"{kind.title} ({kind.unit(torque_unit)})"}, "nticks": 8},
         yaxis=FRAME | {"title": AXIS_TITLE | {"text": f"mean residual ({unit})"}, "nticks": 7},
     )
-    _head(figure, f"Joint {joint}, against {kind.title.partition(' of ')[0]}", 1.0)
-    _finish(figure, _rows(1, BINNED_HEIGHT)[1])
+    add_head(figure, f"<b>Joint {joint}, against {kind.title.partition(' of ')[0]}</b>", 1.0)
+    finish(figure, BINNED_HEIGHT, MARGIN)
     return figure_json(figure)
 
 
@@ -185,32 +186,3 @@ def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array,
     error = np.sqrt(square / np.maximum(count - 1, 1) / full)
     kept = count >= min(SMALLEST_BIN, at.size)
     return centre[kept], mean[kept], error[kept]
-
-
-def _rows(count: int, panel: int) -> tuple[list[tuple[float, float]], int]:
-    """The stretch of each row from the top down, as shares of the plot, and the height of the figure in px."""
-    inner = max(count * panel + (count - 1) * PANEL_GAP, panel)
-    tops = [inner - k * (panel + PANEL_GAP) for k in range(count)]
-    return [(max((top - panel) / inner, 0.0), top / inner) for top in tops], inner + MARGIN["t"] + MARGIN["b"]
-
-
-def _band(figure: go.Figure, sigma: float | None, xref: str, yref: str) -> None:
-    if sigma is not None:
-        figure.add_shape(
-            type="rect", xref=xref, yref=yref, x0=0, x1=1, y0=-2 * sigma, y1=2 * sigma, fillcolor=NOISE_BAND,
-            line={"width": 0}, layer="below",
-        )  # fmt: skip
-
-
-def _head(figure: go.Figure, text: str, top: float) -> None:
-    figure.add_annotation(
-        text=f"<b>{text}</b>", x=0, y=top, xref="paper", yref="paper", xanchor="left", yanchor="bottom", showarrow=False
-    )
-
-
-def _finish(figure: go.Figure, height: int) -> None:
-    figure.update_layout(
-        height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", showlegend=True,
-        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1 - 8 / height, "yanchor": "top",
-                "yref": "container", "itemsizing": "constant"},
-    )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
@@ -10,66 +10,19 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, ValueFound, load_findings
-from fmu_didim.report.discovery_figures import (
-    binned_figure,
-    drawn_joints,
-    gap_figure,
-    panel_quantities,
-    residual_figure,
-)
-from fmu_didim.report.discovery_regions import strongest_regions
+from fmu_didim.report import discovery_figures as figures
+from fmu_didim.report import discovery_words as words
+from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.discovery_words import (
-    SIGNALS,
-    error_text,
-    experiment_head,
-    experiment_name,
-    file_title,
-    interval_text,
-    located,
-    noise_source,
-    refused_line,
-    rival_text,
-    share_text,
-    step_text,
-    value_text,
-    window_line,
-)
-from fmu_didim.report.figures import points_per_trace
-from fmu_didim.report.numbers import MISSING, pretty_unit, significant
-from fmu_didim.report.page import write_page
-from fmu_didim.report.tables import Table, aligned
-from fmu_didim.signals import Trajectory, read_trajectory
+from fmu_didim.report.figures import Plots, points_per_trace, signals_note
+from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
+from fmu_didim.report.tables import Table, table
+from fmu_didim.report.templates import write_page
+from fmu_didim.signals import read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"
-REGIONS_PER_JOINT = 3
 TRACES_PER_JOINT = 2
-
-
-@dataclass(frozen=True)
-class Card:
-    """One finding, ready to be shown."""
-
-    number: int
-    title: str
-    place: str
-    equation: str
-    parameters: Table | None
-    facts: tuple[tuple[str, str], ...]
-    rivals: tuple[str, ...]
-    experiment_head: str
-    experiment: str
-
-
-@dataclass(frozen=True)
-class ResidualPlots:
-    """One experiment: its residual over time, and in bins of what it depends on."""
-
-    title: str
-    over_time: Markup
-    binned: tuple[Markup, ...]
-    note: str
 
 
 def write_discovery_report(folder: Path | str) -> Path:
@@ -80,25 +33,22 @@ def write_discovery_report(folder: Path | str) -> Path:
     """
     folder = Path(folder)
     document = load_findings(folder)
-    joints = sorted({r.joint for r in document.regions})
     return write_page(
         folder / DISCOVERY_FILE,
         TEMPLATE,
         document=document,
         verdict=verdict_of(document),
         cards=_headline(document),
-        gap_figure=Markup(gap_figure(document)) if document.gap and document.torque_unit else None,
-        findings=[_card(number, f, document) for number, f in enumerate(document.findings, start=1)],
+        gap_figure=figures.gap_figure(document) if document.gap and document.torque_unit else None,
+        words=words,
+        facts=partial(_facts, document),
+        values=_values,
+        link=_link,
         rounds=_rounds(document),
         plots=_plots(document, folder),
-        places=[line for j in joints for line in strongest_regions(document, joint=j, count=REGIONS_PER_JOINT)],
+        places=regions_by_joint(document),
         regions=_regions(document),
-        windows=[window_line(w, document.torque_unit) for w in document.windows],
         noise=_noise(document),
-        noise_source=noise_source(document.noise),
-        refused=[refused_line(r) for r in document.refused],
-        base=_values(document.base_parameters),
-        files=[(file_title(key), name, _link(name)) for key, name in document.files.items()],
         plotly=Markup(get_plotlyjs()),
     )
 
@@ -108,40 +58,30 @@ def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
     changed = bool(document.findings)
     cards = [("effects named", str(len(document.findings)))]
     for label, pair in document.gap.items():
-        cards.append((f"gap / noise, {experiment_name(document, label)}", step_text(pair, changed=changed)))
+        cards.append((f"gap / noise, {words.experiment_name(document, label)}", words.step_text(pair, changed=changed)))
     if document.ratio_interval is not None:
-        cards.append(("held-out RMS over the base model's, 95 %", interval_text(document.ratio_interval)))
+        cards.append(("held-out RMS over the base model's, 95 %", words.interval_text(document.ratio_interval)))
     for label, errors in document.error_percent.items():
-        cards.append((f"torque error, {experiment_name(document, label)}", error_text(*errors, changed=changed)))
+        cards.append(
+            (f"torque error, {words.experiment_name(document, label)}", words.error_text(*errors, changed=changed))
+        )
     cards.append(("time taken", f"{significant(document.seconds)} s"))
     return cards
 
 
-def _card(number: int, finding: FindingResult, document: FindingsDocument) -> Card:
-    facts = [("share of the gap", share_text(finding.share_of_gap))]
-    facts += [(f"gap, {experiment_name(document, label)}", step_text(pair)) for label, pair in finding.gap.items()]
-    facts.append(("held-out RMS ratio, 95 %", interval_text(finding.ratio_interval)))
+def _facts(document: FindingsDocument, finding: FindingResult) -> list[tuple[str, str]]:
+    """What a finding is worth: a head and a value each."""
+    facts = [("share of the gap", words.share_text(finding.share_of_gap))]
+    for label, pair in finding.gap.items():
+        facts.append((f"gap, {words.experiment_name(document, label)}", words.step_text(pair)))
+    facts.append(("held-out RMS ratio, 95 %", words.interval_text(finding.ratio_interval)))
     facts.append(("gain in BIC", significant(finding.delta_bic)))
-    return Card(
-        number=number,
-        title=f"{finding.title}, {located(finding.effect, finding.joint)}",
-        place=finding.place,
-        equation=finding.equation,
-        parameters=_values(finding.parameters),
-        facts=tuple(facts),
-        rivals=tuple(rival_text(r) for r in finding.ambiguous),
-        experiment_head=experiment_head(finding),
-        experiment=finding.experiment,
-    )
+    return facts
 
 
 def _values(values: list[ValueFound]) -> Table | None:
-    if not values:
-        return None
-    shown = [value_text(v) for v in values]
-    rows = tuple((t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in shown)
-    heads = ("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit")
-    return aligned(Table(heads, rows, (0, 6)))
+    rows = [(t.name, t.value, t.std, t.percent, *t.interval, t.unit or MISSING) for t in map(words.value_text, values)]
+    return table(("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit"), rows, (0, 6))
 
 
 def _rounds(document: FindingsDocument) -> Table | None:
@@ -150,79 +90,67 @@ def _rounds(document: FindingsDocument) -> Table | None:
     if not document.findings:
         return None
     heads = ["round", "added", "share of the gap", "gain in BIC"]
-    heads += [f"gap, {experiment_name(document, label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
+    heads += [f"gap, {words.experiment_name(document, label)}" for label in labels] + ["held-out RMS ratio, 95 %"]
     rows = [
         (
-            str(number), f"{f.title}, {located(f.effect, f.joint)}",
-            share_text(f.share_of_gap), significant(f.delta_bic),
-            *(step_text(f.gap.get(label)) for label in labels), interval_text(f.ratio_interval),
+            str(number), words.named(f),
+            words.share_text(f.share_of_gap), significant(f.delta_bic),
+            *(words.step_text(f.gap.get(label)) for label in labels), words.interval_text(f.ratio_interval),
         )
         for number, f in enumerate(document.findings, start=1)
     ]  # fmt: skip
     rows.append(
-        ("all", "base → final model", "", "", *(step_text(document.gap[label]) for label in labels),
-         interval_text(document.ratio_interval))
+        ("all", "base → final model", "", "", *(words.step_text(document.gap[label]) for label in labels),
+         words.interval_text(document.ratio_interval))
     )  # fmt: skip
-    return Table(tuple(heads), tuple(rows), (0, 1))
+    return table(heads, rows, (0, 1), is_aligned=False)
 
 
-def _plots(document: FindingsDocument, folder: Path) -> list[ResidualPlots]:
+def _plots(document: FindingsDocument, folder: Path) -> list[Plots]:
     units = document.torque_unit
-    names = {key: name for key, name in document.files.items() if key.startswith(SIGNALS)}
+    names = {key: name for key, name in document.files.items() if key.startswith(words.SIGNALS)}
     limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(names))
-    plots: list[ResidualPlots] = []
+    plots: list[Plots] = []
     for key, name in names.items():
         signals = read_trajectory(folder / name)
-        joints = drawn_joints(signals, len(units))
+        joints = figures.drawn_joints(signals, len(units))
         if not joints:
             continue
-        over_time = residual_figure(signals, units, document.noise.std, limit=limit)
+        over_time = figures.residual_figure(signals, units, document.noise.std, limit=limit)
         panels = [
-            Markup(binned_figure(signals, j, quantity, units[j - 1]))
+            figures.binned_figure(signals, j, quantity, units[j - 1])
             for j in (joints if not plots else ())  # once, for the data in which the regions were found
-            for quantity in panel_quantities(document, signals, j)
+            for quantity in figures.panel_quantities(document, signals, j)
         ]
-        title = experiment_name(document, key.removeprefix(SIGNALS))
-        title = title[:1].upper() + title[1:]
-        plots.append(ResidualPlots(title, Markup(over_time), tuple(panels), _note(signals, limit)))
+        name = words.experiment_name(document, key.removeprefix(words.SIGNALS))
+        note = signals_note(signals.time, limit)
+        plots.append(Plots(name, note, over_time, panels))
     return plots
 
 
-def _note(signals: Trajectory, limit: int) -> str:
-    count = signals.time.size
-    note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
-    return note + (f"; drawn by the extremes of {(limit - 2) // 2} stretches" if count > limit else "")
-
-
 def _regions(document: FindingsDocument) -> Table | None:
-    if not document.regions:
-        return None
-    units = document.torque_unit
-    rows = tuple(
+    rows = [
         (
             f"joint {r.joint}", r.quantity, significant(r.low), significant(r.high), pretty_unit(r.unit) or MISSING,
-            significant(r.mean), pretty_unit(units[r.joint - 1]) if r.joint <= len(units) else MISSING,
-            significant(100 * r.share_of_gap),
-            significant(r.p_value, 2) if r.p_value > 0 else "< 1e-300",
+            significant(r.mean), joint_unit(document.torque_unit, r.joint - 1) or MISSING,
+            significant(100 * r.share_of_gap), significant(r.p_value, 2) if r.p_value > 0 else "< 1e-300",
         )
         for r in document.regions
-    )  # fmt: skip
+    ]  # fmt: skip
     heads = ("", "quantity", "from", "to", "unit", "mean residual", "unit", "share of the quantity (%)", "p-value")
-    return aligned(Table(heads, rows, (0, 1, 4, 6, 8)))
+    return table(heads, rows, (0, 1, 4, 6, 8))
 
 
 def _noise(document: FindingsDocument) -> Table | None:
-    noise, units = document.noise, document.torque_unit
-    if not noise.std:
-        return None
-    rows = tuple(
+    noise = document.noise
+    rows = [
         (
-            f"joint {j + 1}", significant(std, 2), pretty_unit(units[j]) if j < len(units) else MISSING,
-            significant(noise.correlation[j] if j < len(noise.correlation) else None, 2),
+            f"joint {j + 1}", significant(std, 2), joint_unit(document.torque_unit, j) or MISSING,
+            significant(at(noise.correlation, j), 2),
         )
         for j, std in enumerate(noise.std)
-    )  # fmt: skip
-    return aligned(Table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2)))
+    ]  # fmt: skip
+    return table(("", "noise σ", "unit", "correlation of neighbouring samples"), rows, (0, 2))
 
 
 def _link(name: str) -> str | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from fmu_didim.discovery.findings import FindingsDocument, RegionResult
 from fmu_didim.report.discovery_words import share_text
-from fmu_didim.report.numbers import pretty_unit, significant
+from fmu_didim.report.numbers import joint_unit, pretty_unit, significant
 
 PEAK_PART = 0.5
 """Bins whose mean reaches this fraction of the largest one of their quantity belong to the region that is named."""
@@ -45,10 +45,16 @@ def strongest_regions(document: FindingsDocument, *, joint: int | None = None, c
     return [_region_line(group, document.torque_unit) for group in ranked[:count]]
 
 
+def regions_by_joint(document: FindingsDocument) -> list[str]:
+    """The strongest ones of each joint."""
+    joints = sorted({region.joint for region in document.regions})
+    return [line for j in joints for line in strongest_regions(document, joint=j)]
+
+
 def _region_line(group: Sequence[RegionResult], units: Sequence[str]) -> str:
     first = group[0]
     where, sign = _where(first.quantity, pretty_unit(first.unit), pieces := _pieces(group))
-    unit = pretty_unit(units[first.joint - 1]) if first.joint <= len(units) else ""
+    unit = joint_unit(units, first.joint - 1)
     mean = f"{sign[:1]}{significant(abs(pieces[0].mean), 2)} {unit}".rstrip()
     share = share_text(max(r.share_of_gap for r in group))
     worth = f"{share} of the gap goes with the {first.quantity}"

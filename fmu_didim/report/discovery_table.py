@@ -5,26 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
-from fmu_didim.report.discovery_regions import strongest_regions
+from fmu_didim.report import discovery_words as words
+from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.discovery_words import (
-    error_text,
-    experiment_head,
-    experiment_name,
-    file_title,
-    interval_text,
-    located,
-    noise_joint,
-    noise_source,
-    refused_line,
-    rival_text,
-    share_text,
-    step_text,
-    value_line,
-    window_line,
-)
-from fmu_didim.report.numbers import significant
-from fmu_didim.report.table import listing, wrapped
+from fmu_didim.report.numbers import at, noise_text, significant
+from fmu_didim.report.table import clipped, column, entries, joined, listing, wrapped
 
 BAR = 14
 """Characters of the longest bar."""
@@ -33,7 +18,6 @@ SIDE_BY_SIDE = 2
 """Experiments whose gaps stand beside each other; further ones come below."""
 SHOWN_REFUSED = 6
 SHOWN_WINDOWS = 6
-REGIONS_PER_JOINT = 3
 
 
 def discovery_table(document: FindingsDocument) -> str:
@@ -43,40 +27,33 @@ def discovery_table(document: FindingsDocument) -> str:
         [*wrapped(f"{end.head}: {end.text}", "", "  "), *wrapped(document.name)],
         *(_finding(number, finding) for number, finding in enumerate(document.findings, start=1)),
         _gaps(document),
-        listing("Where the base model disagrees", _regions(document)),
+        listing("Where the base model disagrees", regions_by_joint(document)),
         listing("Windows of time with a torque of their own", _windows(document)),
         _facts(document),
         listing("Not accepted", _refused(document)),
         listing("Notes", document.notes),
-        listing("Files", [f"{file_title(key)}: {name}" for key, name in document.files.items()]),
+        listing("Files", [f"{words.file_title(key)}: {name}" for key, name in document.files.items()]),
     ]
     return "\n\n".join("\n".join(section) for section in sections if section) + "\n"
 
 
-def _entries(entries: Sequence[tuple[str, str]], indent: str) -> list[str]:
-    """Heads and texts in two columns, wrapped."""
-    width = max((len(head) for head, _ in entries), default=0)
-    space = indent + " " * (width + 2)
-    return [line for head, text in entries for line in wrapped(text, f"{indent}{head.ljust(width)}  ", space)]
-
-
 def _finding(number: int, finding: FindingResult) -> list[str]:
     """One named effect: values, what it is worth, what it is mistaken for."""
-    head = f"{number}  {finding.title}, {located(finding.effect, finding.joint)} ({finding.place})"
-    entries = [(p.name, value_line(p)) for p in finding.parameters]
-    entries.append(("share of the gap", share_text(finding.share_of_gap)))
+    head = f"{number}  {words.named(finding)} ({finding.place})"
+    rows = [(p.name, words.value_line(p)) for p in finding.parameters]
+    rows.append(("share of the gap", words.share_text(finding.share_of_gap)))
     if finding.ratio_interval is not None:
-        entries.append(("held-out RMS", f"{interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
-    rivals = "; ".join(rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
-    entries += [("cannot be told from", rivals), (experiment_head(finding), finding.experiment)]
-    return [*wrapped(head, "", "   "), *_entries(entries, "     ")]
+        rows.append(("held-out RMS", f"{words.interval_text(finding.ratio_interval)} of what it was, 95 % interval"))
+    rivals = "; ".join(words.rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
+    rows += [("cannot be told from", rivals), (words.experiment_head(finding), finding.experiment)]
+    return [*wrapped(head, "", "   "), *entries(rows, "     ")]
 
 
 def _gaps(document: FindingsDocument) -> list[str]:
     """Round by round, then base against final model: over all joints and of each one."""
     labels = list(document.gap)
     rows = [
-        (f"{number}  {f.title}, {located(f.effect, f.joint)}", [f.gap.get(label) for label in labels])
+        (f"{number}  {words.named(f)}", [f.gap.get(label) for label in labels])
         for number, f in enumerate(document.findings, start=1)
     ]
     final = [document.gap[label] for label in labels]
@@ -97,34 +74,20 @@ def _gaps(document: FindingsDocument) -> list[str]:
 
 
 def _gap_block(
-    labels: Sequence[str],
-    rows: Sequence[tuple[str, Sequence[GapPair | None]]],
-    longest: float,
-    *,
-    changed: bool,
+    labels: Sequence[str], rows: Sequence[tuple[str, Sequence[GapPair | None]]], longest: float, *, changed: bool
 ) -> list[str]:
     """The gaps of a few experiments beside each other."""
-    texts = [[step_text(pair, changed=changed) for pair in pairs] for _, pairs in rows]
-    widths = [max(len(row[k]) for row in texts) for k in range(len(labels))]
-    heads = [_cut(label, width + 2 + BAR) for label, width in zip(labels, widths, strict=True)]
-    lines = ["  ".join(["Gap, in times the noise".ljust(NAME_WIDTH), *heads]).rstrip()]
-    for (name, pairs), cells in zip(rows, texts, strict=True):
-        parts = [
-            f"{cell.rjust(width)}  {_bar(pair, longest)}"
-            for cell, width, pair in zip(cells, widths, pairs, strict=True)
-        ]
-        lines.append("  ".join([_cut(name, NAME_WIDTH), *parts]).rstrip())
-    return lines
-
-
-def _cut(text: str, width: int) -> str:
-    return (text if len(text) <= width else text[: width - 1] + "…").ljust(width)
+    names = [clipped(name, NAME_WIDTH) for name, _ in rows]
+    columns = [column("Gap, in times the noise".ljust(NAME_WIDTH), names, left=True)]
+    for label, pairs in zip(labels, zip(*(pairs for _, pairs in rows), strict=True), strict=True):
+        _, *steps = column("", [words.step_text(pair, changed=changed) for pair in pairs])
+        texts = [f"{step}  {_bar(pair, longest)}" for step, pair in zip(steps, pairs, strict=True)]
+        columns.append(column(clipped(label, len(texts[0])), texts, left=True))
+    return joined(columns)
 
 
 def _of_joint(pair: GapPair, index: int) -> GapPair:
-    before, after = (
-        values[index] if index < len(values) else None for values in (pair.before_per_joint, pair.after_per_joint)
-    )
+    before, after = at(pair.before_per_joint, index), at(pair.after_per_joint, index)
     return GapPair(before=before, after=after, before_per_joint=[before], after_per_joint=[after])
 
 
@@ -137,35 +100,32 @@ def _bar(pair: GapPair | None, longest: float) -> str:
     return ("█" * remains + "░" * max(was - remains, 0)).ljust(BAR)
 
 
-def _regions(document: FindingsDocument) -> list[str]:
-    joints = sorted({region.joint for region in document.regions})
-    return [line for j in joints for line in strongest_regions(document, joint=j, count=REGIONS_PER_JOINT)]
-
-
 def _windows(document: FindingsDocument) -> list[str]:
-    lines = [window_line(w, document.torque_unit) for w in document.windows[:SHOWN_WINDOWS]]
+    lines = [words.window_line(w, document.torque_unit) for w in document.windows[:SHOWN_WINDOWS]]
     return [*lines, *_hidden(len(document.windows) - SHOWN_WINDOWS)]
 
 
 def _facts(document: FindingsDocument) -> list[str]:
     noise = document.noise
-    stds = ", ".join(noise_joint(noise, k, document.torque_unit) for k in range(len(noise.std)))
-    entries = [("Noise σ", f"{stds} ({noise_source(noise)})")] if noise.std else []
+    stds = noise_text(noise.std, document.torque_unit)
+    rows = [("Noise σ", f"{stds} ({words.noise_source(noise)})")] if noise.std else []
     changed = bool(document.findings)
     errors = ", ".join(
-        f"{experiment_name(document, k)} {error_text(*pair, changed=changed)}"
+        f"{words.experiment_name(document, k)} {words.error_text(*pair, changed=changed)}"
         for k, pair in document.error_percent.items()
     )
     if errors:
-        entries.append(("Torque error", errors))
+        rows.append(("Torque error", errors))
     if document.ratio_interval is not None:
-        entries.append(("Held-out RMS", f"{interval_text(document.ratio_interval)} of the base model's, 95 % interval"))
-    entries.append(("Time taken", f"{significant(document.seconds)} s"))
-    return _entries(entries, "")
+        rows.append(
+            ("Held-out RMS", f"{words.interval_text(document.ratio_interval)} of the base model's, 95 % interval")
+        )
+    rows.append(("Time taken", f"{significant(document.seconds)} s"))
+    return entries(rows)
 
 
 def _refused(document: FindingsDocument) -> list[str]:
-    lines = [refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
+    lines = [words.refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
     return [*lines, *_hidden(len(document.refused) - SHOWN_REFUSED)]
 
 

@@ -7,6 +7,7 @@ from math import inf
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPair
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_words import gap_text, located
+from fmu_didim.report.numbers import capitalised
 from fmu_didim.report.verdict import Verdict
 
 HEADS = {
@@ -20,7 +21,7 @@ HEADS = {
 def verdict_of(document: FindingsDocument) -> Verdict:
     """The verdict as a sentence for the one who runs the drive."""
     grade, head = HEADS[document.verdict]
-    sentences = [document.text[:1].upper() + document.text[1:]]
+    sentences = [capitalised(document.text)]
     if document.findings:
         sentences.append("; ".join(_named(f, first=k == 0) for k, f in enumerate(document.findings)))
     judged = _experiments(document, "validation") or _experiments(document, "estimation")
@@ -36,13 +37,11 @@ def verdict_of(document: FindingsDocument) -> Verdict:
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:
-    others = len(finding.ambiguous)
     where = located(finding.effect, finding.joint)
-    text = f"{where[:1].upper() + where[1:] if first else where}: {finding.title}"
-    if others:
-        text += (
-            f" (or {'another one' if others == 1 else f'one of {others} others'} that these data cannot tell from it)"
-        )
+    text = f"{capitalised(where) if first else where}: {finding.title}"
+    if count := len(finding.ambiguous):
+        others = "another one" if count == 1 else f"one of {count} others"
+        text += f" (or {others} that these data cannot tell from it)"
     return text
 
 

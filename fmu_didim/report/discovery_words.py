@@ -19,6 +19,7 @@ from fmu_didim.report.experiments import titled
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
+    joint_unit,
     percent_std,
     percentage,
     pretty_unit,
@@ -110,6 +111,11 @@ def located(effect: str, joint: int) -> str:
     return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
 
 
+def named(finding: FindingResult) -> str:
+    """An effect that was found, and where it is."""
+    return f"{finding.title}, {located(finding.effect, finding.joint)}"
+
+
 def experiment_head(finding: FindingResult) -> str:
     """What the proposed experiment is good for."""
     return "to split them" if finding.ambiguous else "to confirm it"
@@ -117,11 +123,10 @@ def experiment_head(finding: FindingResult) -> str:
 
 def window_line(window: WindowResult, units: Sequence[str]) -> str:
     """An interval of time with a torque of its own."""
-    unit = pretty_unit(units[window.joint - 1]) if window.joint <= len(units) else ""
-    return (
-        f"joint {window.joint}: {window.begin_s:.6g} s to {window.end_s:.6g} s, {significant(window.torque, 2)} {unit}"
-        f" ({significant(window.score, 2)} standard deviations), {window.experiment}"
-    )
+    size = f"{significant(window.torque, 2)} {joint_unit(units, window.joint - 1)}"
+    times = f"{window.begin_s:.6g} s to {window.end_s:.6g} s"
+    score = significant(window.score, 2)
+    return f"joint {window.joint}: {times}, {size} ({score} standard deviations), {window.experiment}"
 
 
 def noise_source(noise: NoiseResult) -> str:
@@ -129,12 +134,6 @@ def noise_source(noise: NoiseResult) -> str:
     if noise.source == "periods" and noise.period_s is not None:
         return f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
     return {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
-
-
-def noise_joint(noise: NoiseResult, index: int, units: Sequence[str]) -> str:
-    """Noise of a joint, from 0."""
-    unit = pretty_unit(units[index]) if index < len(units) else ""
-    return f"joint {index + 1} {significant(noise.std[index], 2)} {unit}".rstrip()
 
 
 def refused_line(refused: tuple[str, int, str]) -> str:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fmu_didim.identification.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
-from fmu_didim.report.numbers import MISSING, ParameterText, parameter_text, pretty_unit, rounding, significant
+from fmu_didim.report.numbers import MISSING, ParameterText, at, parameter_text, pretty_unit, rounding, significant
 
 DELAY = "delay"
 """What a parameter is of that counts control periods."""
@@ -33,19 +32,15 @@ def parameter_groups(document: ResultDocument) -> list[ParameterGroup]:
     return [group for group in groups if group.parameters]
 
 
-def shown_name(name: str, parameter: ParameterResult) -> str:
-    """The name of a parameter, of another component than the plant with that component: ``Kp1 (controller)``."""
-    return name if parameter.of in ("plant", DELAY, "log") else f"{name} ({parameter.of})"
-
-
 def shown_unit(parameter: ParameterResult) -> str:
     """The unit for reading; a delay counts samples of the loop."""
     return "samples" if parameter.of == DELAY else pretty_unit(parameter.unit)
 
 
 def shown_parameter(name: str, parameter: ParameterResult) -> ParameterText:
-    """The texts of a parameter under the name and in the unit for reading."""
-    return parameter_text(shown_name(name, parameter), parameter, shown_unit(parameter))
+    """The texts of a parameter; that of another component than the plant is named with it: ``Kp1 (controller)``."""
+    shown = name if parameter.of in ("plant", DELAY, "log") else f"{name} ({parameter.of})"
+    return parameter_text(shown, parameter, shown_unit(parameter))
 
 
 def delay_lines(document: ResultDocument) -> list[str]:
@@ -114,15 +109,3 @@ def error_rows(document: ResultDocument) -> list[tuple[str, list[float | None]]]
     if len(fitted) > 1 and document.fitted_error_percent is not None:
         found[ALL_FITTED] = document.fitted_error_percent
     return [(label, [error.total, *(at(error.per_joint, j) for j in joints)]) for label, error in found.items()]
-
-
-def noise_text(document: ResultDocument) -> str:
-    """The noise of each joint in a fit over all; empty if unknown."""
-    units = [pretty_unit(unit) for unit in document.torque_unit]
-    known = zip(document.noise_std, units, strict=False)
-    return ", ".join(f"joint {j} {significant(v, 2)} {unit}".rstrip() for j, (v, unit) in enumerate(known, start=1))
-
-
-def at(values: Sequence[float | None], index: int) -> float | None:
-    """The value at a place, None beyond the end."""
-    return values[index] if index < len(values) else None

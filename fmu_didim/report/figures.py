@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from plotly.subplots import make_subplots
 
 from fmu_didim.identification.result import IterationResult
-from fmu_didim.report.numbers import percentage, pretty_unit
+from fmu_didim.report.numbers import at, percentage, pretty_unit
 from fmu_didim.signals import Array
 
 MEASURED, MEASURED_DENSE, SIMULATED, RESIDUAL, FAILED = "#374151", "#a3acb9", "#0072b2", "#d55e00", "#b42318"
@@ -29,6 +31,7 @@ FRAME = {"gridcolor": "#e5e7eb", "zeroline": True, "zerolinecolor": "#9ca3af", "
 """What all axes of a figure have in common."""
 AXIS_TITLE = {"font": {"size": 12}, "standoff": 10}
 MARGIN = {"l": 84, "r": 16, "t": 66, "b": 48}
+WHITE = {"font": FONT, "plot_bgcolor": "white", "paper_bgcolor": "white"}
 
 
 def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:
@@ -53,6 +56,12 @@ def points_per_trace(traces: int) -> int:
     return max(min(POINTS_PER_TRACE, POINTS_PER_PAGE // max(traces, 1)), 200)
 
 
+def signals_note(time: Array, limit: int) -> str:
+    """What to say of signals at (N,) instants of which a trace has that many points at most."""
+    note = f"{time.size} samples over {time[-1] - time[0]:.6g} s"
+    return note + (f"; drawn by the extremes of {(limit - 2) // 2} stretches" if time.size > limit else "")
+
+
 def torque_figure(
     time: Array,
     measured: Array,
@@ -68,79 +77,116 @@ def torque_figure(
         time: (N,) s; measured: (N, n); simulated: name of each model -> (N, n), at most two.
         units: (n,) FMI units of the joints; percent: (n,) relative errors; limit: points a trace.
     """
-    count = len(units)
-    figure = go.Figure()
-    domains, height = _domains(count)
-    for j, unit in enumerate(units):
-        shown = pretty_unit(unit)
-        upper, lower = _axis(2 * j), _axis(2 * j + 1)
-        for name, group, values, is_residual, style in _traces(
-            measured[:, j], {k: v[:, j] for k, v in simulated.items()}
-        ):
-            x, y = decimated(time, values, limit)
-            figure.add_scatter(
-                x=x, y=y.astype(np.float32), name=name, legendgroup=group, showlegend=j == 0 and name == group,
-                xaxis="x", yaxis=f"y{lower if is_residual else upper}", **style,
-                hovertemplate=f"%{{y:.4g}} {shown}<extra>{name} {j + 1}</extra>",
-            )  # fmt: skip
+    rows = []
+    for j, unit in enumerate(units, start=1):
+        torque, residual = _traces(measured[:, j - 1], {k: v[:, j - 1] for k, v in simulated.items()})
+        error = at(percent, j - 1)
+        head = f"<b>Joint {j}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
         quantity = "force" if unit == "N" else "torque"
-        for axis, row, title, ticks in ((upper, 2 * j, quantity, 7), (lower, 2 * j + 1, "residual", 5)):
-            figure.update_layout(
-                {f"yaxis{axis}": FRAME | {"anchor": "x", "domain": domains[row], "nticks": ticks,
-                                          "title": AXIS_TITLE | {"text": f"{title} ({shown})"}}}
-            )  # fmt: skip
-        error = percent[j] if j < len(percent) else None
-        text = f"<b>Joint {j + 1}</b>" + (f"   relative error {percentage(error)}" if error is not None else "")
-        figure.add_annotation(
-            text=text, x=0, y=domains[2 * j][1], xref="paper", yref="paper", xanchor="left", yanchor="bottom",
-            showarrow=False,
-        )  # fmt: skip
-    figure.update_layout(
-        xaxis=FRAME | {"anchor": f"y{_axis(2 * count - 1)}", "mirror": "all",
-                       "title": AXIS_TITLE | {"text": "time (s)"}},
-        height=height, margin=MARGIN, font=FONT, plot_bgcolor="white", paper_bgcolor="white", hovermode="x unified",
-        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "yref": "container",
-                "itemsizing": "constant"},
-    )  # fmt: skip
-    figure.update_layout(legend={"y": 1 - 8 / height, "yanchor": "top"}, template="none")
-    return figure
+        rows.append(Row(j, quantity, pretty_unit(unit), torque, TORQUE_HEIGHT, GAP_BELOW_TORQUE, 7, head))
+        rows.append(Row(j, "residual", pretty_unit(unit), residual, RESIDUAL_HEIGHT, GAP_BELOW_JOINT, 5))
+    return over_time(time, rows, MARGIN, limit)
 
 
-Trace = tuple[str, str, Array, bool, dict[str, Any]]
-"""Name, group in the legend, values (N,), whether it is a residual, and style of a line."""
+Trace = tuple[str, str, Array, dict[str, Any]]
+"""Name, group in the legend, values (N,) and style of a line."""
 
 
-def _traces(measured: Array, simulated: Mapping[str, Array]) -> list[Trace]:
-    """What is drawn of one joint; of two models each has one colour and one entry in the legend."""
+def _traces(measured: Array, simulated: Mapping[str, Array]) -> tuple[list[Trace], list[Trace]]:
+    """Torques and residuals of one joint; of two models each has one colour and one entry in the legend."""
     mode = "markers" if measured.size <= MARKERS_UP_TO else "lines"
     dots = {"mode": mode, "marker": {"color": MEASURED, "size": 5}, "line": {"color": MEASURED_DENSE, "width": 1}}
-    traces: list[Trace] = [("measured", "measured", measured, False, dots)]
+    torques: list[Trace] = [("measured", "measured", measured, dots)]
+    residuals: list[Trace] = []
     one = len(simulated) == 1
     colours = ((SIMULATED, RESIDUAL),) if one else ((RESIDUAL, RESIDUAL), (SIMULATED, SIMULATED))
     for (name, torque), (wide, thin) in zip(simulated.items(), colours, strict=False):
         residual, group = ("residual", "residual") if one else (f"residual of the {name}", name)
-        traces.append((name, name, torque, False, {"mode": "lines", "line": {"color": wide, "width": 1.6}}))
-        traces.append(
-            (residual, group, measured - torque, True, {"mode": "lines", "line": {"color": thin, "width": 1}})
-        )
-    return traces
+        torques.append((name, name, torque, line(wide, 1.6)))
+        residuals.append((residual, group, measured - torque, line(thin, 1)))
+    return torques, residuals
 
 
-def _axis(row: int) -> str:
+def line(colour: str, width: float) -> dict[str, Any]:
+    """The style of a line."""
+    return {"mode": "lines", "line": {"color": colour, "width": width}}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of a joint, counted from 1, in a figure over time.
+
+    Attributes:
+        title, unit: of its axis; height, gap: px of it and below it; ticks: about so many; head: what stands above it.
+    """
+
+    joint: int
+    title: str
+    unit: str
+    traces: Sequence[Trace]
+    height: int
+    gap: int
+    ticks: int
+    head: str = ""
+
+
+def over_time(time: Array, rows: Sequence[Row], margin: Mapping[str, int], limit: int) -> go.Figure:
+    """Rows below each other over one axis of (N,) instants in s, with at most about ``limit`` points a trace."""
+    figure = go.Figure()
+    domains, height = stacked([row.height for row in rows], [row.gap for row in rows[:-1]])
+    known: set[str] = set()
+    for k, row in enumerate(rows):
+        axis = axis_of_row(k)
+        for name, group, values, style in row.traces:
+            x, y = decimated(time, values, limit)
+            figure.add_scatter(
+                x=x, y=y.astype(np.float32), name=name, legendgroup=group, xaxis="x", yaxis=f"y{axis}", **style,
+                showlegend=name == group and name not in known,
+                hovertemplate=f"%{{y:.4g}} {row.unit}<extra>{name} {row.joint}</extra>",
+            )  # fmt: skip
+            known.add(name)
+        title = AXIS_TITLE | {"text": f"{row.title} ({row.unit})"}
+        own = FRAME | {"anchor": "x", "domain": domains[k], "nticks": row.ticks, "title": title}
+        figure.update_layout({f"yaxis{axis}": own})
+        if row.head:
+            add_head(figure, row.head, domains[k][1])
+    last = {"anchor": f"y{axis_of_row(len(rows) - 1)}", "mirror": "all", "title": AXIS_TITLE | {"text": "time (s)"}}
+    figure.update_layout(xaxis=FRAME | last, hovermode="x unified")
+    finish(figure, height, margin)
+    return figure
+
+
+def axis_of_row(row: int) -> str:
+    """What follows ``x`` or ``y`` in the name of an axis of this row, from 0."""
     return "" if row == 0 else str(row + 1)
 
 
-def _domains(count: int) -> tuple[list[tuple[float, float]], int]:
-    """The stretch of each axis from the top down, as shares of the plot, and the height of the figure in px."""
-    per_joint = TORQUE_HEIGHT + GAP_BELOW_TORQUE + RESIDUAL_HEIGHT
-    inner = count * per_joint + (count - 1) * GAP_BELOW_JOINT
-    domains, top = [], float(inner)
-    for _ in range(count):
-        middle = top - TORQUE_HEIGHT
-        bottom = middle - GAP_BELOW_TORQUE - RESIDUAL_HEIGHT
-        domains += [(middle / inner, top / inner), (bottom / inner, (bottom + RESIDUAL_HEIGHT) / inner)]
-        top = bottom - GAP_BELOW_JOINT
-    return [(max(low, 0.0), min(high, 1.0)) for low, high in domains], inner + MARGIN["t"] + MARGIN["b"]
+def stacked(heights: Sequence[int], gaps: Sequence[int]) -> tuple[list[tuple[float, float]], int]:
+    """The stretch of each row from the top down, as shares of the plot, and the height of the plot in px.
+
+    Args:
+        heights: px of each row; gaps: px below each but the last one.
+    """
+    total = sum(heights) + sum(gaps)
+    tops = [total - above for above in accumulate((h + g for h, g in zip(heights, gaps, strict=False)), initial=0)]
+    return [((top - height) / total, top / total) for top, height in zip(tops, heights, strict=True)], total
+
+
+def add_head(figure: go.Figure, text: str, top: float) -> None:
+    """A text above a row whose upper end is there."""
+    figure.add_annotation(
+        text=text, x=0, y=top, xref="paper", yref="paper", xanchor="left", yanchor="bottom", showarrow=False
+    )
+
+
+def finish(figure: go.Figure, plot_height: int, margin: Mapping[str, int]) -> None:
+    """Size and legend of a figure whose plot has this height."""
+    height = plot_height + margin["t"] + margin["b"]
+    figure.update_layout(
+        height=height, margin=margin, showlegend=True, **WHITE,
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1 - 8 / height, "yanchor": "top",
+                "yref": "container", "itemsizing": "constant"},
+    )  # fmt: skip
 
 
 def history_figure(history: Sequence[IterationResult]) -> go.Figure:
@@ -172,9 +218,7 @@ def history_figure(history: Sequence[IterationResult]) -> go.Figure:
         )  # fmt: skip
     figure.update_xaxes(FRAME | {"zeroline": False, "gridcolor": "#f3f4f6"})
     figure.update_yaxes(FRAME | {"zeroline": False})
-    figure.update_layout(
-        height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, font=FONT, plot_bgcolor="white", paper_bgcolor="white"
-    )
+    figure.update_layout(height=330, margin={"l": 70, "r": 16, "t": 40, "b": 80}, **WHITE)
     return figure
 
 
@@ -187,8 +231,18 @@ def _scale(values: Sequence[float | None]) -> dict[str, object]:
     return {"type": "log", "exponentformat": "e", "dtick": int(max(1, decades // 5))}
 
 
-def figure_json(figure: go.Figure) -> str:
+def figure_json(figure: go.Figure) -> Markup:
     """JSON that is safe inside a script element."""
     figure.update_layout(template="none")
     text = str(figure.to_json())
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+
+
+@dataclass(frozen=True)
+class Plots:
+    """One experiment on a page: its title, what to say of it, its figure over time, and others."""
+
+    title: str
+    note: str
+    over_time: Markup
+    others: Sequence[Markup] = ()

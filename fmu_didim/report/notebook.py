@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.identification.result import ResultDocument
+from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.discovery_words import experiment_name, located, share_text, step_text, value_text
-from fmu_didim.report.experiments import (
-    disagreeing,
-    error_rows,
-    experiment_title,
-    parameter_groups,
-    shown_parameter,
-)
+from fmu_didim.report.experiments import disagreeing, error_rows, experiment_title, parameter_groups, shown_parameter
 from fmu_didim.report.numbers import MISSING, percentage
 from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict
@@ -48,8 +42,8 @@ def discovery_html(document: FindingsDocument) -> str:
     """Verdict, findings and gaps of a discovery."""
     groups = []
     for finding in document.findings:
-        head = f"{finding.title}, {located(finding.effect, finding.joint)}; closes {share_text(finding.share_of_gap)}"
-        texts = [value_text(value) for value in finding.parameters]
+        head = f"{words.named(finding)}; closes {words.share_text(finding.share_of_gap)}"
+        texts = [words.value_text(value) for value in finding.parameters]
         groups.append((head, [(t.name, t.value, t.std, t.unit or MISSING, *t.interval) for t in texts]))
     changed = bool(document.findings)
     return rendered(
@@ -61,10 +55,7 @@ def discovery_html(document: FindingsDocument) -> str:
         groups=groups,
         note="",
         figures=[
-            (f"gap / noise, {experiment_name(document, label)}", step_text(pair, changed=changed))
+            (f"gap / noise, {words.experiment_name(document, label)}", words.step_text(pair, changed=changed))
             for label, pair in document.gap.items()
         ],
     )
-
-
-__all__ = ["discovery_html", "result_html"]

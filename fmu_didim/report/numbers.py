@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from fmu_didim.identification.result import ParameterResult, ResultDocument
 
+T = TypeVar("T")
 MISSING = "–"
 SIGNIFICANT_DIGITS = 10
 """A value is never shown with more, however small its standard deviation (data without noise)."""
@@ -80,8 +81,18 @@ class ParameterText:
     insignificant: bool
 
 
-def parameter_text(name: str, parameter: ParameterResult, unit: str | None = None) -> ParameterText:
-    """The texts of a parameter; ``unit`` stands for its own."""
+def aligned_parameters(rows: Sequence[ParameterText]) -> list[ParameterText]:
+    """The same with decimal points below each other."""
+    columns = zip(*((row.value, row.std, row.percent, *row.interval) for row in rows), strict=True)
+    cells = zip(*(decimal_aligned(column) for column in columns), strict=True)
+    return [
+        replace(row, value=value, std=std, percent=percent, interval=(low, high))
+        for row, (value, std, percent, low, high) in zip(rows, cells, strict=True)
+    ]
+
+
+def parameter_text(name: str, parameter: ParameterResult, unit: str) -> ParameterText:
+    """The texts of a parameter under a name and in a unit."""
     digits = rounding(parameter.value, parameter.std)
     low, high = parameter.interval
     return ParameterText(
@@ -89,7 +100,7 @@ def parameter_text(name: str, parameter: ParameterResult, unit: str | None = Non
         value=digits.text(parameter.value),
         std=digits.deviation(parameter.std),
         percent=percent_std(parameter.rel_std_percent),
-        unit=pretty_unit(parameter.unit) if unit is None else unit,
+        unit=unit,
         interval=(digits.text(low), digits.text(high)),
         insignificant=low <= 0.0 <= high,
     )
@@ -118,6 +129,27 @@ def percentage(number: float | None) -> str:
     return MISSING if number is None else f"{significant(number)} %"
 
 
+def at(values: Sequence[T], index: int) -> T | None:
+    """The value at a place, None beyond the end."""
+    return values[index] if index < len(values) else None
+
+
+def capitalised(text: str) -> str:
+    """A text with a capital letter at its beginning, the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def joint_unit(units: Sequence[str], joint: int) -> str:
+    """The unit of torque of a joint, from 0, for reading; empty if there is none."""
+    return pretty_unit(at(units, joint) or "")
+
+
+def noise_text(stds: Sequence[float | None], units: Sequence[str]) -> str:
+    """The noise of each joint; empty if unknown."""
+    texts = [f"joint {j + 1} {significant(std, 2)} {joint_unit(units, j)}".rstrip() for j, std in enumerate(stds)]
+    return ", ".join(texts)
+
+
 def pretty_unit(unit: str) -> str:
     """An FMI unit for reading: ``kg.m2`` becomes kg·m²; the unit one is left out."""
     if unit in ("", "1"):
@@ -127,15 +159,11 @@ def pretty_unit(unit: str) -> str:
 
 def decimal_aligned(texts: Sequence[str]) -> list[str]:
     """The texts padded with spaces to one width, decimal points below each other."""
-    heads = [text.partition(".")[0] if _is_number(text) else text for text in texts]
+    heads = [text.partition(".")[0] if re.fullmatch(r"[-+.\de]+", text) else text for text in texts]
     left = max((len(head) for head in heads), default=0)
     moved = [" " * (left - len(head)) + text for head, text in zip(heads, texts, strict=True)]
     width = max((len(text) for text in moved), default=0)
     return [text.ljust(width) for text in moved]
-
-
-def _is_number(text: str) -> bool:
-    return re.fullmatch(r"[-+.\de]+", text) is not None
 
 
 def iteration_count(document: ResultDocument) -> str:
@@ -159,29 +187,22 @@ def consistency_line(document: ResultDocument) -> str:
 
 def component_line(name: str, described: Mapping[str, Any]) -> str:
     """A component of the loop in a few words: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
-    source = str(
-        described.get("source") or described.get("origin") or described.get("file") or described.get("name") or ""
-    )
+    source = next((str(described[key]) for key in ("source", "origin", "file", "name") if described.get(key)), "")
     law = f" ({described['law']})" if described.get("law") else ""
     kinds = {"control": "python-control", "model": "CasADi model"}
-    kind = kinds.get(str(described.get("kind")), str(described.get("kind")))
+    kinds["fmu"] = f"FMI {described.get('fmi_version')} {described.get('interface')}"
+    kind = str(described.get("kind"))
     archive = f" in {described['archive']}" if described.get("archive") else ""
-    parts = [source.rpartition("/")[2] + law + archive, kind]
-    if described.get("kind") == "fmu":
-        parts[1] = f"FMI {described.get('fmi_version')} {described.get('interface')}"
+    parts = [source.rpartition("/")[2] + law + archive, kinds.get(kind, kind)]
+    if kind == "fmu":
         if described.get("solver"):
             parts.append(f"integrated by {described['solver']}")
         parts.append(f"run again by {described['reset']}" if described.get("reset") != "auto" else "")
     return f"{name}: {', '.join(part for part in parts if part)}"
 
 
-def loop_summary(document: ResultDocument) -> list[str]:
-    """The loop in words, a line a component in their order and one for rate, order and delay; empty if unknown."""
-    return loop_lines(document.loop)
-
-
 def loop_lines(loop: Mapping[str, Any]) -> list[str]:
-    """The same of the description of a system."""
+    """A described loop in words, a line a component in their order, one for rate, order and delay; empty if unknown."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []

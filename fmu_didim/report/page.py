@@ -3,46 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fmu_didim.identification.result import ResultDocument, load_result
-from fmu_didim.report.experiments import (
-    ALL_FITTED,
-    delay_lines,
-    disagreeing,
-    error_rows,
-    experiment_title,
-    noise_text,
-    parameter_groups,
-    shown_parameter,
-)
-from fmu_didim.report.figures import figure_json, history_figure, points_per_trace, torque_figure
-from fmu_didim.report.numbers import (
-    MISSING,
-    ParameterText,
-    consistency_line,
-    decimal_aligned,
-    iteration_count,
-    loop_summary,
-    percentage,
-    significant,
-)
-from fmu_didim.report.tables import (
-    column_table,
-    correlation_table,
-    error_table,
-    experiment_table,
-    history_table,
-    history_values,
-    stage_table,
-)
-from fmu_didim.report.templates import rendered
+from fmu_didim.report import experiments, numbers, tables
+from fmu_didim.report.figures import Plots, figure_json, history_figure, points_per_trace, signals_note, torque_figure
+from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import verdict
 from fmu_didim.signals import read_trajectory
 
@@ -55,23 +25,6 @@ GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """Up to these relative standard deviations in percent; beyond, the parameter is poorly known."""
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A horizontal bar: its length in percent of the cell and its grade."""
-
-    length: float
-    grade: str
-
-
-@dataclass(frozen=True)
-class TorquePlot:
-    """One experiment: its title, the figure as JSON, and what to say of it."""
-
-    title: str
-    figure: Markup
-    note: str
-
-
 def write_report(directory: Path) -> Path:
     """Write ``report.html`` beside the ``result.json`` of a directory and return its path.
 
@@ -80,7 +33,7 @@ def write_report(directory: Path) -> Path:
     """
     document = load_result(directory)
     plots = _torque_plots(document, directory)
-    history = Markup(figure_json(history_figure(document.history))) if document.history else None
+    history = figure_json(history_figure(document.history)) if document.history else None
     return write_page(
         directory / REPORT_FILE,
         TEMPLATE,
@@ -89,88 +42,70 @@ def write_report(directory: Path) -> Path:
         cards=_cards(document),
         parameters=_parameter_groups(document),
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
-        delay_lines=delay_lines(document),
-        experiments=experiment_table(document),
-        warnings=[agreement.warning for agreement in disagreeing(document).values()],
-        errors=error_table(document),
-        noise=noise_text(document),
+        delay_lines=experiments.delay_lines(document),
+        experiments=tables.experiment_table(document),
+        disagreeing=experiments.disagreeing(document),
+        errors=tables.error_table(document),
+        noise=numbers.noise_text(document.noise_std, document.torque_unit),
         plots=plots,
-        stages=stage_table(document),
-        history=history_table(document),
-        history_values=history_values(document),
+        stages=tables.stage_table(document),
+        history=tables.history_table(document),
+        history_values=tables.history_values(document),
         history_figure=history,
-        correlations=correlation_table(document),
-        loop_summary=loop_summary(document),
-        consistency_line=consistency_line(document),
-        plant_columns=column_table(document),
-        components=_mapping(document.loop.get("components")),
-        delays=_mapping(document.loop.get("delay_samples")),
+        correlations=tables.correlation_table(document),
+        loop_summary=numbers.loop_lines(document.loop),
+        consistency_line=numbers.consistency_line(document),
+        plant_columns=tables.column_table(document),
         wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
         other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
         plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
 
 
-def write_page(path: Path, template: str, **values: Any) -> Path:
-    """Write the page that a template of this folder gives with these values, and return its path."""
-    path.write_text(rendered(template, **values), encoding="utf-8")
-    return path
-
-
 _SHOWN_OF_LOOP = ("order", "step_size_s", "delay_samples", "hold", "components", "connections")
-
-
-def _mapping(value: Any) -> dict[str, Any]:
-    return dict(value) if isinstance(value, Mapping) else {}
 
 
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     """The figures at the top: a head and a value each."""
-    shown = {label: values[0] for label, values in error_rows(document)}
-    if ALL_FITTED in shown:  # the cards have no room for each of them
+    shown = {label: values[0] for label, values in experiments.error_rows(document)}
+    if experiments.ALL_FITTED in shown:  # the cards have no room for each of them
         fitted = [label for label, e in document.experiments.items() if e.role == "estimation"]
-        shown = {ALL_FITTED: shown[ALL_FITTED]} | {k: v for k, v in shown.items() if k not in fitted}
-    cards = [(f"torque error, {experiment_title(document, k)}", percentage(v)) for k, v in shown.items()]
+        shown = {label: shown[label] for label in (experiments.ALL_FITTED, *shown) if label not in fitted}
+    titles = {label: experiments.experiment_title(document, label) for label in shown}
+    cards = [(f"torque error, {titles[label]}", numbers.percentage(error)) for label, error in shown.items()]
     if document.parameters:
         cards.append(("parameters", str(len(document.parameters))))
-        cards.append(("condition number", significant(document.condition_number)))
-    cards.append(("iterations" + (", main + finish" if document.finish_iterations else ""), iteration_count(document)))
+        cards.append(("condition number", numbers.significant(document.condition_number)))
+    stages = ", main + finish" if document.finish_iterations else ""
+    cards.append((f"iterations{stages}", numbers.iteration_count(document)))
     return cards
 
 
-def _parameter_groups(document: ResultDocument) -> list[tuple[str, list[tuple[ParameterText, Bar | None, str]]]]:
-    """Head of each group -> each parameter with its numbers aligned, its bar and what carries it."""
-    groups = parameter_groups(document)
+def _parameter_groups(
+    document: ResultDocument,
+) -> list[tuple[str, list[tuple[str, numbers.ParameterText, tuple[str, float] | None, str]]]]:
+    """Head of each group -> name of each parameter, its texts, grade and length of its bar, and what carries it."""
+    groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
-    rows = [shown_parameter(name, p) for name, p in listed]
-    columns = [
-        decimal_aligned(texts)
-        for texts in (
-            [row.value for row in rows],
-            [row.std for row in rows],
-            [row.percent for row in rows],
-            [row.interval[0] for row in rows],
-            [row.interval[1] for row in rows],
-        )
-    ]
-    shown = []
-    for row, (name, parameter), cells in zip(rows, listed, zip(*columns, strict=True), strict=True):
-        value, std, percent, low, high = cells
-        text = ParameterText(name, value, std, percent, row.unit or MISSING, (low, high), row.insignificant)
-        shown.append((text, _bar(parameter.rel_std_percent), parameter.standard or parameter.of))
-    return [(group.head, [shown.pop(0) for _ in group.parameters]) for group in groups]
+    texts = numbers.aligned_parameters([experiments.shown_parameter(name, p) for name, p in listed])
+    rows = iter([
+        (name, text, _bar(p.rel_std_percent), p.standard or p.of)
+        for (name, p), text in zip(listed, texts, strict=True)
+    ])  # fmt: skip
+    return [(group.head, list(islice(rows, len(group.parameters)))) for group in groups]
 
 
-def _bar(percent: float | None) -> Bar | None:
+def _bar(percent: float | None) -> tuple[str, float] | None:
+    """Grade, and length in percent of the cell."""
     if percent is None:
         return None
     low, high = BAR_RANGE
     length = 100.0 * math.log(min(max(percent, low), high) / low) / math.log(high / low)
     grade = next((grade for limit, grade in GRADES if percent <= limit), "refused")
-    return Bar(round(max(length, 2.0), 1), grade)
+    return grade, round(max(length, 2.0), 1)
 
 
-def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]:
+def _torque_plots(document: ResultDocument, directory: Path) -> list[Plots]:
     units = document.torque_unit
     limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(document.signals))
     plots = []
@@ -183,9 +118,6 @@ def _torque_plots(document: ResultDocument, directory: Path) -> list[TorquePlot]
             signals.time, measured, {"simulated": simulated}, units,
             percent=error.per_joint if error is not None else (), limit=limit,
         )  # fmt: skip
-        count = signals.time.size
-        note = f"{count} samples over {signals.time[-1] - signals.time[0]:.6g} s"
-        if count > limit:
-            note += f"; drawn by the extremes of {(limit - 2) // 2} stretches"
-        plots.append(TorquePlot(experiment_title(document, label), Markup(figure_json(figure)), note))
+        note = signals_note(signals.time, limit)
+        plots.append(Plots(experiments.experiment_title(document, label), note, figure_json(figure)))
     return plots

@@ -6,24 +6,16 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from fmu_didim.identification.result import ResultDocument
-from fmu_didim.report.experiments import (
-    agreement_text,
-    at,
-    delay_lines,
-    disagreeing,
-    error_rows,
-    is_short_form,
-    noise_text,
-    own_names,
-    parameter_groups,
-    shown_parameter,
-)
+from fmu_didim.report import experiments
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
+    aligned_parameters,
+    at,
     consistency_line,
     decimal_aligned,
     iteration_count,
+    noise_text,
     percentage,
     pretty_unit,
     significant,
@@ -45,7 +37,7 @@ def result_table(document: ResultDocument) -> str:
         [*wrapped(title), *wrapped(document.description)],
         _parameters(document),
         _experiments(document),
-        _torque(document) if is_short_form(document) else _errors_by_experiment(document),
+        _torque(document) if experiments.is_short_form(document) else _errors_by_experiment(document),
         _figures(document),
         listing("Regrouping", document.regrouping),
         listing("Notes of the iterations", _notes(document)),
@@ -62,6 +54,13 @@ def wrapped(text: str, indent: str = "", hanging: str | None = None) -> list[str
     return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=further, break_on_hyphens=False)
 
 
+def entries(rows: Sequence[tuple[str, str]], indent: str = "") -> list[str]:
+    """Heads and texts in two columns, wrapped."""
+    width = max((len(head) for head, _ in rows), default=0)
+    space = indent + " " * (width + len(GAP))
+    return [line for head, text in rows for line in wrapped(text, f"{indent}{head.ljust(width)}{GAP}", space)]
+
+
 def listing(head: str, items: Iterable[str]) -> list[str]:
     """A head and the items below it, wrapped; nothing without items."""
     lines = [line for item in items for line in wrapped(item, "  ", "    ")]
@@ -72,9 +71,9 @@ def _parameters(document: ResultDocument) -> list[str]:
     """The table; parameters of one experiment alone and those of the loop follow below rules of their own."""
     if not document.parameters:
         return []
-    groups = parameter_groups(document)
-    rows = [shown_parameter(name, p) for group in groups for name, p in group.parameters.items()]
-    head, *body = [line.rstrip() for line in _joined(_columns(rows))]
+    groups = experiments.parameter_groups(document)
+    rows = [experiments.shown_parameter(name, p) for group in groups for name, p in group.parameters.items()]
+    head, *body = joined(_columns(rows))
     width = max(len(head), *(len(line) for line in body))
     lines = [head]
     for group in groups:
@@ -83,102 +82,103 @@ def _parameters(document: ResultDocument) -> list[str]:
         body = body[len(group.parameters) :]
     if any(row.insignificant for row in rows):
         lines.append("* not significantly different from zero")
-    return lines + [line for text in delay_lines(document) for line in wrapped(text)]
+    return lines + [line for text in experiments.delay_lines(document) for line in wrapped(text)]
 
 
 def _columns(rows: Sequence[ParameterText]) -> list[list[str]]:
-    lows = decimal_aligned([row.interval[0] for row in rows])
-    highs = decimal_aligned([row.interval[1] for row in rows])
+    shown = aligned_parameters(rows)
     columns = [
-        _column("value", decimal_aligned([row.value for row in rows])),
-        _column("σ", decimal_aligned([row.std for row in rows])),
-        _column("%σ", decimal_aligned([row.percent for row in rows])),
-        _column("unit", [row.unit or MISSING for row in rows], left=True),
-        _column("95 % interval", [f"{low}  {high}" for low, high in zip(lows, highs, strict=True)]),
+        column("value", [row.value for row in shown]),
+        column("σ", [row.std for row in shown]),
+        column("%σ", [row.percent for row in shown]),
+        column("unit", [row.unit or MISSING for row in rows], left=True),
+        column("95 % interval", ["  ".join(row.interval) for row in shown]),
     ]
     room = WIDTH - sum(len(GAP) + len(column[0]) for column in columns)
-    names = [_clipped(row.name, room - 2) + (" *" if row.insignificant else "") for row in rows]
-    return [_column("parameter", names, left=True), *columns]
+    names = [clipped(row.name, room - 2) + (" *" if row.insignificant else "") for row in rows]
+    return [column("parameter", names, left=True), *columns]
 
 
-def _column(head: str, texts: Sequence[str], *, left: bool = False) -> list[str]:
+def column(head: str, texts: Sequence[str], *, left: bool = False) -> list[str]:
+    """A head and texts, filled to one width."""
     width = max(len(head), *(len(text) for text in texts))
     return [text.ljust(width) if left else text.rjust(width) for text in (head, *texts)]
 
 
-def _joined(columns: Sequence[Sequence[str]]) -> list[str]:
-    return [GAP.join(cells) for cells in zip(*columns, strict=True)]
+def joined(columns: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of columns beside each other."""
+    return [GAP.join(cells).rstrip() for cells in zip(*columns, strict=True)]
 
 
-def _clipped(text: str, width: int) -> str:
+def clipped(text: str, width: int) -> str:
+    """A text, its end cut off where it is longer than this."""
     return text if len(text) <= width else text[: max(width - 1, 1)] + "…"
 
 
 def _torque(document: ResultDocument) -> list[str]:
     """Relative error of each experiment and noise, a line a joint."""
-    errors = error_rows(document)
+    errors = experiments.error_rows(document)
     if not errors and not document.noise_std:
         return []
     joints = range(len(document.torque_unit))
-    columns = [_column("Torque", ["total", *(f"joint {j + 1}" for j in joints)], left=True)]
+    columns = [column("Torque", ["total", *(f"joint {j + 1}" for j in joints)], left=True)]
     for label, values in errors:
-        columns.append(_column(f"{label} %", decimal_aligned([significant(v) for v in values])))
+        columns.append(column(f"{label} %", decimal_aligned([significant(v) for v in values])))
     if document.noise_std:
         texts = decimal_aligned(["", *(significant(at(document.noise_std, j), 2) for j in joints)])
-        units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
-        columns.append(_column("noise σ", [f"{t} {u}" for t, u in zip(texts, _column("", units, left=True)[1:],
-                                                                       strict=True)]))  # fmt: skip
-    return [line.rstrip() for line in _joined(columns)]
+        units = column("", ["", *(pretty_unit(unit) for unit in document.torque_unit)], left=True)[1:]
+        columns.append(column("noise σ", [f"{t} {u}" for t, u in zip(texts, units, strict=True)]))
+    return joined(columns)
 
 
 def _experiments(document: ResultDocument) -> list[str]:
     """What each experiment is and how it agrees with the others; nothing where the torque says it all."""
     found = document.experiments
-    if is_short_form(document):
+    if experiments.is_short_form(document):
         return []
     columns = [
-        _column("Experiment", [_clipped(label, LABEL) for label in found], left=True),
-        _column("role", [e.role for e in found.values()], left=True),
-        _column("samples", [str(e.samples) for e in found.values()]),
-        _column("Hz", decimal_aligned([f"{e.rate_hz:.6g}" for e in found.values()])),
+        column("Experiment", [clipped(label, LABEL) for label in found], left=True),
+        column("role", [e.role for e in found.values()], left=True),
+        column("samples", [str(e.samples) for e in found.values()]),
+        column("Hz", decimal_aligned([f"{e.rate_hz:.6g}" for e in found.values()])),
     ]
     if any(e.agreement is not None for e in found.values()):
         marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in found.values()]
-        texts = decimal_aligned([agreement_text(e.agreement) for e in found.values()])
-        columns.append(_column("agreement p", [f"{t}{m:2}" for t, m in zip(texts, marks, strict=True)]))
-    own = [", ".join(own_names(label, e)) for label, e in found.items()]
+        texts = decimal_aligned([experiments.agreement_text(e.agreement) for e in found.values()])
+        columns.append(column("agreement p", [f"{t}{m:2}" for t, m in zip(texts, marks, strict=True)]))
+    own = [", ".join(experiments.own_names(label, e)) for label, e in found.items()]
     if any(own):
         room = WIDTH - sum(len(column[0]) + len(GAP) for column in columns)
-        columns.append(_column("own", [_clipped(text, room) for text in own], left=True))
-    lines = [line.rstrip() for line in _joined(columns)]
-    for agreement in disagreeing(document).values():
+        columns.append(column("own", [clipped(text, room) for text in own], left=True))
+    lines = joined(columns)
+    for agreement in experiments.disagreeing(document).values():
         lines += wrapped(f"! WARNING: {agreement.warning}", "", "  ")
     return lines
 
 
 def _errors_by_experiment(document: ResultDocument) -> list[str]:
     """Relative errors, a line an experiment, and the noise."""
-    errors = error_rows(document)
+    errors = experiments.error_rows(document)
     if not errors:
         return []
     heads = ["total %", *(f"joint {j + 1} %" for j in range(len(document.torque_unit)))]
-    columns = [_column("Torque", [_clipped(label, LABEL) for label, _ in errors], left=True)]
+    columns = [column("Torque", [clipped(label, LABEL) for label, _ in errors], left=True)]
     for j, head in enumerate(heads):
-        columns.append(_column(head, decimal_aligned([significant(values[j]) for _, values in errors])))
-    noise = noise_text(document)
-    return [*(line for block in _blocks(columns) for line in block), *(wrapped(f"noise σ: {noise}") if noise else [])]
+        columns.append(column(head, decimal_aligned([significant(values[j]) for _, values in errors])))
+    noise = noise_text(document.noise_std, document.torque_unit)
+    return [*_blocks(columns), *(wrapped(f"noise σ: {noise}") if noise else [])]
 
 
-def _blocks(columns: Sequence[Sequence[str]]) -> list[list[str]]:
+def _blocks(columns: Sequence[Sequence[str]]) -> list[str]:
     """Columns beside each other as far as there is room, the others below, each time behind the first column."""
     first, *others = columns
-    blocks, chosen = [], [first]
+    lines, chosen = [], [first]
     for column in others:
         if len(GAP.join(part[0] for part in (*chosen, column))) > WIDTH:
-            blocks.append(chosen)
+            lines += joined(chosen)
             chosen = [first]
         chosen.append(column)
-    return [[line.rstrip() for line in _joined(block)] for block in (*blocks, chosen)]
+    return lines + joined(chosen)
 
 
 def _figures(document: ResultDocument) -> list[str]:
@@ -201,16 +201,12 @@ def _figures(document: ResultDocument) -> list[str]:
         lines.append(("Integration error", text))
     if document.consistency is not None and document.consistency.agrees:
         lines.append(("Plant's equations", consistency_line(document)))
-    width = max(len(head) for head, _ in lines)
-    return [line for head, text in lines for line in wrapped(text, head.ljust(width) + GAP, " " * (width + 2))]
+    return entries(lines)
 
 
 def _plant_warnings(document: ResultDocument) -> list[str]:
     found = document.consistency
-    if found is None or found.agrees:
-        return []
-    line = consistency_line(document)
-    return [f"WARNING: {line}", *found.warnings]
+    return [] if found is None or found.agrees else [f"WARNING: {consistency_line(document)}", *found.warnings]
 
 
 def _notes(document: ResultDocument) -> list[str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from fmu_didim.identification.result import ResultDocument
-from fmu_didim.report.experiments import agreement_text, at, difference_text, error_rows, own_names, shown_unit
-from fmu_didim.report.numbers import MISSING, Rounding, decimal_aligned, pretty_unit, rounding, significant
+from fmu_didim.report.experiments import agreement_text, difference_text, error_rows, own_names, shown_unit
+from fmu_didim.report.numbers import MISSING, Rounding, at, decimal_aligned, pretty_unit, rounding, significant
 
 FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
 MAIN_SIGMA = {"didim": "σ, corrected formula"}
@@ -21,11 +22,23 @@ class Table:
     text_columns: tuple[int, ...] = (0,)
 
 
+def table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    text_columns: tuple[int, ...] = (0,),
+    *,
+    is_aligned: bool = True,
+) -> Table | None:
+    """A table, in the columns of numbers with decimal points below each other; None without rows."""
+    columns = list(zip(*rows, strict=True))
+    if is_aligned:
+        columns = [c if k in text_columns else tuple(decimal_aligned(c)) for k, c in enumerate(columns)]
+    return Table(tuple(heads), tuple(zip(*columns, strict=True)), text_columns) if columns else None
+
+
 def experiment_table(document: ResultDocument) -> Table | None:
     """What each experiment is, how it agrees with the others, and why it could not be simulated."""
     found = document.experiments
-    if not found:
-        return None
     columns = {"experiment": list(found), "role": [e.role for e in found.values()]}
     columns["samples"] = [str(e.samples) for e in found.values()]
     columns["rate (Hz)"] = [f"{e.rate_hz:.6g}" for e in found.values()]
@@ -44,17 +57,13 @@ def experiment_table(document: ResultDocument) -> Table | None:
         columns["failure"] = [e.failure or MISSING for e in found.values()]
         words.append("failure")
     places = tuple(k for k, head in enumerate(columns) if head in words)
-    return aligned(Table(tuple(columns), tuple(zip(*columns.values(), strict=True)), places))
+    return table(tuple(columns), zip(*columns.values(), strict=True), places)
 
 
 def error_table(document: ResultDocument) -> Table | None:
     """Relative error of each experiment and of all fitted ones, a row each."""
-    errors = error_rows(document)
-    if not errors:
-        return None
     heads = ("", "total", *(f"joint {j + 1}" for j in range(len(document.torque_unit))))
-    rows = tuple((label, *(significant(v) for v in values)) for label, values in errors)
-    return aligned(Table(heads, rows, (0,)))
+    return table(heads, [(label, *(significant(v) for v in values)) for label, values in error_rows(document)])
 
 
 def stage_table(document: ResultDocument) -> Table | None:
@@ -73,65 +82,46 @@ def stage_table(document: ResultDocument) -> Table | None:
             columns.append([_deviation(digits.get(n), deviations.get(n)) for n in document.parameters])
     heads.append("unit")
     columns.append([shown_unit(p) or MISSING for p in document.parameters.values()])
-    rows = tuple(zip(document.parameters, *columns, strict=True))
-    return aligned(Table(tuple(heads), rows, (0, len(heads) - 1)))
+    return table(heads, zip(document.parameters, *columns, strict=True), (0, len(heads) - 1))
 
 
 def _deviation(digits: Rounding | None, std: float | None) -> str:
     return MISSING if digits is None or std is None else digits.deviation(std)
 
 
-def history_table(document: ResultDocument) -> Table:
+def history_table(document: ResultDocument) -> Table | None:
     """Errors, changes and notes of the iterations."""
-    rows = tuple(
+    rows = [
         (
-            f"{it.stage} {it.number}",
-            significant(it.relative_error_percent, 5),
-            significant(it.change, 2),
-            significant(it.condition_number),
-            it.note,
+            f"{it.stage} {it.number}", significant(it.relative_error_percent, 5), significant(it.change, 2),
+            significant(it.condition_number), it.note,
         )
         for it in document.history
-    )
+    ]  # fmt: skip
     heads = ("iteration", "torque error (%)", "relative change", "condition number", "note")
-    return aligned(Table(heads, rows, (0, 4)))
+    return table(heads, rows, (0, 4))
 
 
-def history_values(document: ResultDocument) -> Table:
+def history_values(document: ResultDocument) -> Table | None:
     """The parameters simulated in each iteration, one column an iteration."""
-    names = list(dict.fromkeys(name for it in document.history for name in it.parameters))
+    names = dict.fromkeys(name for it in document.history for name in it.parameters)
     heads = ("parameter", *(f"{it.stage} {it.number}" for it in document.history))
-    rows = tuple((name, *(_six(it.parameters.get(name)) for it in document.history)) for name in names)
-    return Table(heads, rows)
-
-
-def _six(value: float | None) -> str:
-    return MISSING if value is None else f"{value:.6g}"
+    values = {name: [it.parameters.get(name) for it in document.history] for name in names}
+    rows = [(name, *(MISSING if v is None else f"{v:.6g}" for v in row)) for name, row in values.items()]
+    return table(heads, rows, is_aligned=False)
 
 
 def correlation_table(document: ResultDocument) -> Table | None:
     """Pairs of parameters that are correlated, with their correlation."""
-    rows = tuple((f"{a} – {b}", f"{value:+.3f}") for a, b, value in document.correlations)
-    return Table(("pair", "correlation"), rows) if rows else None
+    rows = [(f"{a} – {b}", f"{value:+.3f}") for a, b, value in document.correlations]
+    return table(("pair", "correlation"), rows, is_aligned=False)
 
 
 def column_table(document: ResultDocument) -> Table | None:
     """The columns of the regressor, from the plant against from the robot description."""
-    found = document.consistency
-    if found is None or not found.columns:
-        return None
-    rows = tuple(
+    columns = {} if document.consistency is None else document.consistency.columns
+    rows = [
         (name, significant(c.difference, 2), significant(c.cosine, 6), significant(c.size, 4), str(c.joint))
-        for name, c in found.columns.items()
-    )
-    heads = ("parameter", "difference", "cosine", "size in the plant", "joint")
-    return Table(heads, rows)
-
-
-def aligned(table: Table) -> Table:
-    """Decimal points below each other in the columns of numbers."""
-    columns = [
-        column if k in table.text_columns else decimal_aligned(column)
-        for k, column in enumerate(zip(*table.rows, strict=True))
+        for name, c in columns.items()
     ]
-    return Table(table.heads, tuple(zip(*columns, strict=True)), table.text_columns)
+    return table(("parameter", "difference", "cosine", "size in the plant", "joint"), rows, is_aligned=False)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from fmu_didim.report.numbers import capitalised
 
 
 def rendered(template: str, **values: Any) -> str:
@@ -13,9 +16,17 @@ def rendered(template: str, **values: Any) -> str:
     return _environment().get_template(template).render(**values)
 
 
+def write_page(path: Path, template: str, **values: Any) -> Path:
+    """Write the page that a template gives with these values, and return its path."""
+    path.write_text(rendered(template, **values), encoding="utf-8")
+    return path
+
+
 @cache
 def _environment() -> Environment:
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
+    environment.filters["capitalised"] = capitalised
+    return environment

@@ -55,6 +55,3 @@ def _errors(document: ResultDocument) -> list[tuple[str, float]]:
         named = {f"the {len(fitted)} fitted experiments": whole.total}
         named |= {experiment_title(document, label): e for label, e in errors.items() if label not in fitted}
     return [(name, error) for name, error in named.items() if error is not None]
-
-
-__all__ = ["Verdict", "verdict"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import posixpath
 import re
-import shutil
 import stat
 import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
@@ -36,23 +36,19 @@ class Archive:
 
     def file(self, source: str, *, where: str) -> Path:
         """The file that a relative URI of the SSD names; raises InputError."""
+        where = f"{self.path}: {where}"
         parts = urlsplit(source)
         name = posixpath.normpath(unquote(parts.path)) if parts.path else ""
         if parts.scheme or parts.netloc or parts.query or parts.fragment or not _is_safe(name):
             raise InputError(
-                "The source is not a relative path inside the archive.",
-                where=f"{self.path}: {where}",
-                got=source,
+                "The source is not a relative path inside the archive.", where=where, got=source,
                 valid="resources/<file>",
-            )
+            )  # fmt: skip
         if name not in self.names:
             raise InputError(
-                f"The archive does not contain '{name}'.",
-                where=f"{self.path}: {where}",
-                got=source,
-                valid=sorted(self.names),
+                f"The archive does not contain '{name}'.", where=where, got=source, valid=sorted(self.names),
                 next_step="Add the file to the archive, or correct the source.",
-            )
+            )  # fmt: skip
         return self.folder / name
 
     def xml(self, source: str, root: str, *, where: str) -> ET.Element:
@@ -77,12 +73,12 @@ def open_archive(path: Path) -> Archive:
             entries = _check_entries(archive.infolist(), path)
             if STRUCTURE not in entries:
                 raise InputError(
-                    f"The archive has no {STRUCTURE}.",
-                    where=str(path),
-                    valid=sorted(entries),
+                    f"The archive has no {STRUCTURE}.", where=str(path), valid=sorted(entries),
                     next_step="The file must lie at the top of the archive, not in a folder.",
-                )
-            folder = cached_folder("ssp", file_digest(path), lambda target: _unpack(archive, entries, target))
+                )  # fmt: skip
+            # zipfile never gives more bytes than the size that was checked.
+            unpack = partial(archive.extractall, members=entries.values())
+            folder = cached_folder("ssp", file_digest(path), unpack)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
         raise InputError("The file is not a readable zip archive.", where=str(path), got=str(error)) from error
     return Archive(path, folder, frozenset(entries))
@@ -104,34 +100,23 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
             raise refuse("An entry of the archive is encrypted.", info)
         if info.is_dir():
             continue
-        # Names that differ in case only are one file on some systems.
-        if name.casefold() in folded:
+        place = str(PurePosixPath(name)).casefold()  # names that differ in case only are one file on some systems
+        if place in folded:
             raise refuse("Two entries of the archive have the same name.", info)
-        folded.add(name.casefold())
+        folded.add(place)
         entries[name] = info
     total = sum(info.file_size for info in infos)
     if total > MAXIMUM_BYTES or len(infos) > MAXIMUM_ENTRIES:
         raise InputError(
-            "The archive is too large.",
-            where=str(path),
-            got=f"{total} bytes in {len(infos)} entries",
+            "The archive is too large.", where=str(path), got=f"{total} bytes in {len(infos)} entries",
             valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries",
-        )
+        )  # fmt: skip
     return entries
 
 
 def _is_safe(name: str) -> bool:
     parts = PurePosixPath(name).parts
     return bool(parts) and not name.startswith("/") and ".." not in parts and ":" not in name and "\\" not in name
-
-
-def _unpack(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], target: Path) -> None:
-    for name, info in entries.items():
-        file = target / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        # zipfile never gives more bytes than the size that was checked.
-        with archive.open(info) as source, file.open("xb") as copy:
-            shutil.copyfileobj(source, copy)
 
 
 def parse_xml(data: bytes, *, where: str) -> ET.Element:
@@ -158,12 +143,3 @@ def check_root(element: ET.Element, tag: str, *, where: str) -> None:
     version = element.get("version", "")
     if not version.startswith("1."):
         raise InputError("This version of SSP is not supported.", where=where, got=version, valid="1.0")
-
-
-def read_fmu_entry(path: Path, name: str) -> bytes:
-    """One file of an FMU, bounded in size."""
-    try:
-        with zipfile.ZipFile(path) as archive, archive.open(name) as stream:
-            return stream.read(MAXIMUM_XML_BYTES + 1)
-    except (zipfile.BadZipFile, KeyError, OSError) as error:
-        raise InputError(f"The FMU holds no readable {name}.", where=str(path), got=str(error)) from error

@@ -10,7 +10,6 @@ from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.errors import InputError
 from fmu_didim.master import Connection, System
 from fmu_didim.master.system import REFERENCE
-from fmu_didim.signals import Variable
 from fmu_didim.ssp.parse import fmu_facts
 from fmu_didim.ssp.transform import Affine, Unit, spliced
 
@@ -32,10 +31,14 @@ class Part:
     roles: Mapping[str, str]
     units: Mapping[str, Unit]
 
-    def unit(self, name: str) -> Unit | None:
-        """Unit of a variable by its own name; None if it has none or the FMU does not define it."""
+    def unit_name(self, name: str) -> str:
+        """What the unit of a variable is called, by the variable's own name; empty if it has none."""
         variables = (*self.fmu.inputs, *self.fmu.outputs, *self.fmu.parameters)
-        return self.units.get(next((v.unit for v in variables if v.name == name), ""))
+        return next((v.unit for v in variables if v.name == name), "")
+
+    def unit(self, name: str) -> Unit | None:
+        """Unit of a variable; None if it has none or the FMU does not define it."""
+        return self.units.get(self.unit_name(name))
 
 
 @dataclass(frozen=True)
@@ -60,12 +63,10 @@ def parts(system: System) -> dict[str, Part]:
             continue
         if not isinstance(component, FmuComponent):
             raise InputError(
-                f"The component '{name}' is not an FMU, and an SSP archive holds FMUs.",
-                where="write_ssp",
-                got=component.describe().get("kind"),
-                valid="fmu",
+                f"The component '{name}' is not an FMU, and an SSP archive holds FMUs.", where="write_ssp",
+                got=component.describe().get("kind"), valid="fmu",
                 next_step=f"Give '{name}' as kind fmu in the case, or load_fmu(build_fmu(block)).",
-            )
+            )  # fmt: skip
         own = load_fmu(
             component.path, si_units=False, interface=component.interface.kind, solver=component.solver,
             substeps=component.substeps if component.interface.kind == MODEL_EXCHANGE else None,
@@ -74,9 +75,8 @@ def parts(system: System) -> dict[str, Part]:
         if not all(rule.is_identity for rule in shown):
             raise InputError(
                 f"The FMU '{name}' has other units than the loop shows, and an SSP holds the FMU's own.",
-                where=f"write_ssp: {component.path}",
-                next_step="Load it with load_fmu(path, si_units=False).",
-            )
+                where=f"write_ssp: {component.path}", next_step="Load it with load_fmu(path, si_units=False).",
+            )  # fmt: skip
         if own.digest != component.digest:
             raise InputError("The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}")
         found[name] = _part(own, component)
@@ -84,25 +84,18 @@ def parts(system: System) -> dict[str, Part]:
 
 
 def _part(own: FmuComponent, component: FmuComponent) -> Part:
-    values: dict[str, float] = {}
     roles: dict[str, str] = {}
     # Parameters may have other names in the loop; start values of states that were named stand behind them.
-    for before, after in zip(own.parameters, component.parameters, strict=False):
-        if after.start != before.start:
-            values[before.name] = after.start
+    parameters = zip(own.parameters, component.parameters, strict=False)
+    values = {before.name: after.start for before, after in parameters if after.start != before.start}
     starts = {v.name: v.start for v in component.parameters[len(own.parameters) :]} | dict(component.start_values)
     now = {_place(component, name): value for name, value in starts.items()}
     values |= {n: now[_place(own, n)] for n, v in own.start_values.items() if now[_place(own, n)] != v}
-    groups: tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...] = (
-        (own.inputs, component.inputs),
-        (own.outputs, component.outputs),
-    )
-    for before, after in ((b, a) for mine, theirs in groups for b, a in zip(mine, theirs, strict=True)):
+    inputs = list(zip(own.inputs, component.inputs, strict=True))
+    for before, after in (*inputs, *zip(own.outputs, component.outputs, strict=True)):
         if after.name != before.name:
             roles[before.name] = after.name
-    for before, after in zip(own.inputs, component.inputs, strict=True):
-        if after.start != before.start:
-            values[before.name] = after.start
+    values |= {before.name: after.start for before, after in inputs if after.start != before.start}
     names = dict(zip(component.option_types, own.option_types, strict=True))
     set_now = {names[n]: v for n, v in component.options.items()}
     options = {n: v for n, v in set_now.items() if own.options.get(n) != v}
@@ -125,12 +118,11 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
         other = inbound.get(connection.target)
         if other is not None:
             raise InputError(
-                f"Two connections add up in '{connection.target}', which SSP cannot express.",
-                where="write_ssp",
+                f"Two connections add up in '{connection.target}', which SSP cannot express.", where="write_ssp",
                 got=f"{other.source} -> {other.target} and {connection.source} -> {connection.target}",
                 valid="one connection to each input",
                 next_step="Let the controller or the plant do the sum, as an input of its own for each term.",
-            )
+            )  # fmt: skip
         inbound[connection.target] = connection
     own_names = {
         f"{name}.{part.roles.get(v.name, v.name)}": (name, v.name)

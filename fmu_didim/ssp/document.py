@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from fmu_didim.ssp.transform import Affine, Unit
@@ -20,24 +21,36 @@ LOOP = "urn:fmu-didim:loop:1"
 """Type of the annotation with what SSP cannot say, and the namespace of its content."""
 
 
+Place = tuple[str, ...]
+"""Names of the elements from the root system down; empty for the root system itself."""
+Node = tuple[Place, str]
+"""A connector of an element."""
+
+
 @dataclass(frozen=True)
 class Connector:
-    """A connector: kind ``input``, ``output``, ``parameter`` or ``calculatedParameter``; type ``Real`` if not given."""
+    """A connector of an element.
 
-    name: str
+    Attributes:
+        kind: ``input``, ``output``, ``parameter`` or ``calculatedParameter``; type: ``Real`` if not given.
+        unit: that it states; own: that of the FMU's variable behind it, None for the connector of a system.
+    """
+
     kind: str
     type: str
     unit: Unit | None
+    own: Unit | None = None
 
 
 @dataclass(frozen=True)
-class Link:
-    """A connection inside one system; an element of None is the system itself."""
+class Wire:
+    """A connection between two connectors."""
 
-    start: tuple[str | None, str]
-    end: tuple[str | None, str]
+    start: Node
+    end: Node
     transformation: Affine
     suppress: bool
+    where: str
 
 
 @dataclass(frozen=True)
@@ -71,26 +84,20 @@ class Binding:
 
 
 @dataclass(frozen=True)
-class ComponentElement:
-    """An FMU of the archive; interface: how it is run, None if that is left open."""
+class Element:
+    """A system, or an FMU of the archive.
 
-    name: str
-    source: str
-    connectors: tuple[Connector, ...]
+    Attributes:
+        connectors: by their names; wires: those inside a system, in the order of the file.
+        source: URI of the FMU; None for a system.
+        interface: how the FMU is run, None if that is left open.
+    """
+
+    connectors: Mapping[str, Connector]
     bindings: tuple[Binding, ...]
+    wires: tuple[Wire, ...] = ()
+    source: str | None = None
     interface: str | None = None
-
-
-@dataclass(frozen=True)
-class SystemElement:
-    """A system of components and systems."""
-
-    name: str
-    connectors: tuple[Connector, ...]
-    bindings: tuple[Binding, ...]
-    components: tuple[ComponentElement, ...]
-    systems: tuple[SystemElement, ...]
-    links: tuple[Link, ...]
 
 
 @dataclass(frozen=True)
@@ -120,9 +127,18 @@ class Loop:
 
 @dataclass(frozen=True)
 class Structure:
-    """A system structure description: its root system, its units, and the annotation of the loop if it has one."""
+    """A system structure description: its elements by place, its units, and the annotation of the loop if it has one.
 
-    name: str
-    system: SystemElement
+    The components of a system come right after it, its inner systems after those.
+    """
+
+    elements: Mapping[Place, Element]
     units: Mapping[str, Unit]
     loop: Loop | None
+
+
+def free_name(stem: str, suffix: str, taken: Iterable[str]) -> str:
+    """``<stem><suffix>``, or ``<stem>_2<suffix>`` and so on where that is taken, capitals or not."""
+    folded = {name.casefold() for name in taken}
+    names = (stem + (f"_{count}" if count > 1 else "") + suffix for count in itertools.count(1))
+    return next(name for name in names if name.casefold() not in folded)

@@ -7,21 +7,10 @@ from dataclasses import dataclass
 
 from fmu_didim.components import FmuComponent
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.ssp.document import Binding, ComponentElement, SystemElement, Value
+from fmu_didim.ssp.document import Binding, MappingEntry, Node, Place, Value
 from fmu_didim.ssp.parse import number
 from fmu_didim.ssp.transform import Affine, Unit, conversion
-from fmu_didim.ssp.wiring import Net, Place
-
-
-@dataclass(frozen=True)
-class _Bound:
-    """A value of a set under the name by which it is applied."""
-
-    name: str
-    value: Value
-    transformation: Affine
-    suppress: bool
-    where: str
+from fmu_didim.ssp.wiring import Net
 
 
 @dataclass(frozen=True)
@@ -35,7 +24,7 @@ class Bindings:
 
     net: Net
     fmus: Mapping[Place, FmuComponent]
-    units: Mapping[tuple[Place, str], Unit | None]
+    units: Mapping[Node, Unit | None]
     strict: bool
 
     def values(self) -> dict[Place, dict[str, float]]:
@@ -46,45 +35,46 @@ class Bindings:
             InputError: a value is no number, or its unit cannot be converted.
         """
         found: dict[Place, dict[str, float]] = {path: {} for path in self.fmus}
-        owners: dict[Place, SystemElement | ComponentElement] = {**self.net.systems, **self.net.components}
-        for path in sorted(owners, key=len, reverse=True):
-            for binding in owners[path].bindings:
-                for bound in _entries(binding, strict=self.strict):
-                    self._apply(path, bound, found)
+        for path in sorted(self.net.elements, key=len, reverse=True):
+            for binding in self.net.elements[path].bindings:
+                for entry, value, where in _entries(binding, strict=self.strict):
+                    self._apply(path, entry, value, where, found)
         return found
 
-    def _apply(self, path: Place, bound: _Bound, found: dict[Place, dict[str, float]]) -> None:
-        path, name = self._descend(path, bound.name)
+    def _apply(
+        self, path: Place, entry: MappingEntry, bound: Value, where: str, found: dict[Place, dict[str, float]]
+    ) -> None:
+        path, name = self._descend(path, entry.target)
         if path in self.fmus:
             if name in _variables(self.fmus[path]):
                 port = self.net.ports.get((path, name))
                 own = self.units.get((path, name))
                 stated = (port.unit if port else None) or own
-                value = self._number(bound, stated)
-                if not bound.suppress:
-                    value = conversion(stated, own, where=bound.where)(value)
+                value = _number(entry, bound, stated, where)
+                if not entry.suppress:
+                    value = conversion(stated, own, where=where)(value)
                 found[path][name] = value
                 return
         elif (path, name) in self.net.ports:
             port = self.net.ports[path, name]
-            value = self._number(bound, port.unit)
+            value = _number(entry, bound, port.unit, where)
             chains = list(self.net.downstream((path, name)))
             for wires in chains:
                 end, variable = wires[-1].end
-                unit = bound.value.unit if port.unit is None else None
+                unit = bound.unit if port.unit is None else None
                 found[end][variable] = self.net.transformation(wires, unit)(value)
             if chains:
                 return
         if self.strict:
             valid = sorted(_variables(self.fmus[path])) if path in self.fmus else self._names(path)
-            raise UnknownNameError("parameter", name, valid, where=f"{bound.where}, '{bound.name}'")
+            raise UnknownNameError("parameter", name, valid, where=f"{where}, '{entry.target}'")
 
     def _descend(self, path: Place, name: str) -> tuple[Place, str]:
         """The element that a hierarchical name leads to, and the name there."""
-        while path in self.net.systems and (path, name) not in self.net.ports:
+        while self.net.is_system(path) and (path, name) not in self.net.ports:
             head, dot, rest = name.partition(".")
             inner = (*path, head)
-            if not dot or not (inner in self.net.systems or inner in self.fmus):
+            if not dot or inner not in self.net.elements:
                 break
             path, name = inner, rest
         return path, name
@@ -94,31 +84,30 @@ class Bindings:
         inner = [p for p in self.fmus if p[: len(path)] == path]
         return own + [".".join((*p[len(path) :], name)) for p in inner for name in sorted(_variables(self.fmus[p]))]
 
-    @staticmethod
-    def _number(bound: _Bound, unit: Unit | None) -> float:
-        """The value in this unit, then transformed."""
-        where = f"{bound.where}, parameter '{bound.value.name}'"
-        if bound.value.type not in ("Real", "Integer"):
-            raise InputError(
-                "Only numbers can be bound to a parameter.", where=where, got=bound.value.type, valid="Real, Integer"
-            )
-        value = number(bound.value.text, where=where)
-        if not bound.suppress:
-            value = conversion(bound.value.unit, unit, where=where)(value)
-        return bound.transformation(value)
+
+def _number(entry: MappingEntry, bound: Value, unit: Unit | None, where: str) -> float:
+    """The value in this unit, then transformed."""
+    where = f"{where}, parameter '{bound.name}'"
+    if bound.type not in ("Real", "Integer"):
+        valid = "Real, Integer"
+        raise InputError("Only numbers can be bound to a parameter.", where=where, got=bound.type, valid=valid)
+    value = number(bound.text, where=where)
+    if not entry.suppress:
+        value = conversion(bound.unit, unit, where=where)(value)
+    return entry.transformation(value)
 
 
-def _entries(binding: Binding, *, strict: bool) -> Iterator[_Bound]:
-    """The values of a binding under their final names; with a mapping only those it names."""
+def _entries(binding: Binding, *, strict: bool) -> Iterator[tuple[MappingEntry, Value, str]]:
+    """Where the values of a binding go, with a mapping only those it names; the values; where that is said."""
     values = {binding.prefix + value.name: value for value in binding.values}
     if binding.mapping is None:
         for name, value in values.items():
-            yield _Bound(name, value, Affine(), False, binding.where)
+            yield MappingEntry(name, name, Affine(), False), value, binding.where
         return
     for entry in binding.mapping:
         where = f"{binding.where}, MappingEntry {entry.source} -> {entry.target}"
         if entry.source in values:
-            yield _Bound(entry.target, values[entry.source], entry.transformation, entry.suppress, where)
+            yield entry, values[entry.source], where
         elif strict:
             raise UnknownNameError("parameter in the set", entry.source, values, where=where)
 

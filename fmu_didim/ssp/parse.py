@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from fmu_didim.components.fmu import read_description
 from fmu_didim.errors import InputError
-from fmu_didim.ssp.archive import Archive, check_root, parse_xml, read_fmu_entry
+from fmu_didim.ssp.archive import Archive, check_root
 from fmu_didim.ssp.document import (
     FMU_TYPE,
     INTERFACES,
@@ -21,17 +22,17 @@ from fmu_didim.ssp.document import (
     SSV,
     STRUCTURE,
     Binding,
-    ComponentElement,
     Connector,
-    Link,
+    Element,
     Loop,
     MappingEntry,
+    Place,
     Structure,
-    SystemElement,
     Value,
+    Wire,
 )
 from fmu_didim.ssp.transform import Affine, Unit
-from fmu_didim.units import BASE_UNITS
+from fmu_didim.units import BASE_UNITS, UnitDefinition
 
 MAXIMUM_DEPTH = 20
 PARAMETER_SET = "application/x-ssp-parameter-set"
@@ -42,39 +43,47 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 def parse_structure(archive: Archive) -> Structure:
     """What SystemStructure.ssd says, with the files of values and mappings that it names; raises InputError."""
     root = archive.xml(STRUCTURE, f"{{{SSD}}}SystemStructureDescription", where=STRUCTURE)
-    units = read_units(_child(root, "Units"), where=f"{archive.path}: {STRUCTURE}")
-    system = _child(root, "System")
+    units = read_units(root, where=f"{archive.path}: {STRUCTURE}")
+    system = root.find("{*}System")
     if system is None:
         raise InputError("The description holds no System.", where=f"{archive.path}: {STRUCTURE}")
     reader = _Reader(archive, units)
-    return Structure(root.get("name", ""), reader.system(system, ()), units, reader.loop(system))
+    return Structure(dict(reader.elements(system, ())), units, reader.loop(system))
 
 
-def read_units(element: ET.Element | None, *, where: str) -> dict[str, Unit]:
-    """The units that an element ``Units`` (SSP) or ``UnitDefinitions`` (FMI) defines with a BaseUnit."""
+def read_units(root: ET.Element, *, where: str) -> dict[str, Unit]:
+    """The units that a file defines with a BaseUnit."""
     units: dict[str, Unit] = {}
-    for own in _children(element, "Unit"):
-        base = _child(own, "BaseUnit")
-        if base is not None:
-            name = own.get("name", "")
-            here = f"{where}, Unit '{name}'"
-            try:
-                exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
-            except ValueError as error:
-                raise InputError("An exponent of a unit is no integer.", where=here, got=str(error)) from error
-            factor = _number(base, "factor", 1.0, where=here)
-            if factor == 0:
-                raise InputError("The factor of a unit must not be 0.", where=here)
-            units[name] = Unit(name, exponents, factor, _number(base, "offset", 0.0, where=here))
+    for own in root.iterfind("{*}Units/{*}Unit[{*}BaseUnit]"):
+        name, base = own.get("name", ""), own.find("{*}BaseUnit")
+        assert base is not None
+        here = f"{where}, Unit '{name}'"
+        try:
+            exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
+        except ValueError as error:
+            raise InputError("An exponent of a unit is no integer.", where=here, got=str(error)) from error
+        factor, offset = _number(base, "factor", 1.0, where=here), _number(base, "offset", 0.0, where=here)
+        units[name] = _unit(name, UnitDefinition(exponents, factor, offset), here)
     return units
 
 
 def fmu_facts(path: Path) -> tuple[dict[str, Unit], float | None]:
     """Units of an FMU and the step size of its default experiment in s, None if it states none."""
-    root = parse_xml(read_fmu_entry(path, "modelDescription.xml"), where=f"{path}: modelDescription.xml")
-    experiment = _child(root, "DefaultExperiment")
-    step = None if experiment is None else _number(experiment, "stepSize", 0.0, where=f"{path}: DefaultExperiment")
-    return read_units(_child(root, "UnitDefinitions"), where=str(path)), step if step and step > 0 else None
+    fmu = read_description(path)
+    step = fmu.experiment.step
+    units = {name: _unit(name, definition, f"{path}, Unit '{name}'") for name, definition in fmu.units.items()}
+    return units, step if step and step > 0 else None
+
+
+def _unit(name: str, definition: UnitDefinition, where: str) -> Unit:
+    if definition.factor == 0:
+        raise InputError("The factor of a unit must not be 0.", where=where)
+    return Unit(name, definition.exponents, definition.factor, definition.offset)
+
+
+def _named_unit(element: ET.Element, units: Mapping[str, Unit]) -> Unit | None:
+    name = element.get("unit")
+    return units.get(name, Unit(name)) if name else None
 
 
 @dataclass(frozen=True)
@@ -85,70 +94,60 @@ class _Reader:
     def _where(self, what: str) -> str:
         return f"{self.archive.path}: {STRUCTURE}, {what}"
 
-    def system(self, element: ET.Element, path: tuple[str, ...]) -> SystemElement:
-        where = self._where(f"System {'.'.join(path) or element.get('name', '')}")
+    def elements(self, system: ET.Element, path: Place) -> Iterator[tuple[Place, Element]]:
+        """A system, its components, and its inner systems with all that is in them, each with its place."""
+        where = self._where(f"System {'.'.join(path) or system.get('name', '')}")
         if len(path) > MAXIMUM_DEPTH:
             raise InputError("The systems are nested too deeply.", where=where, valid=f"{MAXIMUM_DEPTH} levels")
-        inner = _child(element, "Elements")
-        components, systems, names = [], [], set()
-        for child in inner if inner is not None else ():
+        found: dict[str, dict[str, ET.Element]] = {"Component": {}, "System": {}}
+        for child in system.iterfind("{*}Elements/*"):
             kind = _local(child)
-            if kind not in ("Component", "System"):
+            if kind not in found:
                 raise InputError(f"A {kind} is not supported.", where=where, got=child.get("name"))
             name = _required(child, "name", where=where)
-            if "." in name or name in names:
+            if "." in name or any(name in names for names in found.values()):
                 raise InputError("The name of an element must be unique and without a dot.", where=where, got=name)
-            names.add(name)
-            if kind == "System":
-                systems.append(self.system(child, (*path, name)))
-            else:
-                components.append(self._component(child, (*path, name)))
-        return SystemElement(
-            element.get("name", ""),
-            self._connectors(element, where),
-            self._bindings(element, where),
-            tuple(components),
-            tuple(systems),
-            tuple(self._link(link) for link in _children(_child(element, "Connections"), "Connection")),
-        )
+            found[kind][name] = child
+        wires = tuple(self._wire(link, path) for link in system.iterfind("{*}Connections/{*}Connection"))
+        yield path, Element(self._connectors(system, where), self._bindings(system, where), wires)
+        for name, child in found["Component"].items():
+            yield (*path, name), self._component(child, (*path, name))
+        for name, child in found["System"].items():
+            yield from self.elements(child, (*path, name))
 
-    def _component(self, element: ET.Element, path: tuple[str, ...]) -> ComponentElement:
+    def _component(self, element: ET.Element, path: Place) -> Element:
         where = self._where(f"Component {'.'.join(path)}")
-        kind = element.get("type", FMU_TYPE)
-        if kind != FMU_TYPE:
-            raise InputError("Only FMUs are supported as components.", where=where, got=kind, valid=FMU_TYPE)
+        _check_type(element, FMU_TYPE, "Only FMUs are supported as components.", where)
         implementation = element.get("implementation", "any")
         if implementation not in INTERFACES:
             raise InputError("This implementation is not known.", where=where, got=implementation, valid=INTERFACES)
-        source = _required(element, "source", where=where)
-        return ComponentElement(
-            path[-1], source, self._connectors(element, where), self._bindings(element, where),
-            INTERFACES[implementation],
+        return Element(
+            self._connectors(element, where), self._bindings(element, where),
+            source=_required(element, "source", where=where), interface=INTERFACES[implementation],
         )  # fmt: skip
 
-    def _connectors(self, element: ET.Element, where: str) -> tuple[Connector, ...]:
-        found = {}
-        for own in _children(_child(element, "Connectors"), "Connector"):
+    def _connectors(self, element: ET.Element, where: str) -> dict[str, Connector]:
+        found: dict[str, Connector] = {}
+        for own in element.iterfind("{*}Connectors/{*}Connector"):
             name = _required(own, "name", where=f"{where}, Connector")
             if name in found:
                 raise InputError("Two connectors have the same name.", where=where, got=name)
             kind = _required(own, "kind", where=f"{where}, Connector '{name}'")
             types = [c for c in own if _local(c) in ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")]
-            unit = self._unit(types[0].get("unit"), self.units) if types else None
-            found[name] = Connector(name, kind, _local(types[0]) if types else "Real", unit)
-        return tuple(found.values())
+            unit = _named_unit(types[0], self.units) if types else None
+            found[name] = Connector(kind, _local(types[0]) if types else "Real", unit)
+        return found
 
-    @staticmethod
-    def _unit(name: str | None, units: Mapping[str, Unit]) -> Unit | None:
-        return units.get(name, Unit(name)) if name else None
-
-    def _link(self, element: ET.Element) -> Link:
+    def _wire(self, element: ET.Element, path: Place) -> Wire:
         ends = [(element.get(f"{end}Element"), element.get(f"{end}Connector", "")) for end in ("start", "end")]
-        where = self._where("Connection " + " -> ".join(".".join(filter(None, end)) for end in ends))
-        return Link(ends[0], ends[1], _transformation(element, where), _suppressed(element, where))
+        both = " -> ".join(".".join(filter(None, end)) for end in ends)
+        inside = f"System {'.'.join(path)}, " if path else ""
+        where = self._where(f"{inside}Connection {both}")
+        start, end = (((*path, inner) if inner else path, connector) for inner, connector in ends)
+        return Wire(start, end, _transformation(element, where), _suppressed(element, where), where)
 
     def _bindings(self, element: ET.Element, where: str) -> tuple[Binding, ...]:
-        own = _children(_child(element, "ParameterBindings"), "ParameterBinding")
+        own = element.iterfind("{*}ParameterBindings/{*}ParameterBinding")
         return tuple(self._binding(one, f"{where}, ParameterBinding {i}") for i, one in enumerate(own, 1))
 
     def _content(self, holder: ET.Element | None, element: ET.Element, tag: str, where: str) -> ET.Element:
@@ -165,36 +164,32 @@ class _Reader:
         return inline[0]
 
     def _binding(self, element: ET.Element, where: str) -> Binding:
-        kind = element.get("type", PARAMETER_SET)
-        if kind != PARAMETER_SET:
-            raise InputError("This kind of parameters is not supported.", where=where, got=kind, valid=PARAMETER_SET)
-        root = self._content(_child(element, "ParameterValues"), element, f"{{{SSV}}}ParameterSet", where)
+        _check_type(element, PARAMETER_SET, "This kind of parameters is not supported.", where)
+        root = self._content(element.find("{*}ParameterValues"), element, f"{{{SSV}}}ParameterSet", where)
         if element.get("source"):
             where += f" ({element.get('source')})"
-        units = {**self.units, **read_units(_child(root, "Units"), where=where)}
+        units = {**self.units, **read_units(root, where=where)}
         values = []
-        for own in _children(_child(root, "Parameters"), "Parameter"):
+        for own in root.iterfind("{*}Parameters/{*}Parameter"):
             name = _required(own, "name", where=where)
             content = [child for child in own if _local(child) != "Annotations"]
             if len(content) != 1:
                 raise InputError("A parameter needs exactly one value.", where=where, got=name)
             text = _required(content[0], "value", where=f"{where}, Parameter '{name}'")
-            values.append(Value(name, _local(content[0]), text, self._unit(content[0].get("unit"), units)))
+            values.append(Value(name, _local(content[0]), text, _named_unit(content[0], units)))
         doubled = sorted(name for name, count in Counter(v.name for v in values).items() if count > 1)
         if doubled:
             raise InputError("A parameter set gives values twice.", where=where, got=", ".join(doubled))
         return Binding(where, element.get("prefix", ""), tuple(values), self._mapping(element, where))
 
     def _mapping(self, element: ET.Element, where: str) -> tuple[MappingEntry, ...] | None:
-        mapping = _child(element, "ParameterMapping")
+        mapping = element.find("{*}ParameterMapping")
         if mapping is None:
             return None
-        kind = mapping.get("type", PARAMETER_MAPPING)
-        if kind != PARAMETER_MAPPING:
-            raise InputError("This kind of mapping is not supported.", where=where, got=kind, valid=PARAMETER_MAPPING)
+        _check_type(mapping, PARAMETER_MAPPING, "This kind of mapping is not supported.", where)
         root = self._content(mapping, mapping, f"{{{SSM}}}ParameterMapping", f"{where}, ParameterMapping")
         entries: list[MappingEntry] = []
-        for own in _children(root, "MappingEntry"):
+        for own in root.iterfind("{*}MappingEntry"):
             here = f"{where}, MappingEntry {own.get('source')} -> {own.get('target')}"
             source, target = (_required(own, key, where=here) for key in ("source", "target"))
             if any(target == entry.target for entry in entries):
@@ -204,12 +199,11 @@ class _Reader:
 
     def loop(self, system: ET.Element) -> Loop | None:
         """The annotation of the root system in which :func:`write_ssp` keeps what SSP cannot say."""
-        annotations = _children(_child(system, "Annotations"), "Annotation")
-        own = next((a.find(f"{{{LOOP}}}loop") for a in annotations if a.get("type") == LOOP_TYPE), None)
+        own = system.find(f"{{*}}Annotations/{{*}}Annotation[@type='{LOOP_TYPE}']/{{{LOOP}}}loop")
         if own is None:
             return None
         where = self._where(f"Annotation {LOOP_TYPE}")
-        parts = {_required(c, "name", where=where): c for c in _children(own, "component")}
+        parts = {_required(c, "name", where=where): c for c in own.iterfind("{*}component")}
         return Loop(
             _number(own, "step_size", math.nan, where=where),
             tuple(parts),
@@ -217,7 +211,7 @@ class _Reader:
             {
                 (name, _required(role, "variable", where=where)): _required(role, "name", where=where)
                 for name, c in parts.items()
-                for role in _children(c, "role")
+                for role in c.iterfind("{*}role")
             },
             own.get("algorithm") == "jacobi",
             _counts(parts, "every", where),
@@ -236,12 +230,10 @@ def _local(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _children(element: ET.Element | None, name: str) -> list[ET.Element]:
-    return [] if element is None else [child for child in element if _local(child) == name]
-
-
-def _child(element: ET.Element, name: str) -> ET.Element | None:
-    return next(iter(_children(element, name)), None)
+def _check_type(element: ET.Element, valid: str, what: str, where: str) -> None:
+    kind = element.get("type", valid)
+    if kind != valid:
+        raise InputError(what, where=where, got=kind, valid=valid)
 
 
 def _required(element: ET.Element, key: str, *, where: str) -> str:

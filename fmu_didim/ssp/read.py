@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import cast, get_args
@@ -14,11 +14,11 @@ from fmu_didim.master import Connection, System
 from fmu_didim.master.system import REFERENCE, LoopTreatment
 from fmu_didim.signals import Variable
 from fmu_didim.ssp.archive import Archive, open_archive
-from fmu_didim.ssp.document import STRUCTURE, ComponentElement, Loop, Structure, SystemElement
+from fmu_didim.ssp.document import STRUCTURE, Loop, Node, Place, Structure, free_name
 from fmu_didim.ssp.parameters import Bindings
 from fmu_didim.ssp.parse import fmu_facts, parse_structure
 from fmu_didim.ssp.transform import Unit, splice
-from fmu_didim.ssp.wiring import Net, Node, Place, build_net, flat_name
+from fmu_didim.ssp.wiring import Net, build_net, flat_name
 
 
 def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool = True) -> System:
@@ -55,14 +55,14 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
     fmus: dict[Place, FmuComponent] = {}
     units: dict[Node, Unit | None] = {}
     steps: dict[str, float] = {}
-    for own, element in _components(structure.system, ()):
+    for own, element in structure.elements.items():
+        if element.source is None:
+            continue
         name = flat_name(own)
         if name == REFERENCE or name in map(flat_name, fmus):
             raise InputError("This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}")
-        file = archive.file(element.source, where=f"Component {'.'.join(own)}")
-        solver, substeps = solvers.get(name, ("rk4", None))
-        fmus[own] = _load(archive, element, own, file, solver=solver, substeps=substeps)
-        known, step = fmu_facts(file)
+        fmus[own] = _load(archive, own, element.source, element.interface, *solvers.get(name, ("rk4", None)))
+        known, step = fmu_facts(fmus[own].path)
         scope = {**structure.units, **known}
         for v in (*fmus[own].inputs, *fmus[own].outputs, *fmus[own].parameters):
             units[own, v.name] = scope.get(v.unit, Unit(v.unit)) if v.unit else None
@@ -77,26 +77,16 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
     return _system(structure, net, components, steps, step_size, where)
 
 
-def _components(system: SystemElement, path: Place) -> Iterable[tuple[Place, ComponentElement]]:
-    for component in system.components:
-        yield (*path, component.name), component
-    for inner in system.systems:
-        yield from _components(inner, (*path, inner.name))
-
-
 def _load(
-    archive: Archive, element: ComponentElement, path: Place, file: Path, *, solver: str, substeps: int | None
+    archive: Archive, path: Place, source: str, interface: str | None, solver: str, substeps: int | None
 ) -> FmuComponent:
+    where = f"Component {'.'.join(path)}"
+    file = archive.file(source, where=where)
     try:  # values and units of an SSP are those of the FMU
-        return load_fmu(file, si_units=False, interface=element.interface, solver=solver, substeps=substeps)
+        return load_fmu(file, si_units=False, interface=interface, solver=solver, substeps=substeps)
     except FmuError as error:
-        raise FmuError(
-            error.what,
-            where=f"{archive.path}: Component {'.'.join(path)}, {element.source}",
-            got=error.got,
-            valid=error.valid,
-            next_step=error.next_step,
-        ) from error
+        where = f"{archive.path}: {where}, {source}"
+        raise FmuError(error.what, where=where, got=error.got, valid=error.valid, next_step=error.next_step) from error
 
 
 def _check_connectors(net: Net, fmus: Mapping[Place, FmuComponent]) -> None:
@@ -141,12 +131,12 @@ def _system(
     step_size: float | None,
     where: str,
 ) -> System:
-    names = {path: flat_name(path) for path in net.components}
+    names = {path: flat_name(path) for path, element in net.elements.items() if element.source is not None}
     connections: list[Connection] = []
     before: dict[str, list[str]] = {name: [] for name in components}
     inserted: dict[str, Component] = {}
     fed = set()
-    for end in _ends(net):
+    for end in net.inbound:  # in the order of the file
         if end[0] not in names:
             continue
         owner, target = names[end[0]], f"{names[end[0]]}.{end[1]}"
@@ -163,7 +153,7 @@ def _system(
         if total.offset == 0:
             connections.append(Connection(source, target, total.factor))
             continue
-        name = _free_name(target, {*components, *inserted})
+        name = free_name(re.sub(r"\W", "_", target) + "_transformation", "", {*components, *inserted, REFERENCE})
         inserted[name] = splice(total)
         before[owner].append(name)
         connections += [Connection(source, f"{name}.u"), Connection(f"{name}.y", target)]
@@ -175,33 +165,11 @@ def _system(
             "The archive does not say at which step the loop runs.", where=where, next_step="Give step_size."
         )
     order = tuple(part for name in loop.order for part in (*before[name], name))
-    if loop.algebraic_loops not in get_args(LoopTreatment):
-        raise InputError(
-            "The annotation of the loop treats algebraic loops in an unknown way.", where=where,
-            got=loop.algebraic_loops, valid=get_args(LoopTreatment),
-        )  # fmt: skip
     system = System(
         {**components, **inserted}, tuple(connections), order, size, loop.delays, loop.jacobi,
         loop.every, loop.substeps, loop.after_step, cast(LoopTreatment, loop.algebraic_loops),
     )  # fmt: skip
     return _with_roles(system, loop, where)
-
-
-def _ends(net: Net) -> Iterable[Node]:
-    """Where the connections end, in the order of the file."""
-    for path, system in net.systems.items():
-        for link in system.links:
-            element, connector = link.end
-            yield (path if element is None else (*path, element)), connector
-
-
-def _free_name(target: str, taken: set[str]) -> str:
-    stem = name = re.sub(r"\W", "_", target) + "_transformation"
-    count = 1
-    while name in taken or name == REFERENCE:
-        count += 1
-        name = f"{stem}_{count}"
-    return name
 
 
 def _guess(components: Mapping[str, Component], fed: set[str], steps: Mapping[str, float]) -> Loop:
@@ -212,12 +180,14 @@ def _guess(components: Mapping[str, Component], fed: set[str], steps: Mapping[st
 def _check_loop(loop: Loop, components: Mapping[str, Component], where: str) -> None:
     if sorted(loop.order) != sorted(components):
         raise InputError(
-            "The annotation of the loop does not fit the components.",
-            where=where,
-            got=loop.order,
-            valid=components,
+            "The annotation of the loop does not fit the components.", where=where, got=loop.order, valid=components,
             next_step="Name each component once in the annotation, or remove it.",
-        )
+        )  # fmt: skip
+    if loop.algebraic_loops not in get_args(LoopTreatment):
+        raise InputError(
+            "The annotation of the loop treats algebraic loops in an unknown way.", where=where,
+            got=loop.algebraic_loops, valid=get_args(LoopTreatment),
+        )  # fmt: skip
 
 
 def _with_roles(system: System, loop: Loop, where: str) -> System:

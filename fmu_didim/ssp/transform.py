@@ -63,18 +63,15 @@ def conversion(source: Unit | None, target: Unit | None, *, where: str) -> Affin
             return Affine()
         unknown = source if source.exponents is None else target
         raise InputError(
-            f"The unit '{unknown.name}' is not defined, so nothing can be converted to or from it.",
-            where=where,
+            f"The unit '{unknown.name}' is not defined, so nothing can be converted to or from it.", where=where,
             got=f"from '{source.name}' to '{target.name}'",
             next_step='Define it in Units with a BaseUnit, or set suppressUnitConversion="true".',
-        )
+        )  # fmt: skip
     if source.exponents != target.exponents:
         raise InputError(
-            "These units measure different quantities.",
-            where=where,
-            got=f"from '{source.name}' to '{target.name}'",
+            "These units measure different quantities.", where=where, got=f"from '{source.name}' to '{target.name}'",
             next_step='Correct the units, or set suppressUnitConversion="true" beside a LinearTransformation.',
-        )
+        )  # fmt: skip
     return Affine(source.factor / target.factor, (source.offset - target.offset) / target.factor)
 
 

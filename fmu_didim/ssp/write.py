@@ -13,7 +13,7 @@ from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.master import System
 from fmu_didim.ssp.archive import parse_xml
 from fmu_didim.ssp.compose import Part, connections, parts
-from fmu_didim.ssp.document import STRUCTURE
+from fmu_didim.ssp.document import STRUCTURE, free_name
 from fmu_didim.ssp.xml_text import parameter_set, structure_text
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
@@ -58,7 +58,7 @@ def write_ssp(
     for component, part in own.items():
         files[sources[component]] = part.fmu.path
         if part.values:
-            bindings[component] = _unique(f"resources/{_safe(component)}", ".ssv", files)
+            bindings[component] = free_name(f"resources/{_safe(component)}", ".ssv", files)
             files[bindings[component]] = parameter_set(component, part).encode()
     text = structure_text(
         name, system, own, connections(system, own),
@@ -77,21 +77,12 @@ def _sources(own: Mapping[str, Part]) -> dict[str, str]:
     for part in own.values():
         digest = part.fmu.digest
         if digest not in by_digest:
-            by_digest[digest] = _unique(f"resources/{_safe(part.fmu.path.stem)}", ".fmu", set(by_digest.values()))
+            by_digest[digest] = free_name(f"resources/{_safe(part.fmu.path.stem)}", ".fmu", set(by_digest.values()))
     return {component: by_digest[part.fmu.digest] for component, part in own.items()}
 
 
 def _safe(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
-
-
-def _unique(stem: str, suffix: str, taken: Mapping[str, object] | set[str]) -> str:
-    folded = {name.casefold() for name in taken}
-    name, count = stem + suffix, 1
-    while name.casefold() in folded:
-        count += 1
-        name = f"{stem}_{count}{suffix}"
-    return name
 
 
 def _write(path: Path, files: Mapping[str, bytes | Path]) -> None:

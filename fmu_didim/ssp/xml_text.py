@@ -20,18 +20,16 @@ from fmu_didim.version import __version__
 def parameter_set(name: str, part: Part) -> str:
     """The SSV file of the values that were set in a component."""
     root = _root("ssv:ParameterSet", {"ssv": SSV, "ssc": SSC}, name)
-    group = ET.SubElement(root, "ssv:Parameters")
+    group = _add(root, "ssv:Parameters")
     used = []
     for key, value in part.values.items():
-        parameter = ET.SubElement(group, "ssv:Parameter", name=key)
+        parameter = _add(group, "ssv:Parameter", name=key)
         if key in part.options:
-            ET.SubElement(parameter, "ssv:Integer", value=str(int(value)))
+            _add(parameter, "ssv:Integer", value=str(int(value)))
             continue
-        real = ET.SubElement(parameter, "ssv:Real", value=_number(value))
         unit = part.unit(key)
-        if unit is not None:
-            real.set("unit", unit.name)
-            used.append(unit)
+        _add(parameter, "ssv:Real", value=_number(value), unit=None if unit is None else unit.name)
+        used += [] if unit is None else [unit]
     _units(root, "ssv:Units", used)
     return _text(root)
 
@@ -51,22 +49,22 @@ def structure_text(
     """
     known = _common_units(parts)
     root = _root("ssd:SystemStructureDescription", {"ssd": SSD, "ssc": SSC}, name)
-    top = ET.SubElement(root, "ssd:System", name=name)
+    top = _add(root, "ssd:System", name=name)
     columns: dict[str, Unit | None] = {}
     for route in routes:
         if route.start[0] is None:
             columns.setdefault(route.start[1], _stated(parts[route.end[0]], route.end[1], known))
     _connectors(top, [(column, "input", "Real", unit) for column, unit in columns.items()])
-    elements = ET.SubElement(top, "ssd:Elements")
+    elements = _add(top, "ssd:Elements")
     for component, part in parts.items():
         _component(elements, component, part, sources[component], bindings.get(component), known)
     if routes:
-        group = ET.SubElement(top, "ssd:Connections")
+        group = _add(top, "ssd:Connections")
         for route in routes:
             _connection(group, route, parts, known, columns)
     _loop(top, system, parts)
     _units(root, "ssd:Units", known.values())
-    ET.SubElement(root, "ssd:DefaultExperiment", startTime="0")
+    _add(root, "ssd:DefaultExperiment", startTime="0")
     return _text(root)
 
 
@@ -90,27 +88,23 @@ def _component(
     elements: ET.Element, name: str, part: Part, source: str, binding: str | None, known: Mapping[str, Unit]
 ) -> None:
     kind = "ModelExchange" if part.fmu.interface.kind == MODEL_EXCHANGE else "CoSimulation"
-    element = ET.SubElement(elements, "ssd:Component", name=name, type=FMU_TYPE, source=source, implementation=kind)
-    rows = [(v.name, "input", "Real", _stated(part, v.name, known)) for v in part.fmu.inputs]
-    rows += [(v.name, "output", "Real", _stated(part, v.name, known)) for v in part.fmu.outputs]
-    inputs = {v.name for v in part.fmu.inputs}
+    element = _add(elements, "ssd:Component", name=name, type=FMU_TYPE, source=source, implementation=kind)
+    inputs = [v.name for v in part.fmu.inputs]
+    ports = [(name, "input", "Real") for name in inputs] + [(v.name, "output", "Real") for v in part.fmu.outputs]
     for key in part.values:
         if key not in inputs:
-            kind = "Integer" if key in part.options else "Real"
-            rows.append((key, "parameter", kind, _stated(part, key, known)))
-    _connectors(element, rows)
+            ports.append((key, "parameter", "Integer" if key in part.options else "Real"))
+    _connectors(element, [(*port, _stated(part, port[0], known)) for port in ports])
     if binding is not None:
-        ET.SubElement(ET.SubElement(element, "ssd:ParameterBindings"), "ssd:ParameterBinding", source=binding)
+        _add(_add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding", source=binding)
 
 
 def _connectors(element: ET.Element, rows: list[tuple[str, str, str, Unit | None]]) -> None:
-    if not rows:
-        return
-    group = ET.SubElement(element, "ssd:Connectors")
-    for name, kind, type_, unit in rows:
-        content = ET.SubElement(ET.SubElement(group, "ssd:Connector", name=name, kind=kind), f"ssc:{type_}")
-        if unit is not None:
-            content.set("unit", unit.name)
+    if rows:
+        group = _add(element, "ssd:Connectors")
+        for name, kind, type_, unit in rows:
+            connector = _add(group, "ssd:Connector", name=name, kind=kind)
+            _add(connector, f"ssc:{type_}", unit=None if unit is None else unit.name)
 
 
 def _connection(
@@ -120,74 +114,70 @@ def _connection(
     known: Mapping[str, Unit],
     columns: Mapping[str, Unit | None],
 ) -> None:
-    owner, variable = route.start
-    element = ET.SubElement(group, "ssd:Connection")
-    if owner is not None:
-        element.set("startElement", owner)
-    element.set("startConnector", variable)
-    element.set("endElement", route.end[0])
-    element.set("endConnector", route.end[1])
+    (owner, variable), (target, end_variable) = route.start, route.end
     start = columns[variable] if owner is None else _effective(parts[owner], variable, known)
-    end = _effective(parts[route.end[0]], route.end[1], known)
-    if start is not None and end is not None and start != end:
-        element.set("suppressUnitConversion", "true")
-    if route.transformation.factor != 1 or route.transformation.offset != 0:
-        transformation = ET.SubElement(element, "ssc:LinearTransformation")
-        transformation.set("factor", _number(route.transformation.factor))
-        transformation.set("offset", _number(route.transformation.offset))
+    end = _effective(parts[target], end_variable, known)
+    unlike = start is not None and end is not None and start != end
+    element = _add(
+        group, "ssd:Connection", startElement=owner, startConnector=variable, endElement=target,
+        endConnector=end_variable, suppressUnitConversion="true" if unlike else None,
+    )  # fmt: skip
+    factor, offset = route.transformation.factor, route.transformation.offset
+    if factor != 1 or offset != 0:
+        _add(element, "ssc:LinearTransformation", factor=_number(factor), offset=_number(offset))
 
 
 def _effective(part: Part, variable: str, known: Mapping[str, Unit]) -> Unit | None:
     """The unit that a reader gives to a variable, defined or not."""
-    name = next((v.unit for v in (*part.fmu.inputs, *part.fmu.outputs) if v.name == variable), "")
+    name = part.unit_name(variable)
     return {**known, **part.units}.get(name, Unit(name)) if name else None
 
 
 def _loop(top: ET.Element, system: System, parts: Mapping[str, Part]) -> None:
     """The annotation with what SSP has no words for."""
-    annotation = ET.SubElement(ET.SubElement(top, "ssd:Annotations"), "ssc:Annotation", type=LOOP_TYPE)
-    loop = ET.SubElement(annotation, "loop", {"xmlns": LOOP, "step_size": _number(system.step_size)})
-    if system.jacobi:
-        loop.set("algorithm", "jacobi")
-    if system.algebraic_loops != "refuse":
-        loop.set("algebraic_loops", system.algebraic_loops)
+    annotation = _add(_add(top, "ssd:Annotations"), "ssc:Annotation", type=LOOP_TYPE)
+    treatment = system.algebraic_loops
+    loop = _add(
+        annotation, "loop", xmlns=LOOP, step_size=_number(system.step_size),
+        algorithm="jacobi" if system.jacobi else None, algebraic_loops=None if treatment == "refuse" else treatment,
+    )  # fmt: skip
     for name, part in parts.items():
-        element = ET.SubElement(loop, "component", name=name)
-        if system.delays.get(name):
-            element.set("delay", _number(system.delays[name]))
-        for key, counts in (("every", system.every), ("substeps", system.substeps)):
-            if counts.get(name, 1) != 1:
-                element.set(key, str(counts[name]))
-        if part.fmu.interface.kind == MODEL_EXCHANGE:
-            element.set("solver", part.fmu.solver)
-            if part.fmu.substeps is not None:
-                element.set("solver_substeps", str(part.fmu.substeps))
-        if name in system.after_step:
-            element.set("after_step", "true")
+        delay, own_substeps = system.delays.get(name), part.fmu.substeps
+        every, substeps = (counts.get(name, 1) for counts in (system.every, system.substeps))
+        exchange = part.fmu.interface.kind == MODEL_EXCHANGE
+        element = _add(
+            loop, "component", name=name,
+            delay=_number(delay) if delay else None,
+            every=str(every) if every != 1 else None,
+            substeps=str(substeps) if substeps != 1 else None,
+            solver=part.fmu.solver if exchange else None,
+            solver_substeps=str(own_substeps) if exchange and own_substeps is not None else None,
+            after_step="true" if name in system.after_step else None,
+        )  # fmt: skip
         for variable, role in part.roles.items():
-            ET.SubElement(element, "role", variable=variable, name=role)
+            _add(element, "role", variable=variable, name=role)
 
 
 def _units(root: ET.Element, tag: str, units: Iterable[Unit]) -> None:
     rows = {unit.name: unit for unit in units}
-    if not rows:
-        return
-    group = ET.SubElement(root, tag)
+    group = _add(root, tag) if rows else root
     for unit in rows.values():
-        base = ET.SubElement(ET.SubElement(group, "ssc:Unit", name=unit.name), "ssc:BaseUnit")
-        for symbol, exponent in zip(BASE_UNITS, unit.exponents or (), strict=False):
-            if exponent:
-                base.set(symbol, str(exponent))
-        if unit.factor != 1:
-            base.set("factor", _number(unit.factor))
-        if unit.offset != 0:
-            base.set("offset", _number(unit.offset))
+        powers = zip(BASE_UNITS, unit.exponents or (), strict=False)
+        base: dict[str, str | None] = {symbol: str(power) for symbol, power in powers if power}
+        base["factor"] = _number(unit.factor) if unit.factor != 1 else None
+        base["offset"] = _number(unit.offset) if unit.offset != 0 else None
+        _add(_add(group, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **base)
 
 
 def _root(tag: str, namespaces: Mapping[str, str], name: str) -> ET.Element:
     attributes = {f"xmlns:{prefix}": uri for prefix, uri in namespaces.items()}
     tool = f"fmu_didim {__version__}"
     return ET.Element(tag, {**attributes, "version": "1.0", "name": name, "generationTool": tool})
+
+
+def _add(parent: ET.Element, tag: str, /, **attributes: str | None) -> ET.Element:
+    """A new element inside another one, with those of the attributes that are not None."""
+    return ET.SubElement(parent, tag, {key: text for key, text in attributes.items() if text is not None})
 
 
 def _number(value: float) -> str:

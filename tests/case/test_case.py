@@ -13,7 +13,7 @@ from fmu_didim.case import load_case
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
-from fmu_didim.report.numbers import loop_summary
+from fmu_didim.report.numbers import loop_lines
 from fmu_didim.signals import read_trajectory, trajectory, write_csv
 from fmu_didim.workflow import identify, simulate
 from tests.cases import SCARA, scara_case
@@ -256,7 +256,7 @@ def test_every_controller_of_the_scara_identifies_it(tmp_path: Path, name: str, 
         shown, "plant: robot.yaml, FMI 2.0 co-simulation, run again by reset",
         f"200 Hz, Gauss-Seidel in this order, delay: {delay}",
     ]  # fmt: skip
-    assert loop_summary(outcome.document) == lines
+    assert loop_lines(outcome.document.loop) == lines
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for line in lines:
         assert f"<li>{line}</li>" in page

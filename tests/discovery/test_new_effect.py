@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -17,6 +16,7 @@ from fmu_didim.effects import (
     UNITS,
     JointType,
     OperatingRange,
+    Parameter,
     Search,
     SplicedEffect,
     Surroundings,
@@ -89,16 +89,13 @@ class FadingDrive(SplicedEffect):
     experiment = "A known payload."
     source = "made up for a test"
     rank = 15
-    neutral: ClassVar[Mapping[str, float]] = {"fading": 0.0}
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fading": (0.0, 0.1)}
     first_order = FirstOrder("torque", lambda at: at.logged * np.abs(at.logged))
-
-    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
-        unit = "1/(N.m)" if joint_type == "revolute" else "1/N"
-        return (Variable("fading", unit, "parameter", 0.0, "loss of torque constant by torque"),)
-
-    def search(self, joint_type: JointType) -> Mapping[str, Search]:
-        return {"fading": Search(1e-4, 3e-2, 5)}
+    own_parameters = (
+        Parameter(
+            "fading", ("1/(N.m)", "1/N"), "loss of torque constant by torque",
+            neutral=0.0, limits=(0.0, 0.1), search=Search(1e-4, 3e-2, 5),
+        ),
+    )  # fmt: skip
 
     def output(self, u: ca.SX, x: ca.SX, values: Mapping[str, ca.SX], step: float) -> ca.SX:
         return u - values["fading"] * u * ca.fabs(u)

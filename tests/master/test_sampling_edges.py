@@ -163,3 +163,8 @@ def test_instants_of_a_lower_rate(rate: float, phase: float, wanted: list[float]
 def test_instants_that_cannot_be(rate: float, phase: float, what: str) -> None:
     with pytest.raises(InputError, match=what):
         decimated_times(np.array([2.0, 3.0, 4.0]), rate, phase)
+
+
+def test_a_way_of_sampling_that_is_not_known_is_no_average() -> None:
+    with pytest.raises(AssertionError, match="median"):
+        sample_operator(np.zeros(1), start=0.0, step=1.0, tick_count=4, kind="median")  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ from fmu_didim.identification.result import (
 )
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.figures import decimated
-from fmu_didim.report.numbers import loop_summary, pretty_unit, rounding, significant
+from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
 
 ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
     "estimation": ErrorResult(total=4.831, per_joint=[4.831]),
@@ -161,12 +161,12 @@ def test_loop_in_words() -> None:
     }  # fmt: skip
     loop = {"order": ["controller", "plant"], "step_size_s": 0.004, "algorithm": "Jacobi", "components": components,
             "delay_samples": {"controller": 0.0, "plant": 1.25}}  # fmt: skip
-    assert loop_summary(document(loop=loop)) == [
+    assert loop_lines(document(loop=loop).loop) == [
         "controller: mine.py:pd, python-control",
         "plant: arm.fmu, FMI 3.0 model-exchange, integrated by cvode, run again by re-instantiate",
         "250 Hz, Jacobi, delay: plant 1.25 samples",
     ]
-    assert loop_summary(document()) == []
+    assert loop_lines(document().loop) == []
 
 
 def test_table_of_a_refusal_gives_reasons_and_no_values() -> None:

@@ -27,7 +27,7 @@ from fmu_didim.errors import FmuDidimError, FmuError, InputError, UnknownNameErr
 from fmu_didim.export import build_fmu
 from fmu_didim.master import Connection, System, simulate
 from fmu_didim.prediction import sensitivity
-from fmu_didim.report.numbers import loop_summary
+from fmu_didim.report.numbers import loop_lines
 from fmu_didim.signals import Trajectory, trajectory
 from fmu_didim.ssp import read_ssp, write_ssp
 from fmu_didim.ssp.transform import Unit, conversion
@@ -678,7 +678,7 @@ def test_case_from_an_archive_gives_the_same_torque_and_the_same_result(
     assert found.document.consistency is not None
     assert found.document.consistency.agrees
     assert found.document.provenance["files"].keys() >= {"loop.ssp"}
-    assert loop_summary(found.document)[:2] == [
+    assert loop_lines(found.document.loop)[:2] == [
         "controller: scara_pd.fmu in loop.ssp, FMI 2.0 co-simulation, run again by reset",
         "plant: scara.fmu in loop.ssp, FMI 2.0 co-simulation, run again by reset",
     ]

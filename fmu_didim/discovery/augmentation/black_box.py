@@ -21,8 +21,17 @@ import numpy as np
 from fmu_didim.block import Block
 from fmu_didim.components.spliced import spliced_component
 from fmu_didim.discovery.augmentation import thresholds as limits
-from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
-from fmu_didim.effects.base import NOMINAL_ACCELERATION, NOMINAL_SPEED, UNITS, JointType, OperatingRange
+from fmu_didim.effects import (
+    NOMINAL_ACCELERATION,
+    NOMINAL_SPEED,
+    PAYLOAD,
+    UNITS,
+    JointType,
+    OperatingRange,
+    Search,
+    Surroundings,
+    TorqueEffect,
+)
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Connection, System
