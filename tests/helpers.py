@@ -24,6 +24,8 @@ from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Trajectory, Variable, trajectory
 
+NEAR = 0.03
+"""Standard deviations that two estimates of the same data may be apart, each integrated to 0.02 of them."""
 ROOT = Path(__file__).parents[1]
 KINDS = ("model", "control", "fmu")
 PERIOD = 0.005

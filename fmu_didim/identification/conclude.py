@@ -7,6 +7,7 @@ S'(y - tau_s) = 0 and reaches the Cramer-Rao bound. From DIDIM's answer a few st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
-from fmu_didim.prediction.accuracy import integration_change, with_fitting_substeps
+from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
 from fmu_didim.prediction.loop_model import LoopModel
@@ -72,16 +73,21 @@ def efficient_finish(
         error = integration_error(fit)
         if error.excess <= 1:
             break
-        finer = with_fitting_substeps(fit.model, fit.values)
-        if finer.substeps == fit.model.substeps:
-            finer = replace(fit.model, substep_factor=2 * fit.model.substep_factor)
-            if fit.model.substeps is None:  # more than the case or the rule says
-                text = (
-                    f"Substeps of the plant doubled: halving them changed the torque by {100 * error.relative:.2g} %."
-                )
-                remarks.append(text)
+        finer = _finer(fit.model, fit.values, error.excess)
+        if fit.model.substeps is None:  # more than the case or the rule says
+            change = f"{100 * error.relative:.2g} %"
+            remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(point(finer, NoiseOfResidual(finer)), settled=fit.settled)
     return Minimum(fit, tuple(iterations), error, tuple(remarks))
+
+
+def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
+    """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
+    doubled."""
+    if model.substeps is None:
+        return replace(model, substep_factor=2 * model.substep_factor)
+    more = max(model.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
+    return replace(model, substeps=more if more < model.automatic_substeps(values) else None)
 
 
 @dataclass(frozen=True)
@@ -114,9 +120,11 @@ def integration_error(fit: Fit) -> IntegrationError:
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
     shift = np.abs(moved) / np.sqrt(np.diag(fit.bound))
-    # Steps that were chosen for the noise can be finer; those of the rule are fine enough for data without noise.
     if model.substeps is None and relative <= limits.INTEGRATION_TOLERANCE:
-        return IntegrationError(relative, shift, 0.0)
+        # Only data without noise can ask for more than the rule: where finer steps explain them better.
+        left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
+        if np.linalg.norm(left) > limits.CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
+            return IntegrationError(relative, shift, 0.0)
     excess = integration_change(model, fit.torque, torque)
     return IntegrationError(relative, shift, max(excess, float(shift.max()) / limits.INTEGRATION_SHIFT))
 

@@ -10,6 +10,12 @@ INTEGRATION_TOLERANCE = TABLE(
     "INTEGRATION_TOLERANCE", 1e-5, "1",
     "Change of the torque by twice the substeps of the rule, relative to its size, that is allowed in any case.",
 )  # fmt: skip
+CLEARLY_BETTER = TABLE(
+    "CLEARLY_BETTER",
+    0.5,
+    "1",
+    "Residual with twice the substeps over that before, below which they explain the data better.",
+)
 INTEGRATION_SHIFT = TABLE(
     "INTEGRATION_SHIFT", 0.02, "standard deviations",
     "Twice the substeps may move no value by more: nobody would see it beside the noise.",

@@ -19,6 +19,7 @@ from fmu_didim.robot import RobotModel
 from fmu_didim.workflow import simulate
 from tests.benchmarks import tx40
 from tests.benchmarks.pinocchio_loop import PinocchioLoop
+from tests.helpers import NEAR
 
 DURATION_S = 2.0
 TICKS = round(DURATION_S * tx40.RATE_HZ)
@@ -102,11 +103,11 @@ def test_closed_loop_at_5_khz_is_that_of_pinocchio(tmp_path: Path) -> None:
     """Both FMUs in the loop for two seconds: it tracks, and torque and motion are those of another program."""
     torque, motion = by_pinocchio()
     time = np.arange(TICKS) / tx40.RATE_HZ
-    found = simulate(tx40.write_case(tmp_path, MOTION, time[::EVERY], torque[::EVERY]))
+    found = simulate(tx40.write_case(tmp_path, MOTION, time[::EVERY], torque[::EVERY], substeps=256))
     names = [f"{s}{j}" for s in ("tau", "q", "dq", "ddq") for j in range(1, 7)]
     expected = np.hstack([torque, motion])
     size = np.abs(expected).max(axis=0)
-    assert (np.abs(found.select(names)[:TICKS] - expected).max(axis=0) <= 1e-8 * size).all()
+    assert (np.abs(found.select(names)[:TICKS] - expected).max(axis=0) <= 1e-7 * size).all()  # methods of other order
     q_ref = MOTION.trajectory(tx40.RATE_HZ).select([f"q{j}" for j in range(1, 7)])
     assert np.abs(found.select(names[6:12]) - q_ref).max() < 0.01
 
@@ -129,8 +130,6 @@ def test_identification_recovers_the_truth(tmp_path: Path) -> None:
     estimate = case.estimator.estimate(case.model)
     truth = base_parameters(model()).reduce(model().parameter_values)
     assert estimate.status is Status.CONVERGED
-    present = truth != 0
-    assert (np.abs(estimate.value - truth)[present] <= 1e-5 * np.abs(truth[present])).all()
-    assert np.abs(estimate.value[~present]).max() <= 1e-8
+    assert (np.abs(estimate.value - truth) <= NEAR * estimate.standard_deviation).all()
     # The start was not the answer.
     assert np.abs(estimate.iterations[0].parameters - truth).max() > 0.1

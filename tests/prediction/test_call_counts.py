@@ -56,7 +56,7 @@ def test_an_identification_takes_few_runs_of_the_loop() -> None:
     assert case.model is not None
     estimate, runs = simulated(case.model, case.estimator)
     assert estimate.status.name == "CONVERGED"
-    assert len(runs.plain) <= 12  # one an iteration, two each time its steps are chosen, and one to check them
+    assert len(runs.plain) <= 14  # one an iteration, two or more where its steps are chosen or checked
     assert len(runs.varied) <= 2
 
 

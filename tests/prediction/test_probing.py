@@ -13,7 +13,7 @@ from fmu_didim.errors import InputError
 from fmu_didim.prediction.prediction import predict
 from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
-from tests.helpers import model_of, with_delay
+from tests.helpers import NEAR, model_of, with_delay
 
 
 def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Path:
@@ -46,7 +46,7 @@ def test_didim_with_a_probed_regressor_gives_the_same_answer(tmp_path: Path) -> 
     expected = identify("examples/scara/identify.yaml").estimate
     assert outcome.document.status == "converged"
     # Each is integrated as finely as a hundredth of the noise asks.
-    assert (np.abs(outcome.estimate.value - expected.value) <= 0.02 * expected.standard_deviation).all()
+    assert (np.abs(outcome.estimate.value - expected.value) <= NEAR * expected.standard_deviation).all()
     np.testing.assert_allclose(outcome.estimate.standard_deviation, expected.standard_deviation, rtol=1e-3)
 
 
