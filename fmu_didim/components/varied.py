@@ -145,8 +145,8 @@ class _VariedInstance(Instance):
             for function in (self._library.set_values, self._library.get_values, self._library.do_step)
         )
         return NativeFmu(
-            FMI2, self._self, set_address, get_address, step_address, none, none, self.inputs, self.outputs,
-            input_scaling=None, output_scaling=None, check=self._check,
+            FMI2, self._self, ("set", "get", "step"), set_address, get_address, step_address, none, none,
+            self.inputs, self.outputs, input_scaling=None, output_scaling=None, check=self._check,
         )  # fmt: skip
 
     def restart(self, component: Component) -> bool:

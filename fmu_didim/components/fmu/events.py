@@ -14,7 +14,6 @@ from typing import Any
 
 from fmu_didim.components.base import SampleClock
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS
-from fmu_didim.components.fmu.bindings import Binding3
 from fmu_didim.components.fmu.description import CO_SIMULATION, ClockVariable, FmuDescription, Interface
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, CoSimulationInstance, no_progress
 from fmu_didim.components.fmu.settings import FmuSettings
@@ -88,8 +87,6 @@ class _Ticking:
 
 class EventInstance(CoSimulationInstance):
     """An FMU that integrates itself and lets its events be handled."""
-
-    _binding: Binding3
 
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         self._ticking: dict[int, _Ticking] = {}
@@ -168,7 +165,7 @@ class EventInstance(CoSimulationInstance):
         """One call of DoStep; returns the time reached."""
         status = self._do_step(self._c, now, target - now, *self._tail)
         if status > 1:
-            self._binding.check(f"fmi3DoStep at t = {now:.6g} s", status)
+            self._binding.check(f"{self._binding.prefix}DoStep at t = {now:.6g} s", status)
         result = self._binding.step_result()
         if result is None or not (result.terminate or result.early):
             return target

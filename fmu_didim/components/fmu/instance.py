@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.components.base import Component, buffers
-from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Binding, Call, address, references
-from fmu_didim.components.fmu.binding1 import Binding1
-from fmu_didim.components.fmu.bindings import Binding2, Binding3
+from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
@@ -48,7 +46,6 @@ def _nothing() -> int:
     return 0
 
 
-_BINDINGS: dict[int, type[Binding]] = {1: Binding1, 2: Binding2, 3: Binding3}
 TIME_TOLERANCE = 1e-9
 """Two instants closer than this fraction of a step are one."""
 
@@ -62,8 +59,8 @@ class FmuInstance(RestartableInstance):
 
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         fmu, interface = component.fmu, component.interface
-        library = load_library(fmu, interface)
-        self._binding: Binding = _BINDINGS[fmu.major](fmu, interface, library, event_mode=component.event_mode)
+        library = load_library(component.fmi, fmu, interface)
+        self._binding = component.fmi.binding(fmu, interface, library, event_mode=component.event_mode)
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._take(component)
 
@@ -136,22 +133,17 @@ class FmuInstance(RestartableInstance):
             self._input_scaling.from_shown(self.inputs)
         status = self._set(*self._set_arguments)
         if status > 1:
-            self._binding.check(f"{self._prefix}Set{self._real}", status)
+            self._binding.check(self._real_function("Set"), status)
 
     def get(self) -> None:
         status = self._get(*self._get_arguments)
         if status > 1:
-            self._binding.check(f"{self._prefix}Get{self._real}", status)
+            self._binding.check(self._real_function("Get"), status)
         if self._output_scaling is not None:
             self._output_scaling.to_shown(self.outputs)
 
-    @property
-    def _prefix(self) -> str:
-        return f"fmi{self._binding.major}"
-
-    @property
-    def _real(self) -> str:
-        return "Real" if self._binding.major < 3 else "Float64"
+    def _real_function(self, verb: str) -> str:
+        return f"{self._binding.prefix}{verb}{self._binding.real_type}"
 
     def _set_own(self, values: Mapping[str, float]) -> None:
         """Set parameters given in the units shown; an array always as a whole."""
@@ -167,7 +159,7 @@ class FmuInstance(RestartableInstance):
         if wanted:
             numbers = np.array([x for group in wanted.values() for x in group])
             function, arguments = self._binding.real_call("Set", list(wanted), numbers)
-            self._binding.check(f"{self._prefix}Set{self._real} of parameters", function(*arguments))
+            self._binding.check(f"{self._real_function('Set')} of parameters", function(*arguments))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         component = self._component
@@ -229,17 +221,16 @@ class CoSimulationInstance(FmuInstance):
         super().__init__(component, keep_new_state=keep_new_state)
         self._do_step, self._tail = self._binding.step_call()
         self._c = self._binding.c
-        self._may_stop = self._binding.major > 2
 
     def native(self) -> Native | None:
-        fmu, interface = self._component.fmu, self._component.interface
-        ports = (*fmu.of_causality("input"), *fmu.of_causality("output"))
-        if fmu.major < 2 or interface.may_return_early or not are_plain(ports):
+        component, kind = self._component, self._binding.native_kind
+        ports = (*component.fmu.of_causality("input"), *component.fmu.of_causality("output"))
+        if kind is None or component.interface.may_return_early or not are_plain(ports):
             return None
         scaled_in, scaled_out = self._input_scaling, self._output_scaling
-        component = self._component
         return NativeFmu(
-            kind=self._binding.major,
+            kind=kind,
+            calls=(self._real_function("Set"), self._real_function("Get"), f"{self._binding.prefix}DoStep"),
             self_address=address(self._c),
             set_address=address(self._set) if component.input_references else 0,
             get_address=address(self._get) if component.output_references else 0,
@@ -256,8 +247,8 @@ class CoSimulationInstance(FmuInstance):
     def step(self, time: float, size: float) -> None:
         status = self._do_step(self._c, time, size, *self._tail)
         if status > 1:
-            self._binding.check(f"{self._prefix}DoStep at t = {time:.6g} s", status)
-        if self._may_stop and self._binding.step_result() is not None:
+            self._binding.check(f"{self._binding.prefix}DoStep at t = {time:.6g} s", status)
+        if self._binding.step_result() is not None:
             self._go_on(time, time + size)
 
     def _go_on(self, start: float, end: float) -> None:
@@ -275,7 +266,7 @@ class CoSimulationInstance(FmuInstance):
                 break
             now = result.time
             status = self._do_step(self._c, now, end - now, *self._tail)
-            self._binding.check(f"{self._prefix}DoStep at t = {now:.6g} s", status)
+            self._binding.check(f"{self._binding.prefix}DoStep at t = {now:.6g} s", status)
         raise no_progress(self._component, now)
 
 

@@ -35,14 +35,13 @@ class ModelExchangeInstance(FmuInstance):
         self._x, self._dx, self._stage, self._sum = (np.zeros(self._nx) for _ in range(4))
         self._z, self._z_before = np.zeros(self._nz), np.zeros(self._nz)
         self._c = binding.c
-        self._set_time = binding.library[f"fmi{binding.major}SetTime"]
+        self._set_time = binding.library[f"{binding.prefix}SetTime"]
         self._set_stage, self._stage_arguments = binding.exchange_call("SetContinuousStates", self._stage)
         self._get_states, self._states_arguments = binding.exchange_call("GetContinuousStates", self._x)
-        self._derive, self._derive_arguments = binding.derivatives_call(self._dx)
+        self._derive, self._derive_arguments = binding.exchange_call(binding.derivatives_function, self._dx)
         self._get_indicators, self._indicator_arguments = binding.exchange_call("GetEventIndicators", self._z)
-        boolean = ctypes.c_int if binding.major == 2 else ctypes.c_bool
-        self._enter_event, self._terminate = boolean(), boolean()
-        self._completed = binding.library[f"fmi{binding.major}CompletedIntegratorStep"]
+        self._enter_event, self._terminate = binding.truth_type(), binding.truth_type()
+        self._completed = binding.library[f"{binding.prefix}CompletedIntegratorStep"]
         self._completed_arguments = (self._c, 1, ctypes.byref(self._enter_event), ctypes.byref(self._terminate))
         self._next_event: float | None = None
         self._substeps = component.substeps or DEFAULT_SUBSTEPS
@@ -181,9 +180,7 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
     from fmpy.sundials import CVodeSolver
 
     binding, c = instance._binding, instance._c
-    prefix = f"fmi{binding.major}"
-    library = binding.library
-    derive = library[f"{prefix}{'GetDerivatives' if binding.major == 2 else 'GetContinuousStateDerivatives'}"]
+    library, prefix = binding.library, binding.prefix
     nominals = library.get(f"{prefix}GetNominalsOfContinuousStates")
 
     def kept(function: Callable[..., int]) -> Callable[[Any, int], None]:
@@ -207,7 +204,7 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
         nz=instance._nz,
         get_x=kept(library[f"{prefix}GetContinuousStates"]),
         set_x=kept(library[f"{prefix}SetContinuousStates"]),
-        get_dx=kept(derive),
+        get_dx=kept(library[f"{prefix}{binding.derivatives_function}"]),
         get_z=kept(library[f"{prefix}GetEventIndicators"]),
         get_nominals=get_nominals,
         set_time=set_time,

@@ -13,6 +13,7 @@ from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import INTEGER_TYPES, FmuDescription, Interface
 from fmu_didim.components.fmu.strategies import AUTO, Rerun
 from fmu_didim.components.fmu.units import Conversion
+from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Variable
 
@@ -40,7 +41,8 @@ class FmuSettings(Component):
     """An FMU with its settings, and how values are found in it; what runs it, only its subclass knows.
 
     Attributes:
-        fmu: its description, with the variables that matter in the loop; interface: how it is run.
+        fmi: the version that it is read as; fmu: its description, with the variables that matter in the loop.
+        interface: how it is run.
         inputs, outputs, parameters: in SI where the FMU's unit is a multiple of an SI unit; inputs and outputs of
             integer and Boolean type are numbers too; elements of arrays are variables of their own: ``A[2,1]``.
         references: name of a parameter or option -> value reference; input_references, output_references: one a
@@ -58,6 +60,7 @@ class FmuSettings(Component):
         event_mode: handle events of FMI 3.0 co-simulation, clocks among them.
     """
 
+    fmi: FmiVersion
     fmu: FmuDescription
     interface: Interface
     inputs: tuple[Variable, ...]
