@@ -20,8 +20,6 @@ from fmu_didim.export.xml_file import is_text
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
 SUBSTEPS_NAME = "substeps"
-SUBSTEPS_DESCRIPTION = "Integration substeps in a communication step; 0: chosen from the fastest rate"
-TIME_NAME = "time"
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Layout:
         inputs, outputs, states, parameters: the ranges of the four groups of the block.
         derivatives: the derivatives of the states; empty for a sampled block.
         substeps: the integer parameter ``substeps``; None for a sampled block.
-        time: the independent variable; only FMI 3.0 has it.
+        time: the independent variable, where the version of FMI has one.
     """
 
     inputs: range
@@ -65,8 +63,12 @@ def exported_names(block: Block) -> list[str]:
     return names
 
 
-def check_exportable(block: Block, *, fmi_version: str = "2.0") -> None:
-    """Raise InputError unless the block has names and start values that an FMU of this version can hold."""
+def check_exportable(block: Block, *, own_names: Iterable[str] = ()) -> None:
+    """Raise InputError unless an FMU can hold the names and start values of the block.
+
+    Args:
+        own_names: of further variables that the FMU has.
+    """
     where = f"block '{block.name}'"
     if not (block.name.isascii() and block.name.isidentifier()):
         raise InputError(
@@ -77,8 +79,7 @@ def check_exportable(block: Block, *, fmi_version: str = "2.0") -> None:
     if block.sample_time is not None and not (math.isfinite(block.sample_time) and block.sample_time > 0):
         raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
     _check_texts(block)
-    names = [*exported_names(block), *([SUBSTEPS_NAME] if block.sample_time is None else [])]
-    names += [TIME_NAME] if fmi_version == "3.0" else []
+    names = [*exported_names(block), *([SUBSTEPS_NAME] if block.sample_time is None else []), *own_names]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise InputError(

@@ -6,9 +6,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import layout
+from fmu_didim.export.c_code import SUBSTEPS_NAME, layout
 from fmu_didim.export.units import derivative_unit
 from fmu_didim.signals import Variable
+
+SUBSTEPS_ATTRIBUTES = {
+    "name": SUBSTEPS_NAME,
+    "description": "Integration substeps in a communication step; 0: chosen from the fastest rate",
+    "causality": "parameter",
+    "variability": "fixed",
+    "initial": "exact",
+}
+"""The integer parameter of the number of substeps, but for its value reference and start."""
 
 
 @dataclass(frozen=True)

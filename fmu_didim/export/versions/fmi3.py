@@ -1,4 +1,4 @@
-"""modelDescription.xml and buildDescription.xml of an exported block, for FMI 3.0.
+"""FMI 3.0: modelDescription.xml and buildDescription.xml of an exported block.
 
 Source: "Functional Mock-up Interface Specification", version 3.0, sections 2.4 and 2.5.1.
 """
@@ -9,32 +9,23 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import SUBSTEPS_DESCRIPTION, SUBSTEPS_NAME, TIME_NAME, check_exportable, layout
+from fmu_didim.export.c_code import layout
+from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import exported_variables
-from fmu_didim.export.xml_file import document, stated
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables
+from fmu_didim.export.versions.base import WrittenVersion
+from fmu_didim.export.xml_file import add_defaults, document, stated
+
+_MAIN, _TIME = "fmi3.c", "time"
 
 
-def model_description(block: Block, *, token: str, generation_tool: str) -> str:
-    """The text of modelDescription.xml of a block, for co-simulation and model exchange.
-
-    Value references are those of :func:`fmu_didim.export.c_code.layout`, and the variables stand in
-    that order; the independent variable ``time`` is the last one.
-
-    Args:
-        block: the block.
-        token: the instantiation token compiled into the binary.
-        generation_tool: name and version of the exporter.
-
-    Raises:
-        InputError: a name or a start value cannot be exported.
-    """
-    check_exportable(block, fmi_version="3.0")
+def _model_description(block: Block, token: str, tool: str) -> str:
+    """The variables stand in the order of their value references; the independent one, ``time``, is the last."""
     root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=block.name, instantiationToken=token)
     if block.description:
         root.set("description", block.description)
-    root.set("generationTool", generation_tool)
+    root.set("generationTool", tool)
     root.set("variableNamingConvention", "flat")
     common = {
         "modelIdentifier": block.name,
@@ -48,10 +39,7 @@ def model_description(block: Block, *, token: str, generation_tool: str) -> str:
     steps = {"canHandleVariableCommunicationStepSize": "true", "hasEventMode": "false"}
     ET.SubElement(root, "CoSimulation", common | steps)
     add_units(root, block, time=True)
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name="logStatusError", description="Errors; they are always logged.")
-    if block.sample_time is not None:
-        ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(block.sample_time))
+    add_defaults(root, block.sample_time)
     _add_variables(ET.SubElement(root, "ModelVariables"), block)
     structure = model_structure(block)
     element = ET.SubElement(root, "ModelStructure")
@@ -65,14 +53,13 @@ def model_description(block: Block, *, token: str, generation_tool: str) -> str:
     return document(root)
 
 
-def build_description(block: Block, *, source_files: Sequence[str]) -> str:
-    """The text of sources/buildDescription.xml: the files to compile (not those they include)."""
+def _build_description(block: Block) -> dict[str, str]:
+    """The files to compile (not those they include)."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=block.name)
     group = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    for name in source_files:
-        ET.SubElement(group, "SourceFile", name=name)
-    return document(root)
+    ET.SubElement(group, "SourceFile", name=_MAIN)
+    return {"buildDescription.xml": document(root)}
 
 
 def _add_variables(parent: ET.Element, block: Block) -> None:
@@ -82,17 +69,22 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
         link = None if v.state is None else str(v.state)
         ET.SubElement(parent, "Float64", named | stated(start=v.start, derivative=link, unit=v.own.unit))
     if refs.substeps is not None:
-        ET.SubElement(
-            parent,
-            "Int32",
-            name=SUBSTEPS_NAME,
-            valueReference=str(refs.substeps),
-            description=SUBSTEPS_DESCRIPTION,
-            causality="parameter",
-            variability="fixed",
-            initial="exact",
-            start="0",
-            min="0",
-        )
+        numbers = {"valueReference": str(refs.substeps), "start": "0", "min": "0"}
+        ET.SubElement(parent, "Int32", SUBSTEPS_ATTRIBUTES | numbers)
     time = {"causality": "independent", "variability": "continuous", "unit": "s"}
-    ET.SubElement(parent, "Float64", {"name": TIME_NAME, "valueReference": str(refs.time), **time})
+    ET.SubElement(parent, "Float64", {"name": _TIME, "valueReference": str(refs.time), **time})
+
+
+def _folders(platforms: Sequence[Platform], host: Platform) -> dict[str, Platform]:
+    """Platform tuples (section 2.5.1.4.1)."""
+    return {p.tuple_folder: p for p in platforms}
+
+
+FMI_3 = WrittenVersion(
+    name="3.0",
+    main=_MAIN,
+    describe=_model_description,
+    folders=_folders,
+    sources=_build_description,
+    own_names=(_TIME,),
+)
