@@ -73,5 +73,6 @@ class FmiVersion:
 
     def accepts(self, text: str) -> bool:
         """Whether a description with this ``fmiVersion`` is read as this version; drafts (``3.0-beta.2``) are not."""
-        major = re.escape(self.name.partition(".")[0])
-        return text == self.name or (self.has_minors and re.fullmatch(rf"{major}\.\d+(\.\d+)?", text) is not None)
+        major, number = self.name.partition(".")[0], "(0|[1-9][0-9]*)"
+        later = rf"{re.escape(major)}\.{number}(\.{number})?"
+        return text == self.name or (self.has_minors and re.fullmatch(later, text) is not None)
