@@ -8,7 +8,7 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from fmu_didim.export.build import Compiler, compile_shared_library, find_compil
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
 from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
+from fmu_didim.version import __version__
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
 
@@ -91,7 +92,7 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
 
     The source of the exporter itself is part of it: whoever changes it never meets files of the old one.
     """
-    state = hashlib.sha256(f"{_package_version()} casadi {version('casadi')} FMI {fmi.name}".encode())
+    state = hashlib.sha256(f"{__version__} casadi {version('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())
     state.update(block.description.encode())
     state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
@@ -112,7 +113,7 @@ def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
 
 def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
     guid = f"{{{uuid.UUID(content[:32])}}}"
-    tool = f"fmu_didim {_package_version()}"
+    tool = f"fmu_didim {__version__}"
     sources = {name: _wrapper_source(name) for name in _wrapper_files(fmi)}
     sources[CONFIG_FILE] = generate_config(block, guid=guid)
     sources[EQUATIONS_FILE] = generate_c(block)
@@ -144,15 +145,8 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
 
 
 def _wrapper_files(fmi: WrittenVersion) -> tuple[str, ...]:
-    return ("block.h", "block.c", fmi.main)
+    return ("block.h", "block.c", "common.c", fmi.main)
 
 
 def _wrapper_source(name: str) -> str:
     return (files("fmu_didim.export") / "wrapper" / name).read_text(encoding="utf-8")
-
-
-def _package_version() -> str:
-    try:
-        return version("fmu_didim")
-    except PackageNotFoundError:  # run from a folder that is not installed
-        return "0"

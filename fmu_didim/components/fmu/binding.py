@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -264,9 +265,10 @@ class Binding(ABC):
         )
 
 
-def endless(binding: Binding) -> SimulationError:
-    """The error of an event iteration without end."""
-    return SimulationError(
+def event_iterations(binding: Binding) -> Iterator[None]:
+    """As many event iterations as there may be at one instant; raises SimulationError after them."""
+    yield from repeat(None, MAXIMUM_ITERATIONS)
+    raise SimulationError(
         "The event iteration of the FMU does not end.",
         where=binding.description.path.name,
         got=f"{MAXIMUM_ITERATIONS} iterations at one instant",

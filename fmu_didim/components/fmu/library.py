@@ -86,7 +86,8 @@ def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Libr
         if function is not None:
             function.argtypes, function.restype = arguments, result
             found[name] = function
-    missing = [name for name in fmi.required[interface.kind] if name not in found]
+    required = [f"{fmi.binding.prefix}{name}" for name in fmi.required[interface.kind].split()]
+    missing = [name for name in required if name not in found]
     if missing:
         raise FmuError(
             "The shared library of the FMU lacks functions that it must have.",

@@ -18,8 +18,7 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.settings import DEFAULT_TIME_LIMIT
-from fmu_didim.components.fmu.strategies import AUTO, STATE, STRATEGIES
+from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
 from fmu_didim.errors import FmuError, InputError

@@ -13,11 +13,12 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance
+from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance, ended
 from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
 from fmu_didim.errors import SimulationError
 
@@ -73,7 +74,7 @@ class ModelExchangeInstance(FmuInstance):
         """Event iteration, then continuous-time mode with the states and indicators of this instant."""
         result = self._binding.update_discrete_states()
         if result.terminate:
-            raise self._ended(time)
+            raise ended(self._component, time)
         self._next_event = result.next_time
         self._binding.call("EnterContinuousTimeMode")
         if self._nx:
@@ -122,7 +123,7 @@ class ModelExchangeInstance(FmuInstance):
         if self._component.interface.needs_completed_step:
             self._check(self._completed(*self._completed_arguments), time)
             if self._terminate.value:
-                raise self._ended(time)
+                raise ended(self._component, time)
             found = bool(self._enter_event.value)
         if self._nz:
             self._z_before[:] = self._z
@@ -151,11 +152,6 @@ class ModelExchangeInstance(FmuInstance):
         if status > 1:
             self._binding.check(f"Model exchange at t = {time:.6g} s: a function", status)
 
-    def _ended(self, time: float) -> SimulationError:
-        return SimulationError(
-            "The FMU ended the simulation.", where=self._component.path.name, got=f"t = {time:.6g} s"
-        )
-
     def save_state(self) -> Any:
         return super().save_state(), self._next_event
 
@@ -166,13 +162,6 @@ class ModelExchangeInstance(FmuInstance):
     def close(self) -> None:
         self._cvode = None
         super().close()
-
-
-class _NoInput:
-    """FMPy's solver applies inputs while it looks for roots; here they are held."""
-
-    def apply(self, time: float) -> None:
-        """Do nothing."""
 
 
 def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
@@ -208,7 +197,7 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
         get_z=kept(library[f"{prefix}GetEventIndicators"]),
         get_nominals=get_nominals,
         set_time=set_time,
-        input=_NoInput(),
+        input=SimpleNamespace(apply=lambda time: None),  # it is applied while roots are looked for; here it is held
         startTime=start,
         relativeTolerance=CVODE_TOLERANCE,
         maxNumSteps=100_000,

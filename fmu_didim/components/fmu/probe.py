@@ -20,7 +20,7 @@ from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
 from fmu_didim.components.fmu.rerun import ask_facts, choose, keep_rerun, said, step_of, write_json
-from fmu_didim.components.fmu.strategies import PROCESS, RESET, STATE
+from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 
 _FORMAT = 2
 

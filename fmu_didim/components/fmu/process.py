@@ -75,8 +75,12 @@ class Worker:
         threading.Thread(target=_watch, args=watch, daemon=True).start()
         self._end = weakref.finalize(self, _stop, self._process, self._done, self._errors)
 
-    def request(self, *message: Any, limit: float | None = None) -> Any:
-        """Send a request and return its answer.
+    def request(self, what: str, function: Callable[..., Any], *arguments: Any, limit: float | None = None) -> Any:
+        """Call a function of this package there, and return its result; all must be picklable.
+
+        Args:
+            what: the call, for messages.
+            function: its first argument is a namespace that lives as long as the process.
 
         Raises:
             SimulationError, FmuError: the call raised it there, the process died, or the time limit passed.
@@ -88,11 +92,11 @@ class Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
-            send(self._process.stdin, message)
+            send(self._process.stdin, (function, *arguments))
             kind, answer = receive(self._process.stdout)
         except (OSError, EOFError, pickle.UnpicklingError) as error:
             self._process.kill() if self._expired.is_set() else None
-            raise self._died(str(message[0]), allowed) from error
+            raise self._died(what, allowed) from error
         except BaseException:  # such as Ctrl-C: the answer would be taken for that to the next request
             self._process.kill()
             self.close()
@@ -116,7 +120,7 @@ class Worker:
         else:
             what = f"The FMU ended its process (exit status {code})."
             advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
-        got = f"during {'the run' if call == 'result' else call}"
+        got = f"during {call}"
         with contextlib.suppress(OSError, ValueError):
             self._errors.seek(0)
             lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
@@ -160,11 +164,22 @@ def _stop(process: subprocess.Popen[bytes], done: threading.Event, errors: IO[by
 
 def _signal_name(number: int) -> str:
     try:
-        name = signal.Signals(number).name
+        return f"{signal.Signals(number).name}, {signal.strsignal(number)}"
     except ValueError:
         return f"signal {number}"
-    meaning = {"SIGSEGV": "segmentation fault", "SIGABRT": "abort", "SIGFPE": "arithmetic error"}.get(name)
-    return f"{name}, {meaning}" if meaning else name
+
+
+def ready(there: Any) -> None:
+    """Nothing: an answer to this shows that the process has started."""
+
+
+def _hold(there: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    there.job = function, arguments
+
+
+def _run_held(there: Any) -> Any:
+    function, arguments = there.job
+    return function(*arguments)
 
 
 def as_message(error: Exception) -> tuple[str, dict[str, Any]]:
@@ -190,7 +205,7 @@ def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: s
     """
     worker = Worker(where, time_limit)
     try:
-        worker.request("function", function, arguments, limit=max(time_limit, START_LIMIT))
-        return worker.request("result")
+        worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
+        return worker.request("the run", _run_held)
     finally:
         worker.close()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from fmu_didim.components.fmu.archive import DESCRIPTION, check_description, open_archive
+from fmu_didim.components.fmu.archive import DESCRIPTION, check_description, open_archive, unreadable
 from fmu_didim.components.fmu.description import FmuDescription
 from fmu_didim.components.fmu.versions import unsupported_version, version_of
 from fmu_didim.components.fmu.versions.base import DescriptionFile
-from fmu_didim.errors import FmuError
 
+_WRONG = f"its {DESCRIPTION} is wrong"
 _SUFFIXES = (".so", ".dll", ".dylib")
 
 
@@ -27,7 +27,7 @@ def read_description(path: Path | str) -> FmuDescription:
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise _unreadable(path, str(error)) from error
+        raise unreadable(_WRONG, path, str(error)) from error
     file = DescriptionFile(path, folder, digest, _platforms(folder), root)
     if root.tag != "fmiModelDescription" or not file.version:
         raise unsupported_version(f"no fmiVersion in <{root.tag}>", str(path))
@@ -37,11 +37,7 @@ def read_description(path: Path | str) -> FmuDescription:
     try:
         return fmi.describe(file)
     except Exception as error:
-        raise _unreadable(path, f"{type(error).__name__}: {error}") from error
-
-
-def _unreadable(path: Path, got: str) -> FmuError:
-    return FmuError(f"The file is not a readable FMU: its {DESCRIPTION} is wrong.", where=str(path), got=got)
+        raise unreadable(_WRONG, path, f"{type(error).__name__}: {error}") from error
 
 
 def _platforms(folder: Path) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,7 @@ from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import RESTORES
-from fmu_didim.components.fmu.settings import FmuSettings
-from fmu_didim.components.fmu.strategies import AGAIN, AUTO, PROCESS, RESET, STATE, Rerun
+from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
@@ -57,20 +57,12 @@ class Facts:
     new_state: str = ""
 
 
-def stated_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again where that needs no trial."""
+def known_rerun(component: FmuSettings) -> Rerun | None:
+    """How to run it again, None if that has not been found out yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
     if component.fmu.tool.startswith(OWN_TOOL):
         return Rerun(RESET, "exported by this package, whose reset is exact")
-    return None
-
-
-def known_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again, None if that has not been found out yet."""
-    stated = stated_rerun(component)
-    if stated is not None:
-        return stated
     path = _path(component)
     found = _known.get(path)
     if found is None and path.is_file():
@@ -135,7 +127,7 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
             first, second = ask(questions.two_in_turn)
         except FmuDidimError as error:
             return Facts(failure=" ".join(str(error).split()), crashed=True)
-        reset, state = (said(ask, question) for question in (questions.reset, questions.new_state))
+        reset, state = (said(ask, partial(questions.restarted, strategy=way)) for way in (RESET, STATE))
     except FmuDidimError as error:
         return Facts(failure=" ".join(str(error).split()))
     alike = questions.same(first, second)
@@ -151,7 +143,7 @@ def said(ask: Callable[..., Any], question: Callable[..., Any]) -> Any:
     try:
         return ask(question)
     except FmuDidimError as error:
-        return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
+        return questions.in_words(error)
 
 
 def choose(facts: Facts) -> Rerun:

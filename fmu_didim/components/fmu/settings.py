@@ -11,7 +11,6 @@ from typing import Any, Self
 
 from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import INTEGER_TYPES, FmuDescription, Interface
-from fmu_didim.components.fmu.strategies import AUTO, Rerun
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import InputError
@@ -22,6 +21,18 @@ DEFAULT_SUBSTEPS = 10
 DEFAULT_TIME_LIMIT = 10.0
 """Seconds for one call of an isolated FMU."""
 Option = int | float | str | bool
+AUTO, RESET, STATE, AGAIN, PROCESS = "auto", "reset", "state", "re-instantiate", "fresh process"
+STRATEGIES = (AUTO, RESET, STATE, AGAIN, PROCESS)
+"""The ways to run an FMU again."""
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """How to run an FMU again, and why; isolated: only in a process of its own."""
+
+    strategy: str
+    reason: str
+    isolated: bool = False
 
 
 class RestartableInstance(Instance):
@@ -133,7 +144,7 @@ class FmuSettings(Component):
             UnknownNameError: there is no such parameter.
             InputError: a value does not fit its type.
         """
-        check_names("option", dict.fromkeys(values, 0.0), self._option_variables, where=str(self.path))
+        check_names("option", values, self._option_variables, where=str(self.path))
         new = {name: _checked_option(name, self.option_types[name], v, self.path) for name, v in values.items()}
         return replace(self, options={**self.options, **new})
 

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import layout
 from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
 
@@ -22,18 +21,8 @@ _MAIN = "fmi2.c"
 
 def _model_description(block: Block, guid: str, tool: str) -> str:
     """The variables stand in the order of their value references."""
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=block.name,
-        guid=guid,
-        description=block.description,
-        generationTool=tool,
-        variableNamingConvention="flat",
-        numberOfEventIndicators="0",
-    )
-    if not block.description:
-        del root.attrib["description"]
+    told = stated(fmiVersion="2.0", modelName=block.name, guid=guid, description=block.description, generationTool=tool)
+    root = ET.Element("fmiModelDescription", told, variableNamingConvention="flat", numberOfEventIndicators="0")
     common = {
         "modelIdentifier": block.name,
         "canNotUseMemoryManagementFunctions": "true",

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import layout
 from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
 
@@ -22,11 +21,8 @@ _MAIN, _TIME = "fmi3.c", "time"
 
 def _model_description(block: Block, token: str, tool: str) -> str:
     """The variables stand in the order of their value references; the independent one, ``time``, is the last."""
-    root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=block.name, instantiationToken=token)
-    if block.description:
-        root.set("description", block.description)
-    root.set("generationTool", tool)
-    root.set("variableNamingConvention", "flat")
+    told = stated(modelName=block.name, instantiationToken=token, description=block.description, generationTool=tool)
+    root = ET.Element("fmiModelDescription", {"fmiVersion": "3.0"} | told, variableNamingConvention="flat")
     common = {
         "modelIdentifier": block.name,
         "canBeInstantiatedOnlyOncePerProcess": "false",

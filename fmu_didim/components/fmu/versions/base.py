@@ -53,7 +53,7 @@ class FmiVersion:
         name: what ``fmiVersion`` of its descriptions says.
         describe: reads a description; whatever it raises means that the file is wrong.
         binding: the calls on an instance.
-        required: kind of interface that can be run -> C functions without which it cannot.
+        required: kind of interface that can be run -> C functions without which it cannot, one text without prefixes.
         signatures: kind of interface -> its C functions, those among them that are optional too.
         platform_folders: names in ``binaries/`` under which those for this machine may lie, the standard's own first.
         has_minors: whether its later minor versions and bug fixes (``3.1``, ``3.0.2``) are read as this one.
@@ -64,7 +64,7 @@ class FmiVersion:
     name: str
     describe: Callable[[DescriptionFile], FmuDescription]
     binding: type[Binding]
-    required: Mapping[str, tuple[str, ...]]
+    required: Mapping[str, str]
     signatures: Callable[[str], Signatures]
     platform_folders: Callable[[], tuple[str, ...]]
     has_minors: bool = False

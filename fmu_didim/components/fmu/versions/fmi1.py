@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -17,7 +18,7 @@ import numpy as np
 from fmu_didim.components.fmu.binding import Binding, Function
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion, Signatures
-from fmu_didim.components.fmu.versions.with_fmpy import TRUE, bits_or_tuple, callbacks, description, parsed
+from fmu_didim.components.fmu.versions.with_fmpy import TRUE, bits_or_tuple, callbacks, description
 
 _FALSE, _TRUE = b"\0", b"\1"
 
@@ -33,12 +34,10 @@ class Binding1(Binding):
     }  # fmt: skip
 
     def _instantiate(self) -> int | None:
-        from fmpy import fmi1
-
         d = self.description
         self._start_time = 0.0
         self._is_running = False
-        self._callbacks = callbacks(fmi1, "fmi1", self.messages.log)
+        self._callbacks = callbacks("fmi1", self.messages.log)
         where = d.folder.resolve().as_uri().encode()
         tool = self.interface.needs_execution_tool
         kind = b"application/x-fmu-sharedlibrary" if not tool else b"application/x-fmu-tool-wrapper"
@@ -112,14 +111,9 @@ def _refusal(root: ET.Element) -> str:
 
 
 def _describe(file: DescriptionFile) -> FmuDescription:
-    own, variables = parsed(file, "1.0"), file.root.iterfind("ModelVariables/ScalarVariable[@alias='negatedAlias']")
-    return description(
-        file,
-        own,
-        interfaces=(_interface(file.root),),
-        dependencies=_dependencies(file.root),
-        negated=frozenset(e.attrib["name"] for e in variables),
-    )
+    variables = file.root.iterfind("ModelVariables/ScalarVariable[@alias='negatedAlias']")
+    found = description(file, "1.0", negated=frozenset(e.attrib["name"] for e in variables))
+    return replace(found, interfaces=(_interface(file.root),), dependencies=_dependencies(file.root))
 
 
 def _interface(root: ET.Element) -> Interface:
@@ -151,15 +145,7 @@ FMI_1 = FmiVersion(
     describe=_describe,
     binding=Binding1,
     required={
-        CO_SIMULATION: (
-            "fmi1InstantiateSlave",
-            "fmi1InitializeSlave",
-            "fmi1TerminateSlave",
-            "fmi1FreeSlaveInstance",
-            "fmi1SetReal",
-            "fmi1GetReal",
-            "fmi1DoStep",
-        )
+        CO_SIMULATION: "InstantiateSlave InitializeSlave TerminateSlave FreeSlaveInstance SetReal GetReal DoStep"
     },
     signatures=_signatures,
     platform_folders=bits_or_tuple,

@@ -7,31 +7,15 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.binding import (
-    MAXIMUM_ITERATIONS,
-    Binding,
-    EventResult,
-    Function,
-    endless,
-    pointer,
-    references,
-)
-from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE, FmuDescription
-from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion, Signatures
-from fmu_didim.components.fmu.versions.with_fmpy import (
-    bits_or_tuple,
-    callbacks,
-    dependencies,
-    description,
-    interfaces,
-    parsed,
-    signatures,
-)
+from fmu_didim.components.fmu.binding import Binding, EventResult, Function, event_iterations, pointer, references
+from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
+from fmu_didim.components.fmu.versions.base import FmiVersion
+from fmu_didim.components.fmu.versions.with_fmpy import bits_or_tuple, callbacks, description, signatures
 from fmu_didim.components.native import FMI2
 from fmu_didim.signals import Array
 
@@ -51,10 +35,8 @@ class Binding2(Binding):
     native_kind = FMI2
 
     def _instantiate(self) -> int | None:
-        from fmpy import fmi2
-
         d = self.description
-        self._callbacks = callbacks(fmi2, "fmi2", self.messages.log)
+        self._callbacks = callbacks("fmi2", self.messages.log)
         name = self.interface.identifier.encode()
         where = d.resources.as_uri().encode()
         kind = 1 if self.co_simulation else 0
@@ -74,12 +56,10 @@ class Binding2(Binding):
         from fmpy.fmi2 import fmi2EventInfo
 
         info = fmi2EventInfo()
-        for _ in range(MAXIMUM_ITERATIONS):
+        for _ in event_iterations(self):
             self.call("NewDiscreteStates", ctypes.byref(info))
             if not info.newDiscreteStatesNeeded or info.terminateSimulation:
                 break
-        else:
-            raise endless(self)
         return EventResult(bool(info.terminateSimulation), info.nextEventTime if info.nextEventTimeDefined else None)
 
     def directional_derivative(self, unknowns: Sequence[int], known: int, result: Array) -> None:
@@ -88,47 +68,17 @@ class Binding2(Binding):
         self.call("GetDirectionalDerivative", *arguments)
 
 
-@cache
-def _signatures(kind: str) -> Signatures:
-    from fmpy.fmi2 import FMU2Model, FMU2Slave
-
-    return signatures({CO_SIMULATION: FMU2Slave, MODEL_EXCHANGE: FMU2Model}[kind], "fmi2")
-
-
-def _describe(file: DescriptionFile) -> FmuDescription:
-    own = parsed(file, "2.0")
-    return description(file, own, interfaces=tuple(interfaces(own, file.root)), dependencies=dependencies(own))
-
-
-_COMMON = (
-    "fmi2Instantiate",
-    "fmi2FreeInstance",
-    "fmi2SetupExperiment",
-    "fmi2EnterInitializationMode",
-    "fmi2ExitInitializationMode",
-    "fmi2SetReal",
-    "fmi2GetReal",
+_COMMON = "Instantiate FreeInstance SetupExperiment EnterInitializationMode ExitInitializationMode SetReal GetReal"
+_EQUATIONS = (
+    "EnterEventMode NewDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep SetTime "
+    "SetContinuousStates GetContinuousStates GetDerivatives GetEventIndicators"
 )
 
 FMI_2 = FmiVersion(
     name="2.0",
-    describe=_describe,
+    describe=partial(description, version="2.0"),
     binding=Binding2,
-    required={
-        CO_SIMULATION: (*_COMMON, "fmi2DoStep"),
-        MODEL_EXCHANGE: (
-            *_COMMON,
-            "fmi2EnterEventMode",
-            "fmi2NewDiscreteStates",
-            "fmi2EnterContinuousTimeMode",
-            "fmi2CompletedIntegratorStep",
-            "fmi2SetTime",
-            "fmi2SetContinuousStates",
-            "fmi2GetDerivatives",
-            "fmi2GetEventIndicators",
-            "fmi2GetContinuousStates",
-        ),
-    },
-    signatures=_signatures,
+    required={CO_SIMULATION: f"{_COMMON} DoStep", MODEL_EXCHANGE: f"{_COMMON} {_EQUATIONS}"},
+    signatures=partial(signatures, major=2),
     platform_folders=bits_or_tuple,
 )

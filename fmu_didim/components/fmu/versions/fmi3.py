@@ -7,32 +7,25 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from functools import cache
+from dataclasses import replace
+from functools import partial
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from fmu_didim.components.fmu.binding import (
-    MAXIMUM_ITERATIONS,
     Binding,
     EventResult,
     Function,
     StepResult,
-    endless,
+    event_iterations,
     pointer,
     references,
 )
 from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE, ClockVariable, FmuDescription
-from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion, Signatures
-from fmu_didim.components.fmu.versions.with_fmpy import (
-    dependencies,
-    description,
-    interfaces,
-    parsed,
-    platform_tuple,
-    signatures,
-)
+from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion
+from fmu_didim.components.fmu.versions.with_fmpy import description, platform_tuple, signatures
 from fmu_didim.components.native import FMI3
 from fmu_didim.signals import Array
 
@@ -96,12 +89,10 @@ class Binding3(Binding):
         need, terminate, nominals, values, defined = (ctypes.c_bool() for _ in range(5))
         following = ctypes.c_double()
         arguments = [ctypes.byref(x) for x in (need, terminate, nominals, values, defined, following)]
-        for _ in range(MAXIMUM_ITERATIONS):
+        for _ in event_iterations(self):
             self.call("UpdateDiscreteStates", *arguments)
             if not need.value or terminate.value:
                 break
-        else:
-            raise endless(self)
         return EventResult(terminate.value, following.value if defined.value else None)
 
     def directional_derivative(self, unknowns: Sequence[int], known: int, result: Array) -> None:
@@ -110,22 +101,9 @@ class Binding3(Binding):
         self.call("GetDirectionalDerivative", *head, pointer(seed), 1, pointer(result), result.size)
 
 
-@cache
-def _signatures(kind: str) -> Signatures:
-    from fmpy.fmi3 import FMU3Model, FMU3Slave
-
-    return signatures({CO_SIMULATION: FMU3Slave, MODEL_EXCHANGE: FMU3Model}[kind], "fmi3")
-
-
 def _describe(file: DescriptionFile) -> FmuDescription:
-    own = parsed(file, "3.0")
-    return description(
-        file,
-        own,
-        interfaces=tuple(interfaces(own, file.root)),
-        dependencies=dependencies(own),
-        clocks=tuple(_clock(e) for e in file.root.iterfind("ModelVariables/Clock")),
-    )
+    clocks = tuple(_clock(e) for e in file.root.iterfind("ModelVariables/Clock"))
+    return replace(description(file, "3.0"), clocks=clocks)
 
 
 def _clock(element: ET.Element) -> ClockVariable:
@@ -148,12 +126,10 @@ def _clock(element: ET.Element) -> ClockVariable:
     )
 
 
-_COMMON = (
-    "fmi3FreeInstance",
-    "fmi3EnterInitializationMode",
-    "fmi3ExitInitializationMode",
-    "fmi3SetFloat64",
-    "fmi3GetFloat64",
+_COMMON = "FreeInstance EnterInitializationMode ExitInitializationMode SetFloat64 GetFloat64"
+_EQUATIONS = (
+    "EnterEventMode UpdateDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep SetTime "
+    "SetContinuousStates GetContinuousStates GetContinuousStateDerivatives GetEventIndicators"
 )
 
 FMI_3 = FmiVersion(
@@ -161,22 +137,10 @@ FMI_3 = FmiVersion(
     describe=_describe,
     binding=Binding3,
     required={
-        CO_SIMULATION: (*_COMMON, "fmi3InstantiateCoSimulation", "fmi3DoStep"),
-        MODEL_EXCHANGE: (
-            *_COMMON,
-            "fmi3InstantiateModelExchange",
-            "fmi3EnterEventMode",
-            "fmi3UpdateDiscreteStates",
-            "fmi3EnterContinuousTimeMode",
-            "fmi3CompletedIntegratorStep",
-            "fmi3SetTime",
-            "fmi3SetContinuousStates",
-            "fmi3GetContinuousStateDerivatives",
-            "fmi3GetEventIndicators",
-            "fmi3GetContinuousStates",
-        ),
+        CO_SIMULATION: f"{_COMMON} InstantiateCoSimulation DoStep",
+        MODEL_EXCHANGE: f"{_COMMON} InstantiateModelExchange {_EQUATIONS}",
     },
-    signatures=_signatures,
+    signatures=partial(signatures, major=3),
     platform_folders=platform_tuple,
     has_minors=True,
 )

@@ -7,8 +7,10 @@ import inspect
 import tempfile
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from copy import deepcopy
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -18,7 +20,6 @@ from fmu_didim.components.fmu.description import (
     CO_SIMULATION,
     MODEL_EXCHANGE,
     SCHEDULED_EXECUTION,
-    ClockVariable,
     Experiment,
     FmuDescription,
     FmuVariable,
@@ -29,10 +30,10 @@ from fmu_didim.units import BASE_UNITS, UnitDefinition
 
 TRUE = ("true", "1")
 """The texts of a Boolean attribute that is true."""
+_OWNERS = {CO_SIMULATION: "Slave", MODEL_EXCHANGE: "Model"}
 
 
-def parsed(file: DescriptionFile, version: str) -> Any:
-    """FMPy's reading of a description, as of a version that FMPy knows."""
+def _parsed(file: DescriptionFile, version: str) -> Any:
     import fmpy
 
     if file.version == version:
@@ -46,20 +47,13 @@ def parsed(file: DescriptionFile, version: str) -> Any:
         return fmpy.read_model_description(str(copy), validate=False)
 
 
-def description(
-    file: DescriptionFile,
-    own: Any,
-    *,
-    interfaces: tuple[Interface, ...],
-    dependencies: Mapping[str, tuple[str, ...] | None] | None,
-    clocks: tuple[ClockVariable, ...] = (),
-    negated: frozenset[str] = frozenset(),
-) -> FmuDescription:
-    """A description of what FMPy has read, ``own``, and of what the versions say differently.
+def description(file: DescriptionFile, version: str, *, negated: frozenset[str] = frozenset()) -> FmuDescription:
+    """What FMPy reads, as of a version that it knows; interfaces and dependencies are those of FMI 2.0 and 3.0.
 
     Args:
         negated: names of the variables that are minus what their references mean.
     """
+    own = _parsed(file, version)
     return FmuDescription(
         path=file.path,
         folder=file.folder,
@@ -68,20 +62,18 @@ def description(
         name=own.modelName or file.path.stem,
         token=own.guid or "",
         tool=own.generationTool or "",
-        interfaces=interfaces,
+        interfaces=tuple(_interfaces(own, file.root)),
         platforms=file.platforms,
         variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if v.type != "Clock"),
         state_count=own.numberOfContinuousStates,
         indicator_count=own.numberOfEventIndicators,
         experiment=_experiment(own.defaultExperiment),
         units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
-        dependencies=dependencies,
-        clocks=clocks,
+        dependencies=_dependencies(own),
     )
 
 
-def interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
-    """The interfaces of FMI 2.0 and 3.0."""
+def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
     given = (
         (CO_SIMULATION, own.coSimulation, "CoSimulation"),
         (MODEL_EXCHANGE, own.modelExchange, "ModelExchange"),
@@ -98,7 +90,6 @@ def interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
                 needs_execution_tool=found.needsExecutionTool,
                 once_per_process=found.canBeInstantiatedOnlyOncePerProcess,
                 has_state=found.canGetAndSetFMUstate,
-                can_serialise_state=found.canSerializeFMUstate,
                 # FMPy knows the attribute by its name in FMI 2.0 only.
                 has_derivatives=found.providesDirectionalDerivative
                 or stated.get("providesDirectionalDerivatives") in TRUE,
@@ -109,8 +100,8 @@ def interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
             )
 
 
-def dependencies(own: Any) -> dict[str, tuple[str, ...] | None] | None:
-    """Inputs on which each output depends, of FMI 2.0 and 3.0; states, which may be listed too, do not count."""
+def _dependencies(own: Any) -> dict[str, tuple[str, ...] | None] | None:
+    """Inputs on which each output depends; states, which may be listed too, do not count."""
     if not own.outputs:
         return None
     found: dict[str, tuple[str, ...] | None] = {}
@@ -151,11 +142,13 @@ def _unit(own: Any) -> UnitDefinition:
     return UnitDefinition(tuple(int(getattr(own, name)) for name in BASE_UNITS), float(own.factor), float(own.offset))
 
 
-def signatures(owner: type, prefix: str) -> Signatures:
-    """Argument and result types of the functions that FMPy's class calls, from the annotations of its methods."""
+@cache
+def signatures(kind: str, major: int) -> Signatures:
+    """Argument and result types of the functions of FMI 2.0 or 3.0, from the annotations of FMPy's methods."""
+    owner = getattr(import_module(f"fmpy.fmi{major}"), f"FMU{major}{_OWNERS[kind]}")
     found = {}
     for name, method in inspect.getmembers(owner, inspect.isfunction):
-        if not name.startswith(prefix):
+        if not name.startswith(f"fmi{major}"):
             continue
         signature = inspect.signature(method)
         annotations = [p.annotation for p in list(signature.parameters.values())[1:]]
@@ -165,10 +158,11 @@ def signatures(owner: type, prefix: str) -> Signatures:
     return found
 
 
-def callbacks(module: Any, prefix: str, log: Callable[..., None]) -> Any:
+def callbacks(prefix: str, log: Callable[..., None]) -> Any:
     """The structure of callback functions that an instance of FMI 1.0 or 2.0 is given; it must live as long."""
     from fmpy import calloc, free
 
+    module = import_module(f"fmpy.{prefix}")
     made = getattr(module, f"{prefix}CallbackFunctions")()
     made.logger = getattr(module, f"{prefix}CallbackLoggerTYPE")(log)
     made.allocateMemory = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")(calloc)
