@@ -93,6 +93,7 @@ class Binding(ABC):
         passes_sizes: whether the functions that pass values are told how many they are.
         derivatives_function: of the continuous states, without the prefix.
         native_kind: how the compiled loop calls it (:mod:`fmu_didim.components.native`), None if it cannot.
+        gives_initial_outputs: whether outputs can be asked for while it is being initialised.
     """
 
     prefix: str
@@ -104,6 +105,7 @@ class Binding(ABC):
     passes_sizes: bool = False
     derivatives_function: str = ""
     native_kind: int | None = None
+    gives_initial_outputs: bool = True
 
     def __init__(
         self, description: FmuDescription, interface: Interface, library: Library, *, event_mode: bool = False
@@ -170,7 +172,7 @@ class Binding(ABC):
         """Free the saved states, but for one."""
         for state in self._states:
             if state is not keep:
-                self.library[self._state_function("Free")](self.c, ctypes.byref(state))
+                self.library[f"{self.prefix}Free{self.state_word}"](self.c, ctypes.byref(state))
         self._states = [state for state in self._states if state is keep]
 
     def save_state(self) -> ctypes.c_void_p:
@@ -183,18 +185,13 @@ class Binding(ABC):
                 next_step="Run it from the start instead.",
             )
         state = ctypes.c_void_p()
-        name = self._state_function("Get")
-        self.check(name, self.library[name](self.c, ctypes.byref(state)))
+        self.call(f"Get{self.state_word}", ctypes.byref(state))
         self._states.append(state)
         return state
 
     def restore_state(self, state: ctypes.c_void_p) -> None:
         """Go back to a saved state."""
-        name = self._state_function("Set")
-        self.check(name, self.library[name](self.c, state))
-
-    def _state_function(self, verb: str) -> str:
-        return f"{self.prefix}{verb}{self.state_word}"
+        self.call(f"Set{self.state_word}", state)
 
     def set_option(self, kind: str, reference: int, value: int | float | str | bool) -> None:
         """Set an Integer, Enumeration, Boolean or String variable."""
@@ -225,11 +222,6 @@ class Binding(ABC):
 
     @abstractmethod
     def _instantiate(self) -> int | None: ...
-
-    @property
-    def gives_initial_outputs(self) -> bool:
-        """Whether outputs can be asked for while it is being initialised."""
-        return True
 
     @abstractmethod
     def step_call(self) -> tuple[Function, tuple[Any, ...]]:

@@ -10,7 +10,6 @@ import contextlib
 import os
 import pickle
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -25,26 +24,17 @@ from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
 WORKER = "fmu_didim.components.fmu.worker"
-HEADER = struct.Struct("<Q")
 
 
 def send(stream: IO[bytes], message: Any) -> None:
     """Write one message."""
-    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.write(HEADER.pack(len(content)) + content)
+    stream.write(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
     stream.flush()
 
 
 def receive(stream: IO[bytes]) -> Any:
     """Read one message; raises EOFError when the other end is gone."""
-    head = stream.read(HEADER.size)
-    if len(head) < HEADER.size:
-        raise EOFError
-    size = HEADER.unpack(head)[0]
-    content = stream.read(size)
-    if len(content) < size:
-        raise EOFError
-    return pickle.loads(content)  # from our own child
+    return pickle.load(stream)  # from our own child, or its parent
 
 
 class ProcessEndedError(SimulationError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import sys
 import threading
 import time as clock
@@ -25,7 +26,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     while True:
         try:
             function, *arguments = receive(requests)
-        except EOFError:
+        except (EOFError, pickle.UnpicklingError):
             break
         try:
             reply = ("answer", function(kept, *arguments))

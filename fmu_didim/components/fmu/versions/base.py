@@ -49,6 +49,8 @@ def _as_it_is(name: str, identifier: str) -> str:
 class FmiVersion:
     """A version of FMI: how its descriptions are read, and how its functions are found and called.
 
+    It travels to the processes of isolated FMUs, so its functions must be picklable: no lambdas.
+
     Attributes:
         name: what ``fmiVersion`` of its descriptions says.
         describe: reads a description; whatever it raises means that the file is wrong.

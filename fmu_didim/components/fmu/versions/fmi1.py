@@ -29,6 +29,7 @@ class Binding1(Binding):
     prefix = "fmi1"
     real_type = "Real"
     enumeration_type = "Integer"
+    gives_initial_outputs = False
     array_types: Mapping[str, Any] = {
         "Real": np.float64, "Integer": np.int32, "Enumeration": np.int32, "Boolean": np.int8
     }  # fmt: skip
@@ -46,10 +47,6 @@ class Binding1(Binding):
             self.interface.identifier.encode(), d.token.encode(), where, kind, *more
         )
         return address
-
-    @property
-    def gives_initial_outputs(self) -> bool:
-        return False
 
     def step_call(self) -> tuple[Function, tuple[Any, ...]]:
         return self.library["fmi1DoStep"], (_TRUE,)
