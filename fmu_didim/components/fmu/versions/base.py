@@ -53,7 +53,8 @@ class FmiVersion:
 
     Attributes:
         name: what ``fmiVersion`` of its descriptions says.
-        describe: reads a description; whatever it raises means that the file is wrong.
+        describe: reads a description, types of variables by their names in FMI 2.0 or 3.0; what it raises means that
+            the file is wrong.
         binding: the calls on an instance.
         required: kind of interface that can be run -> C functions without which it cannot, one text without prefixes.
         signatures: kind of interface -> its C functions, those among them that are optional too.
