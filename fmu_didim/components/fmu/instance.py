@@ -76,10 +76,8 @@ class FmuInstance(RestartableInstance):
     def _connect(self) -> None:
         """Make the calls that pass values from and to the buffers."""
         component = self._component
-        self._in, self._out = (
-            _Port(component.input_conversions, self.inputs),
-            _Port(component.output_conversions, self.outputs),
-        )
+        self._in = _Port(component.input_conversions, self.inputs)
+        self._out = _Port(component.output_conversions, self.outputs)
         self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), self._in.own)
         self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), self._out.own)
 
@@ -238,17 +236,13 @@ class CoSimulationInstance(FmuInstance):
         )
 
     def step(self, time: float, size: float) -> None:
-        now, end, reached = time, time + size, self._advance(time, size)
-        if reached is None:
-            return
-        for _ in range(MAXIMUM_ITERATIONS):  # the rest of a step from which the FMU came back early
-            if reached is None or end - reached <= TIME_TOLERANCE * size:
-                return
-            if not reached > now:
-                break
-            now = reached
+        now, end, pieces = time, time + size, 1
+        reached = self._advance(time, size)
+        while reached is not None and end - reached > TIME_TOLERANCE * size:  # the FMU came back early
+            if not reached > now or pieces == MAXIMUM_ITERATIONS:
+                raise no_progress(self._component, now)
+            now, pieces = reached, pieces + 1
             reached = self._advance(now, end - now)
-        raise no_progress(self._component, now)
 
     def _advance(self, time: float, size: float) -> float | None:
         """One call of DoStep; returns the time reached if the FMU came back early."""

@@ -65,10 +65,7 @@ class FmuSettings(Component):
         option_types: Integer, Boolean, String and Enumeration parameters -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
-        solver, substeps: of model exchange.
-        isolated: run in a process of its own; time_limit_s: for each call then.
-        rerun: how it is run again: ``auto``, ``reset``, ``state``, ``re-instantiate`` or ``fresh process``.
-        event_mode: handle events of FMI 3.0 co-simulation, clocks among them.
+        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``.
     """
 
     fmi: FmiVersion
