@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.components.base import Component, Instance
-from fmu_didim.components.fmu.process import START_LIMIT, Worker, ready
+from fmu_didim.components.fmu.process import START_LIMIT, Worker
 from fmu_didim.components.fmu.settings import PROCESS, STATE, FmuSettings
 from fmu_didim.signals import Array
 
 
-def _instantiate(there: Any, component: FmuSettings, keep_new_state: bool) -> None:
-    there.instance, there.states = component.instantiate_here(keep_new_state=keep_new_state), []
+def _hold(there: Any, component: FmuSettings) -> None:
+    """Nothing else: that the component has arrived, all that it needs was imported, which takes its time."""
+    there.component = component
+
+
+def _instantiate(there: Any, keep_new_state: bool) -> None:
+    there.instance, there.states = there.component.instantiate_here(keep_new_state=keep_new_state), []
 
 
 def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
@@ -48,8 +53,8 @@ class IsolatedInstance(Instance):
         self._take(component)
         self._worker = Worker(str(component.path), time_limit)
         try:
-            self._worker.request("start", ready, limit=START_LIMIT)
-            self._worker.request("instantiate", _instantiate, component, keep_new_state)
+            self._worker.request("start", _hold, component, limit=START_LIMIT)
+            self._worker.request("instantiate", _instantiate, keep_new_state)
         except BaseException:
             self._worker.close()
             raise

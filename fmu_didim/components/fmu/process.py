@@ -159,10 +159,6 @@ def _signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-def ready(there: Any) -> None:
-    """Nothing: an answer to this shows that the process has started."""
-
-
 def _hold(there: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     there.job = function, arguments
 

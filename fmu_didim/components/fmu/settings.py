@@ -68,7 +68,7 @@ class FmuSettings(Component):
         solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``.
     """
 
-    fmi: FmiVersion
+    fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
     fmu: FmuDescription
     interface: Interface
     inputs: tuple[Variable, ...]

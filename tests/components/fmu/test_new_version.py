@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -71,6 +72,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
     ninth, before = load_fmu(path, interface=kind, isolated=isolated), Binding9.used
     np.testing.assert_array_equal(drive(ninth, U, PERIOD), drive(third, U, PERIOD))
     assert ninth.describe()["fmi_version"] == "9.0"
+    assert pickle.loads(pickle.dumps(ninth)) == ninth
     assert Binding9.used == before + (not isolated)
 
 
