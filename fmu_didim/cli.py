@@ -91,7 +91,7 @@ def _add_export(commands: _Commands) -> None:
         "--result", type=Path, metavar="result.json", help="with --ssp: the identified values instead of the robot's"
     )
     three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
-    three.add_argument("--fmi", default="2.0", choices=("2.0", "3.0"), help="version of the standard (2.0)")
+    three.add_argument("--fmi", metavar="VERSION", help="version of the standard, such as 3.0")
     three.add_argument(
         "--platform",
         action="append",
@@ -198,6 +198,7 @@ def _export(options: argparse.Namespace) -> int:
     from fmu_didim.controllers import read_controller
     from fmu_didim.documents import load_yaml
     from fmu_didim.export import build_fmu
+    from fmu_didim.export.versions import DEFAULT_VERSION
     from fmu_didim.robot import RobotModel, read_robot
 
     is_controller = "law" in load_yaml(options.description)
@@ -205,7 +206,8 @@ def _export(options: argparse.Namespace) -> int:
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
     )
     options.out.mkdir(parents=True, exist_ok=True)
-    print(build_fmu(block, directory=options.out, fmi_version=options.fmi, platforms=options.platform))
+    version = options.fmi or DEFAULT_VERSION
+    print(build_fmu(block, directory=options.out, fmi_version=version, platforms=options.platform))
     return 0
 
 

@@ -6,14 +6,21 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, field_validator, model_validator
+from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
 
 from fmu_didim.documents import Positive, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
+from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.master.system import LoopTreatment
 from fmu_didim.prediction.experiment import Role
+
+
+def _written(fmi: str) -> str:
+    if fmi not in VERSIONS:
+        raise ValueError(f"this FMI version cannot be exported; valid: {', '.join(VERSIONS)}")
+    return fmi
 
 
 class ComponentSource(Strict):
@@ -52,7 +59,7 @@ class ComponentSource(Strict):
     parameters: Mapping[str, float] = Field(default_factory=dict)
     substeps: Annotated[int, Field(ge=1, le=1024)] | None = None
     initial_state: tuple[float, ...] = ()
-    fmi: Literal["2.0", "3.0"] = "2.0"
+    fmi: Annotated[str, AfterValidator(_written)] = DEFAULT_VERSION
     interface: Literal["co-simulation", "model-exchange"] | None = None
     solver: Literal["rk4", "cvode"] = "rk4"
     rate_hz: Positive | None = None

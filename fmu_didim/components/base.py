@@ -12,7 +12,7 @@ After ``set``, ``get`` returns the outputs at the present instant, direct feed-t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,6 +38,12 @@ class Instance(ABC):
     outputs: Array
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
+
+    def take_variables(self, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> None:
+        """Take the names of these variables, and new buffers: inputs at their start values, outputs 0."""
+        self.input_names = tuple(v.name for v in inputs)
+        self.output_names = tuple(v.name for v in outputs)
+        self.bind(np.array([v.start for v in inputs], dtype=float), np.zeros(len(outputs)))
 
     def bind(self, inputs: Array, outputs: Array) -> None:
         """Use these contiguous buffers from now on."""
@@ -104,10 +110,9 @@ class Instance(ABC):
             self.set_parameters({name: value})
             by_parameter.append((pair[0] - pair[1]) / (2 * step))
         self.get()
-        empty = np.zeros((len(outputs), 0))
         return (
-            np.column_stack(columns) if columns else empty,
-            np.column_stack(by_parameter) if by_parameter else empty,
+            np.reshape(columns, (len(inputs), len(outputs))).T,
+            np.reshape(by_parameter, (len(parameters), len(outputs))).T,
         )
 
     @abstractmethod
@@ -197,7 +202,7 @@ class Component(ABC):
         return {v.name: v.start for v in self.parameters}
 
 
-def check_names(kind: str, names: Mapping[str, float], valid: tuple[Variable, ...], *, where: str) -> None:
+def check_names(kind: str, names: Iterable[str], valid: Iterable[Variable], *, where: str) -> None:
     """Raise UnknownNameError for the first name that is not among the variables."""
     known = [v.name for v in valid]
     for name in names:
@@ -218,21 +223,13 @@ def rename(component: Component, *, inputs: Mapping[str, str], outputs: Mapping[
         return component
 
     def renamed(kind: str, variables: tuple[Variable, ...], roles: Mapping[str, str]) -> tuple[Variable, ...]:
-        own = [v.name for v in variables]
-        for name in roles.values():
-            if name not in own:
-                raise UnknownNameError(kind, name, own, where="mapping of names in the case")
+        check_names(kind, roles.values(), variables, where="mapping of names in the case")
         back = {name: role for role, name in roles.items()}
         return tuple(replace(v, name=back.get(v.name, v.name)) for v in variables)
 
     return component.with_names(
         renamed("input", component.inputs, inputs), renamed("output", component.outputs, outputs)
     )
-
-
-def buffers(inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> tuple[Array, Array]:
-    """Fresh buffers of an instance: inputs at their start values, outputs 0."""
-    return np.array([v.start for v in inputs], dtype=float), np.zeros(len(outputs))
 
 
 def block_feedthrough(block: Block) -> frozenset[tuple[str, str]]:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
-from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers, check_names
+from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.errors import SimulationError
@@ -135,9 +135,7 @@ class _ControlInstance(Instance):
         implicit = component.block.implicit if component.block is not None else None
         self._implicit = implicit.step() if implicit is not None else None
         self._x = np.array(component.initial_state, dtype=float)
-        self.input_names = tuple(v.name for v in component.inputs)
-        self.output_names = tuple(v.name for v in component.outputs)
-        self.bind(*buffers(component.inputs, component.outputs))
+        self.take_variables(component.inputs, component.outputs)
 
     def bind(self, inputs: Array, outputs: Array) -> None:
         super().bind(inputs, outputs)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
-from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, buffers
+from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough
 from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array, Variable
@@ -96,9 +96,7 @@ class _ModelInstance(Instance):
         self._live = True
         self._initialising = False
         self._clock: SampleClock | None = None
-        self.input_names = tuple(v.name for v in block.inputs)
-        self.output_names = tuple(v.name for v in block.outputs)
-        self.bind(*buffers(block.inputs, block.outputs))
+        self.take_variables(block.inputs, block.outputs)
 
     def bind(self, inputs: Array, outputs: Array) -> None:
         super().bind(inputs, outputs)

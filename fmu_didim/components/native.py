@@ -17,8 +17,9 @@ class NativeFmu:
     """A co-simulation FMU by its function pointers.
 
     Attributes:
-        kind: FMI2 or FMI3; self_address: the instance.
-        set_address, get_address, step_address: ``fmi2SetReal`` and so on; 0 where there is nothing to pass.
+        kind: FMI2 or FMI3, in whose way its functions are called; self_address: the instance.
+        calls: names of the functions that set, get and step, for messages.
+        set_address, get_address, step_address: those functions; 0 where there is nothing to pass.
         input_references, output_references: C arrays of value references.
         own_inputs, own_outputs: values in the FMU's own units; the instance's buffers where those are the units shown.
         input_scaling, output_scaling: (factor, offset), shown = factor * own + offset; None where they are alike.
@@ -27,6 +28,7 @@ class NativeFmu:
 
     kind: int
     self_address: int
+    calls: tuple[str, str, str]
     set_address: int
     get_address: int
     step_address: int

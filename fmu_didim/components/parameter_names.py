@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from fmu_didim.block import Block
-from fmu_didim.components.base import Component
+from fmu_didim.components.base import Component, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.control import ControlComponent
 from fmu_didim.components.fmu import FmuComponent
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.errors import InputError
 from fmu_didim.signals import Array, Variable
 
 Value = TypeVar("Value")
@@ -60,9 +60,7 @@ def name_parameters(component: Component, names: Mapping[str, str]) -> Component
 def _new_names(own: Iterable[str], names: Mapping[str, str]) -> dict[str, str]:
     """Own name -> new name for all; raises if one does not exist or two become the same."""
     own = list(own)
-    for name in names.values():
-        if name not in own:
-            raise UnknownNameError("parameter", name, own, where=WHERE)
+    check_names("parameter", names.values(), [Variable(name) for name in own], where=WHERE)
     back = {name: role for role, name in names.items()}
     if len(back) < len(names):
         doubled = [name for name, count in Counter(names.values()).items() if count > 1]

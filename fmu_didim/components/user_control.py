@@ -91,6 +91,3 @@ def _sample_time(system: Any, origin: str) -> float | None:
             "A discrete system needs its sample time.", where=origin, got=f"dt = {system.dt}", valid="dt in seconds"
         )
     return float(system.dt)
-
-
-__all__ = ["wrap_control"]

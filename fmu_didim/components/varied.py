@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.block import Block
-from fmu_didim.components.base import Component, Instance, buffers
+from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.native import FMI2, Native, NativeFmu
 from fmu_didim.errors import SimulationError
 from fmu_didim.export.variational import lane_count, variational_library
@@ -112,9 +112,7 @@ class _VariedInstance(Instance):
         self._library = library = _loaded(component.library())
         self._memory = np.zeros(-(-int(library.instance_size()) // 8))
         self._self = self._memory.ctypes.data
-        self.input_names = tuple(v.name for v in component.inputs)
-        self.output_names = tuple(v.name for v in component.outputs)
-        self.bind(*buffers(component.inputs, component.outputs))
+        self.take_variables(component.inputs, component.outputs)
 
     def begin_initialisation(self, time: float) -> None:
         values = self._component.block.parameter_values
@@ -145,8 +143,8 @@ class _VariedInstance(Instance):
             for function in (self._library.set_values, self._library.get_values, self._library.do_step)
         )
         return NativeFmu(
-            FMI2, self._self, set_address, get_address, step_address, none, none, self.inputs, self.outputs,
-            input_scaling=None, output_scaling=None, check=self._check,
+            FMI2, self._self, ("set", "get", "step"), set_address, get_address, step_address, none, none,
+            self.inputs, self.outputs, input_scaling=None, output_scaling=None, check=self._check,
         )  # fmt: skip
 
     def restart(self, component: Component) -> bool:

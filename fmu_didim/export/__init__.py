@@ -4,7 +4,8 @@
 """
 
 from fmu_didim.export.build import compile_shared_library
-from fmu_didim.export.c_code import Layout, generate_c, layout
+from fmu_didim.export.c_code import generate_c
 from fmu_didim.export.fmu import build_fmu
+from fmu_didim.export.variables import Layout, layout
 
 __all__ = ["Layout", "build_fmu", "compile_shared_library", "generate_c", "layout"]

@@ -104,9 +104,7 @@ def _zig_target(target: Platform, host: Platform) -> tuple[str, ...]:
     return ("-target", target.zig_target) if target.zig_target and not native else ()
 
 
-def compile_shared_library(
-    source_dir: Path, output: Path, *, main: str = "fmi2.c", compiler: Compiler | None = None
-) -> None:
+def compile_shared_library(source_dir: Path, output: Path, *, main: str, compiler: Compiler | None = None) -> None:
     """Compile one translation unit to a shared library in which only marked functions are visible.
 
     Args:

@@ -8,66 +8,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Block
 from fmu_didim.errors import InputError
+from fmu_didim.export.variables import SUBSTEPS_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
 from fmu_didim.linearly_implicit import ROS2
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
-SUBSTEPS_NAME = "substeps"
-SUBSTEPS_DESCRIPTION = "Integration substeps in a communication step; 0: chosen from the fastest rate"
-TIME_NAME = "time"
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Value references of the variables of a block: one contiguous range a group, in this order.
+def check_exportable(block: Block, *, own_names: Iterable[str] = ()) -> None:
+    """Raise InputError unless an FMU can hold the names and start values of the block.
 
-    Attributes:
-        inputs, outputs, states, parameters: the ranges of the four groups of the block.
-        derivatives: the derivatives of the states; empty for a sampled block.
-        substeps: the integer parameter ``substeps``; None for a sampled block.
-        time: the independent variable; only FMI 3.0 has it.
+    Args:
+        own_names: of further variables that the FMU has.
     """
-
-    inputs: range
-    outputs: range
-    states: range
-    parameters: range
-    derivatives: range
-    substeps: int | None
-    time: int
-
-
-def layout(block: Block) -> Layout:
-    """The value references of a block; they depend on the sizes of its groups only."""
-    ranges = []
-    end = 0
-    derivatives = block.states if block.sample_time is None else ()
-    for group in (block.inputs, block.outputs, block.states, block.parameters, derivatives):
-        ranges.append(range(end, end + len(group)))
-        end += len(group)
-    inputs, outputs, states, parameters, rates = ranges
-    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None, end + 1)
-
-
-def exported_names(block: Block) -> list[str]:
-    """Names of the Real variables in the order of their value references."""
-    groups = (block.inputs, block.outputs, block.states, block.parameters)
-    names = [v.name for group in groups for v in group]
-    if block.sample_time is None:
-        names += [f"der({v.name})" for v in block.states]
-    return names
-
-
-def check_exportable(block: Block, *, fmi_version: str = "2.0") -> None:
-    """Raise InputError unless the block has names and start values that an FMU of this version can hold."""
     where = f"block '{block.name}'"
     if not (block.name.isascii() and block.name.isidentifier()):
         raise InputError(
@@ -78,8 +38,8 @@ def check_exportable(block: Block, *, fmi_version: str = "2.0") -> None:
     if block.sample_time is not None and not (math.isfinite(block.sample_time) and block.sample_time > 0):
         raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
     _check_texts(block)
-    names = [*exported_names(block), *([SUBSTEPS_NAME] if block.sample_time is None else [])]
-    names += [TIME_NAME] if fmi_version == "3.0" else []
+    names = [v.own.name for v in exported_variables(block)]
+    names += [*([SUBSTEPS_NAME] if block.sample_time is None else []), *own_names]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise InputError(
@@ -156,12 +116,7 @@ def generate_c(block: Block) -> str:
 def generate_config(block: Block, *, guid: str) -> str:
     """The header ``block_config.h``: sizes, value references, start values and names of a block."""
     check_exportable(block)
-    refs = layout(block)
-    names = exported_names(block)
-    starts = [0.0] * len(names)
-    for group, variables in ((refs.inputs, block.inputs), (refs.parameters, block.parameters)):
-        for reference, variable in zip(group, variables, strict=True):
-            starts[reference] = float(variable.start)
+    refs, variables = layout(block), list(exported_variables(block))
     fixed = [int(v.name in block.fixed) for v in block.parameters]
     implicit = block.implicit
     lines = [
@@ -182,18 +137,18 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define STATE_COUNT {len(refs.states)}",
         f"#define PARAMETER_COUNT {len(refs.parameters)}",
         f"#define DERIVATIVE_COUNT {len(refs.derivatives)}",
-        f"#define VALUE_COUNT {len(names)}",
+        f"#define VALUE_COUNT {len(variables)}",
         "/* First value reference of each group; they follow each other without a gap. */",
         f"#define INPUT_FIRST {refs.inputs.start}",
         f"#define OUTPUT_FIRST {refs.outputs.start}",
         f"#define STATE_FIRST {refs.states.start}",
         f"#define PARAMETER_FIRST {refs.parameters.start}",
         f"#define DERIVATIVE_FIRST {refs.derivatives.start}",
-        f"#define SUBSTEPS_REFERENCE {len(names)}",
+        f"#define SUBSTEPS_REFERENCE {len(variables)}",
         f"#define TIME_REFERENCE {refs.time}",
-        _c_array("double", "block_start_values", [repr(value) for value in starts]),
+        _c_array("double", "block_start_values", [v.start or "0.0" for v in variables]),
         _c_array("unsigned char", "block_parameter_fixed", [str(flag) for flag in fixed]),
-        _c_array("char *const", "block_names", [_c_string(name) for name in names]),
+        _c_array("char *const", "block_names", [_c_string(v.own.name) for v in variables]),
     ]
     return "\n".join(lines) + "\n"
 

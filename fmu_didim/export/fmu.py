@@ -8,27 +8,27 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
 from fmu_didim.block import Block
 from fmu_didim.cache import cached_folder
-from fmu_didim.errors import InputError
-from fmu_didim.export import fmi2, fmi3
 from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
+from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
+from fmu_didim.version import __version__
 
-MAIN_SOURCES = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
-"""The file that is compiled, for each FMI version that can be written."""
-
-_GENERATORS = ("c_code.py", "fmi2.py", "fmi3.py", "fmu.py", "platforms.py", "structure.py", "units.py", "xml_file.py")
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
 
 
 def build_fmu(
-    block: Block, *, directory: Path | None = None, fmi_version: str = "2.0", platforms: Sequence[str] | None = None
+    block: Block,
+    *,
+    directory: Path | None = None,
+    fmi_version: str = DEFAULT_VERSION,
+    platforms: Sequence[str] | None = None,
 ) -> Path:
     """An FMU of a block, for co-simulation and model exchange, with binaries and sources.
 
@@ -45,7 +45,7 @@ def build_fmu(
     Args:
         block: the equations; its variables are in SI units.
         directory: also copy the file there, as ``<name of the block>.fmu``.
-        fmi_version: ``2.0`` or ``3.0``; both compute the same.
+        fmi_version: one of :data:`fmu_didim.export.versions.VERSIONS`; all compute the same.
         platforms: the machines it is for, names in :data:`fmu_didim.export.platforms.PLATFORMS`; default:
             this one. This machine's binary is built by the compiler CC if that is set, those of the others
             always by ``ziglang``.
@@ -60,16 +60,15 @@ def build_fmu(
     Source: "Functional Mock-up Interface for Model Exchange and Co-Simulation", version 2.0;
     "Functional Mock-up Interface Specification", version 3.0.
     """
-    if fmi_version not in MAIN_SOURCES:
-        raise InputError("This FMI version cannot be exported.", got=fmi_version, valid=MAIN_SOURCES)
-    check_exportable(block, fmi_version=fmi_version)
+    fmi = written_version(fmi_version)
+    check_exportable(block, own_names=fmi.own_names)
     compilers = {platform: find_compiler(platform) for platform in select_platforms(platforms)}
-    content = _content_digest(block, fmi_version)
+    content = _content_digest(block, fmi)
     file_name = f"{block.name}.fmu"
     folder = cached_folder(
         "exported",
         _key(content, compilers),
-        lambda new: _build(block, fmi_version, content, compilers, new / file_name),
+        lambda new: _build(block, fmi, content, compilers, new / file_name),
     )
     path = folder / file_name
     if directory is None:
@@ -88,54 +87,37 @@ def build_fmu(
     return copy
 
 
-def _content_digest(block: Block, fmi_version: str) -> str:
+def _content_digest(block: Block, fmi: WrittenVersion) -> str:
     """SHA-256 of everything that decides what the FMU computes, whatever compiler builds it.
 
     The source of the exporter itself is part of it: whoever changes it never meets files of the old one.
     """
-    state = hashlib.sha256(f"{_package_version()} casadi {version('casadi')} FMI {fmi_version}".encode())
+    state = hashlib.sha256(f"{__version__} casadi {version('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())
     state.update(block.description.encode())
     state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
-    for name in _wrapper_files(fmi_version):
+    for name in _wrapper_files(fmi):
         state.update(_wrapper_source(name).encode())
-    for name in _GENERATORS:
-        state.update((files("fmu_didim.export") / name).read_bytes())
+    for package in ("fmu_didim.export", "fmu_didim.export.versions"):
+        for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):
+            state.update(source.read_bytes() if source.name.endswith(".py") else b"")
     return state.hexdigest()
 
 
 def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
-    parts = [content, *_folders(list(compilers), "2.0")]
+    parts = [content, *(platform.name for platform in compilers)]
     for compiler in compilers.values():
         parts += [*compiler.command, *compiler.flags, *compiler.libraries, compiler.version]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
-def _folders(platforms: Sequence[Platform], fmi_version: str) -> dict[str, Platform]:
-    """Folders in ``binaries/`` and what is in them.
-
-    An ARM machine's own binary of FMI 2.0 is also put where the tools on that machine look for it that only
-    know ``linux64`` and ``darwin64`` (FMPy 0.3 is one), unless the standard's owner of that folder is there.
-    """
-    folders = {platform.folder(fmi_version): platform for platform in platforms}
-    host = host_platform()
-    if fmi_version == "2.0" and host in platforms:
-        folders.setdefault(host.bits_folder, host)
-    return folders
-
-
-def _build(block: Block, fmi_version: str, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
+def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
     guid = f"{{{uuid.UUID(content[:32])}}}"
-    main = MAIN_SOURCES[fmi_version]
-    tool = f"fmu_didim {_package_version()}"
-    sources = {name: _wrapper_source(name) for name in _wrapper_files(fmi_version)}
+    tool = f"fmu_didim {__version__}"
+    sources = {name: _wrapper_source(name) for name in _wrapper_files(fmi)}
     sources[CONFIG_FILE] = generate_config(block, guid=guid)
     sources[EQUATIONS_FILE] = generate_c(block)
-    if fmi_version == "2.0":
-        description = fmi2.model_description(block, guid=guid, generation_tool=tool, source_files=[main])
-    else:
-        description = fmi3.model_description(block, token=guid, generation_tool=tool)
-        sources["buildDescription.xml"] = fmi3.build_description(block, source_files=[main])
+    sources.update(fmi.sources(block))
     with tempfile.TemporaryDirectory(prefix="fmu_didim-") as name:
         source_dir = Path(name)
         for file_name, text in sources.items():
@@ -144,11 +126,11 @@ def _build(block: Block, fmi_version: str, content: str, compilers: dict[Platfor
         for platform, compiler in compilers.items():
             library = source_dir / platform.name / f"{block.name}{platform.suffix}"
             library.parent.mkdir()
-            compile_shared_library(source_dir, library, main=main, compiler=compiler)
+            compile_shared_library(source_dir, library, main=fmi.main, compiler=compiler)
             libraries[platform] = library
         with zipfile.ZipFile(path, "w", compression=zipfile.ZIP_DEFLATED) as archive:
-            _add(archive, "modelDescription.xml", description.encode())
-            for folder, platform in sorted(_folders(list(compilers), fmi_version).items(), key=lambda item: item[0]):
+            _add(archive, "modelDescription.xml", fmi.describe(block, guid, tool).encode())
+            for folder, platform in sorted(fmi.folders(list(compilers), host_platform()).items()):
                 library = libraries[platform]
                 _add(archive, f"binaries/{folder}/{library.name}", library.read_bytes())
             for file_name in sorted(sources):
@@ -162,16 +144,9 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     archive.writestr(entry, content)
 
 
-def _wrapper_files(fmi_version: str) -> tuple[str, ...]:
-    return ("block.h", "block.c", MAIN_SOURCES[fmi_version])
+def _wrapper_files(fmi: WrittenVersion) -> tuple[str, ...]:
+    return ("block.h", "block.c", "common.c", fmi.main)
 
 
 def _wrapper_source(name: str) -> str:
     return (files("fmu_didim.export") / "wrapper" / name).read_text(encoding="utf-8")
-
-
-def _package_version() -> str:
-    try:
-        return version("fmu_didim")
-    except PackageNotFoundError:  # run from a folder that is not installed
-        return "0"

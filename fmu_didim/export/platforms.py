@@ -35,18 +35,13 @@ class Platform:
 
     @property
     def bits_folder(self) -> str:
-        """The folder of FMI 1.0 and 2.0, which tells the bits only: ``linux64``, ``win64``, ``darwin64``."""
+        """A folder in ``binaries/`` that tells the bits only: ``linux64``, ``win64``, ``darwin64``."""
         bits = "32" if self.architecture in ("x86", "i386", "i686", "aarch32", "armv7l") else "64"
         return f"{'win' if self.system == 'windows' else self.system}{bits}"
 
-    def folder(self, fmi_version: str) -> str:
-        """Name of the folder in ``binaries/``.
-
-        FMI 3.0 uses platform tuples (section 2.5.1.4.1): ``x86_64-linux``. FMI 2.0 has ``linux64``, ``win64``
-        and ``darwin64`` for Intel's processors, and since 2.0.4 the tuples of FMI 3.0 for all others (section 2.3).
-        """
-        if fmi_version == "2.0" and self.architecture in ("x86", "x86_64"):
-            return self.bits_folder
+    @property
+    def tuple_folder(self) -> str:
+        """A folder in ``binaries/`` that is a platform tuple: ``x86_64-linux``."""
         return f"{self.architecture}-{self.system}"
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import layout
+from fmu_didim.export.variables import layout
 
 Dependencies = dict[int, list[int]]
 """Value references of the variables that each variable depends on; all in ascending order."""

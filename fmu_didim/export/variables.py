@@ -1,4 +1,4 @@
-"""The variables of an exported block, as FMI 2.0 and 3.0 describe them alike."""
+"""The variables of an exported block, as all versions of FMI describe them alike."""
 
 from __future__ import annotations
 
@@ -6,9 +6,50 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import layout
 from fmu_didim.export.units import derivative_unit
 from fmu_didim.signals import Variable
+
+SUBSTEPS_NAME = "substeps"
+SUBSTEPS_ATTRIBUTES = {
+    "name": SUBSTEPS_NAME,
+    "description": "Integration substeps in a communication step; 0: chosen from the fastest rate",
+    "causality": "parameter",
+    "variability": "fixed",
+    "initial": "exact",
+}
+"""The integer parameter of the number of substeps, but for its value reference and start."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Value references of the variables of a block: one contiguous range a group, in this order.
+
+    Attributes:
+        inputs, outputs, states, parameters: the ranges of the four groups of the block.
+        derivatives: the derivatives of the states; empty for a sampled block.
+        substeps: the integer parameter ``substeps``; None for a sampled block.
+        time: the independent variable, where the version of FMI has one.
+    """
+
+    inputs: range
+    outputs: range
+    states: range
+    parameters: range
+    derivatives: range
+    substeps: int | None
+    time: int
+
+
+def layout(block: Block) -> Layout:
+    """The value references of a block; they depend on the sizes of its groups only."""
+    ranges = []
+    end = 0
+    derivatives = block.states if block.sample_time is None else ()
+    for group in (block.inputs, block.outputs, block.states, block.parameters, derivatives):
+        ranges.append(range(end, end + len(group)))
+        end += len(group)
+    inputs, outputs, states, parameters, rates = ranges
+    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None, end + 1)
 
 
 @dataclass(frozen=True)

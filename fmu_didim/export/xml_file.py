@@ -1,4 +1,4 @@
-"""What the XML files of both FMI versions have in common."""
+"""What the XML files of all FMI versions have in common."""
 
 from __future__ import annotations
 
@@ -17,6 +17,14 @@ def document(root: ET.Element) -> str:
     """The text of a file, indented."""
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def add_defaults(root: ET.Element, sample_time: float | None) -> None:
+    """Append the log categories and, of a sampled block, the experiment with its sample time (s)."""
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logStatusError", description="Errors; they are always logged.")
+    if sample_time is not None:
+        ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(sample_time))
 
 
 def stated(**attributes: str | None) -> dict[str, str]:

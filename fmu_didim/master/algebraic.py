@@ -7,6 +7,7 @@ the running instances by derivatives, because a structure may only say what migh
 from __future__ import annotations
 
 from collections.abc import Sequence
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
@@ -42,38 +43,23 @@ def algebraic_loops(system: System) -> list[list[str]]:
             continue
         for output, given in pairs:
             follows.setdefault(f"{name}.{output}", []).extend(sources.get(f"{name}.{given}", []))
-    rest = _in_cycles(follows)
-    return [group for group in _components(rest) if len(group) > 1 or group[0] in rest.get(group[0], [])]
+    return _cycles(follows)
 
 
-def _in_cycles(follows: dict[str, list[str]]) -> dict[str, list[str]]:
-    """The graph without the signals that depend on none in it, one after another: empty where there is no cycle."""
-    rest = {name: set(many) for name, many in follows.items()}
-    while True:
-        kept = {name: many & rest.keys() for name, many in rest.items()}
-        kept = {name: many for name, many in kept.items() if many}
-        if len(kept) == len(rest):
-            return {name: [s for s in follows[name] if s in kept] for name in kept}
-        rest = kept
-
-
-def _components(follows: dict[str, list[str]]) -> list[list[str]]:
-    """Strongly connected components of a directed graph."""
-    from scipy import sparse
-    from scipy.sparse.csgraph import connected_components
-
-    names = sorted({*follows, *(s for many in follows.values() for s in many)})
-    if not names:
+def _cycles(follows: dict[str, list[str]]) -> list[list[str]]:
+    """Strongly connected components of a directed graph that hold a cycle."""
+    try:
+        TopologicalSorter(follows).prepare()
         return []
-    index = {name: i for i, name in enumerate(names)}
-    pairs = [(index[a], index[b]) for a, many in follows.items() for b in many]
-    rows, columns = zip(*pairs, strict=True) if pairs else ((), ())
-    graph = sparse.coo_array((np.ones(len(pairs)), (rows, columns)), shape=(len(names), len(names)))
+    except CycleError:
+        from scipy.sparse.csgraph import connected_components
+    names = sorted({*follows, *(s for many in follows.values() for s in many)})
+    graph = np.array([[b in follows.get(a, ()) for b in names] for a in names])
     _, labels = connected_components(graph, connection="strong")
     groups: dict[int, list[str]] = {}
-    for name, label in zip(names, labels, strict=True):
-        groups.setdefault(int(label), []).append(name)
-    return list(groups.values())
+    for name, label in zip(names, labels.tolist(), strict=True):
+        groups.setdefault(label, []).append(name)
+    return [group for group in groups.values() if len(group) > 1 or group[0] in follows.get(group[0], ())]
 
 
 def really_closed(run: Run, loops: list[list[str]]) -> list[list[str]]:
@@ -100,7 +86,7 @@ def _closed(run: Run, loop: list[str]) -> bool:
         for target, source in wires:
             for row in np.flatnonzero(felt[:, targets.index(target)]):
                 follows[outputs[row]].append(source)
-    return any(len(group) > 1 or group[0] in follows[group[0]] for group in _components(follows))
+    return bool(_cycles(follows))
 
 
 def _wires(part: Part) -> list[tuple[int, int]]:

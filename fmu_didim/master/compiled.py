@@ -22,7 +22,7 @@ from fmu_didim.export.build import compile_shared_library, find_compiler
 from fmu_didim.master.running import CHECK_INTERVAL, Part, Run
 
 _DONE, _FAILED, _STOPPED = 0, 1, 2
-_CALLS = ("Set", "Get", "DoStep")
+_STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
 """Ticks in one call of the compiled loop; between two of them an interrupt is seen."""
 
@@ -217,10 +217,9 @@ def _error(run: Run, loop: _Loop, result: int, natives: list[Native]) -> Excepti
         return SimulationError(
             "The FMU ended the simulation.", where=name, got=f"step from the tick at t = {time:.6g} s"
         )
-    real = {2: "Real", 3: "Float64"}[native.kind]
-    call = _CALLS[loop.failed_call] + (real if loop.failed_call < 2 else f" at t = {time:.6g} s")
+    call = native.calls[loop.failed_call] + (f" at t = {time:.6g} s" if loop.failed_call == _STEP else "")
     try:
-        native.check(f"fmi{native.kind}{call}", int(loop.status))
+        native.check(call, int(loop.status))
     except SimulationError as error:
         return error
     return SimulationError("A component refused a step.", where=name, got=f"status {loop.status}")

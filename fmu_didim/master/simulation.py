@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.components.native import Native
-from fmu_didim.errors import DivergedError, InputError, SimulationError
+from fmu_didim.errors import DivergedError, InputError
 from fmu_didim.master.algebraic import LoopSolver, algebraic_loops, really_closed
 from fmu_didim.master.compiled import fits, loop_library, run_compiled
 from fmu_didim.master.interpreted import Observer, run_interpreted
@@ -172,6 +172,3 @@ def _recording(run: Run, *, compiled: bool) -> Recording:
         sampled={name: run.sampled[:, i] for i, name in enumerate(run.names)},
         compiled=compiled,
     )
-
-
-__all__ = ["Recording", "SimulationError", "simulate"]

@@ -78,22 +78,19 @@ class System:
             raise InputError("The communication step must be positive.", got=self.step_size)
         if sorted(self.order) != sorted(self.components):
             raise InputError("The order must name each component once.", got=self.order, valid=self.components)
+        named = {"delays": self.delays, "every": self.every, "substeps": self.substeps, "after_step": self.after_step}
+        for what, owners in named.items():
+            for name in owners:
+                self._check_name(name, what)
         for name, delay in self.delays.items():
-            if name not in self.components:
-                raise UnknownNameError("component", name, self.components, where="delays")
             if not 0 <= delay <= 1000:
                 raise InputError("A delay must be between 0 and 1000 samples.", where=name, got=delay)
         for what, counts in (("every", self.every), ("substeps", self.substeps)):
             for name, count in counts.items():
-                if name not in self.components:
-                    raise UnknownNameError("component", name, self.components, where=what)
                 if not (isinstance(count, int) and 1 <= count <= 100_000):
                     raise InputError(
                         f"'{what}' must be a whole number of steps.", where=name, got=count, valid="1 to 100000"
                     )
-        for name in self.after_step:
-            if name not in self.components:
-                raise UnknownNameError("component", name, self.components, where="after_step")
         names = {
             name: (dict.fromkeys(v.name for v in c.inputs), dict.fromkeys(v.name for v in c.outputs))
             for name, c in self.components.items()
@@ -104,8 +101,7 @@ class System:
     def _check(self, connection: Connection, names: Mapping[str, tuple[dict[str, None], dict[str, None]]]) -> None:
         both = f"{connection.source} -> {connection.target}"
         name, _, variable = connection.target.partition(".")
-        if name not in self.components:
-            raise UnknownNameError("component", name, self.components, where=both)
+        self._check_name(name, both)
         if variable not in names[name][0]:
             raise UnknownNameError("input", variable, names[name][0], where=both)
         name, _, variable = connection.source.partition(".")
@@ -116,10 +112,13 @@ class System:
         if variable not in names[name][1]:
             raise UnknownNameError("output", variable, names[name][1], where=both)
 
+    def _check_name(self, name: str, where: str) -> None:
+        if name not in self.components:
+            raise UnknownNameError("component", name, self.components, where=where)
+
     def replace(self, name: str, component: Component) -> System:
         """The same system with another component of that name; all else untouched."""
-        if name not in self.components:
-            raise UnknownNameError("component", name, self.components, where="System.replace")
+        self._check_name(name, "System.replace")
         return replace(self, components={**self.components, name: component})
 
     def with_delay(self, name: str, samples: float) -> System:

@@ -20,11 +20,14 @@ from fmu_didim.block import Block
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, to_control, wrap_control
 from fmu_didim.errors import FmuError, InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
-from tests.helpers import KINDS, PERIOD, advance, begin, component, drive, scara, scara_cascade, scara_pd, sledge
+from fmu_didim.export.versions import VERSIONS
+from tests.helpers import PERIOD, advance, begin, component, drive, scara, scara_cascade, scara_pd, sledge
 
 STEPS = 40
 BLOCKS = ("scara", "cascade", "pd", "sledge")
 """A nonlinear and a linear plant, a controller with states and one without."""
+FMUS = tuple(f"fmu {version}" for version in VERSIONS)
+KINDS = ("model", "control", *FMUS)
 
 
 @cache
@@ -36,7 +39,8 @@ def block(name: str) -> Block:
 
 @cache
 def part(kind: str, name: str) -> Component:
-    return component(kind, block(name))
+    word, _, version = kind.partition(" ")
+    return load_fmu(build_fmu(block(name), fmi_version=version)) if version else component(word, block(name))
 
 
 def rows(name: str, count: int = STEPS) -> np.ndarray:
@@ -65,7 +69,7 @@ def test_variables_and_buffers(kind: str, name: str) -> None:
     assert instance.outputs.shape == (len(source.outputs),)
     assert instance.inputs.dtype == instance.outputs.dtype == float
     instance.close()
-    assert made.describe()["kind"] == kind
+    assert made.describe()["kind"] == kind.split()[0]
 
 
 @each_part
@@ -310,20 +314,22 @@ def test_fmu_without_binary_is_refused(tmp_path: Path, monkeypatch: pytest.Monke
         load_fmu(archive(tmp_path / "me.fmu", modelDescription_xml=text))
 
 
-def test_an_error_of_the_fmu_is_passed_on_with_its_message() -> None:
-    instance = part("fmu", "scara").instantiate()
+@pytest.mark.parametrize("kind", FMUS)
+def test_an_error_of_the_fmu_is_passed_on_with_its_message(kind: str) -> None:
+    instance = part(kind, "scara").instantiate()
     begin(instance, np.zeros(2))
     instance.inputs[:] = [np.nan, 0.0]
     instance.set()
-    with pytest.raises(SimulationError, match=r"fmi2DoStep at t = 0\.25 s of the FMU returned Error[\s\S]*not finite"):
+    with pytest.raises(SimulationError, match=r"fmi\dDoStep at t = 0\.25 s of the FMU returned Error[\s\S]*not finite"):
         instance.step(0.25, PERIOD)
     instance.close()
     instance.close()  # once more does no harm
 
 
-def test_a_singular_plant_is_refused_by_the_fmu() -> None:
+@pytest.mark.parametrize("kind", FMUS)
+def test_a_singular_plant_is_refused_by_the_fmu(kind: str) -> None:
     """Without any inertia the acceleration is not defined."""
-    massless = part("fmu", "sledge").with_parameters({"M1": 0.0})
+    massless = part(kind, "sledge").with_parameters({"M1": 0.0})
     with pytest.raises(SimulationError, match=r"of the FMU returned Error[\s\S]*got:"):
         drive(massless, np.ones((2, 1)), PERIOD)
 

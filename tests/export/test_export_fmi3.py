@@ -20,6 +20,7 @@ from fmpy.validation import validate_fmu
 from fmu_didim.block import MAXIMUM_SUBSTEPS, Block
 from fmu_didim.errors import InputError
 from fmu_didim.export import build_fmu, layout
+from fmu_didim.export.versions import VERSIONS
 from fmu_didim.signals import Variable
 from tests.export.helpers import PARAMETERS, PERIOD, Sampled, controller, gain, measured, pendulum, torque
 
@@ -280,7 +281,7 @@ def test_directional_derivatives(make: Callable[..., Runner], exchange: bool) ->
         np.testing.assert_allclose(got, 2.0 * expected[:, column], rtol=1e-12)
 
 
-@pytest.mark.parametrize("fmi_version", ["2.0", "3.0"])
+@pytest.mark.parametrize("fmi_version", VERSIONS)
 def test_casadi_imports_the_same_equations(fmi_version: str, tmp_path: Path) -> None:
     block = pendulum()
     folder = fmpy.extract(str(build_fmu(block, fmi_version=fmi_version)), unzipdir=str(tmp_path))

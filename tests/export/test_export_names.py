@@ -16,13 +16,14 @@ from fmu_didim.errors import InputError
 from fmu_didim.export import build_fmu, compile_shared_library, generate_c
 from fmu_didim.export.build import find_compiler
 from fmu_didim.export.c_code import generate_config
+from fmu_didim.export.versions import VERSIONS
 from fmu_didim.signals import Variable
 from tests.export.helpers import gain
 
 NAMES = ("joint 1 <q> & 'torque' \"raw\" 50%s", "Drehmoment_ä", "モーメント", "😀??=\\n", "a.b[1,2].der(x)", " x ")
 
 
-@pytest.mark.parametrize("fmi_version", ["2.0", "3.0"])
+@pytest.mark.parametrize("fmi_version", VERSIONS)
 def test_names_of_any_kind(fmi_version: str, tmp_path: Path) -> None:
     x, u, p = ca.SX.sym("x", 0), ca.SX.sym("u", 3), ca.SX.sym("p", 3)
     block = Block(

@@ -13,6 +13,7 @@ from fmu_didim.errors import BuildError, InputError
 from fmu_didim.export import build_fmu
 from fmu_didim.export.build import find_compiler
 from fmu_didim.export.platforms import PLATFORMS, Platform, host_platform, select_platforms
+from fmu_didim.export.versions import VERSIONS
 from tests.export.helpers import gain
 
 FOLDERS = {
@@ -125,7 +126,8 @@ def test_all_platforms(fmi_version: str) -> None:
 
 def test_platform_folders() -> None:
     for version, folders in FOLDERS.items():
-        assert tuple(p.folder(version) for p in PLATFORMS.values()) == folders
+        found = VERSIONS[version].folders(list(PLATFORMS.values()), Platform("other", "linux", "riscv64"))
+        assert tuple(found) == folders
 
 
 def test_platform_names() -> None:
@@ -157,14 +159,11 @@ def test_host(monkeypatch: pytest.MonkeyPatch, system: str, machine: str, expect
     assert host_platform().name == expected
 
 
-def test_an_arm_machine_finds_its_own_fmu(monkeypatch: pytest.MonkeyPatch) -> None:
-    from fmu_didim.export.fmu import _folders
-
+def test_an_arm_machine_finds_its_own_fmu() -> None:
     arm, intel = PLATFORMS["macos-arm64"], PLATFORMS["macos-x86_64"]
-    monkeypatch.setattr("fmu_didim.export.fmu.host_platform", lambda: arm)
-    assert _folders([arm], "2.0") == {"aarch64-darwin": arm, "darwin64": arm}
-    assert _folders([arm, intel], "2.0") == {"aarch64-darwin": arm, "darwin64": intel}
-    assert _folders([arm], "3.0") == {"aarch64-darwin": arm}
+    assert VERSIONS["2.0"].folders([arm], arm) == {"aarch64-darwin": arm, "darwin64": arm}
+    assert VERSIONS["2.0"].folders([arm, intel], arm) == {"aarch64-darwin": arm, "darwin64": intel}
+    assert VERSIONS["3.0"].folders([arm], arm) == {"aarch64-darwin": arm}
 
 
 def test_the_chosen_compiler_is_for_this_machine_only(monkeypatch: pytest.MonkeyPatch) -> None:

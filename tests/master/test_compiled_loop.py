@@ -17,6 +17,7 @@ from fmu_didim.components import Component, ModelComponent, block_as_control, lo
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.errors import DivergedError, FmuDidimError, InputError, SimulationError
 from fmu_didim.export import build_fmu
+from fmu_didim.export.versions import VERSIONS
 from fmu_didim.master import Connection, InstancePool, Recording, System, simulate
 from fmu_didim.signals import Trajectory, trajectory
 from tests.helpers import PERIOD, Mock, loop, on_reference, ports, reference, scara, scara_cascade, scara_pd, sledge
@@ -180,7 +181,7 @@ def smoothing() -> Block:
 
 
 @pytest.mark.parametrize("jacobi", [False, True])
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 def test_outputs_that_nobody_reads_are_recorded_all_the_same(version: str, jacobi: bool) -> None:
     """Filters read before their step, after it, by themselves only, and by none."""
     one = load_fmu(build_fmu(smoothing(), fmi_version=version))

@@ -39,7 +39,8 @@ def open_archive(path: Path) -> tuple[Path, str]:
     return cached_folder("extracted", digest, lambda target: _extract(path, target)), digest
 
 
-def _unreadable(why: str, path: Path, got: str, next_step: str = "") -> FmuError:
+def unreadable(why: str, path: Path, got: str, next_step: str = "") -> FmuError:
+    """The error of a file that is no FMU."""
     return FmuError(f"The file is not a readable FMU: {why}.", where=str(path), got=got, next_step=next_step)
 
 
@@ -61,18 +62,18 @@ def _extract(path: Path, target: Path) -> None:
                     shutil.copyfileobj(source, copy, 2**20)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, NotImplementedError, RuntimeError) as error:
         why = "it is damaged" if zipfile.is_zipfile(path) else "it is not a zip archive"
-        raise _unreadable(why, path, str(error), "Export or download it again.") from error
+        raise unreadable(why, path, str(error), "Export or download it again.") from error
 
 
 def _check_members(members: list[zipfile.ZipInfo], path: Path) -> None:
     if len(members) > MAXIMUM_MEMBERS:
-        raise _unreadable("it has too many members", path, f"{len(members)}, at most {MAXIMUM_MEMBERS}")
+        raise unreadable("it has too many members", path, f"{len(members)}, at most {MAXIMUM_MEMBERS}")
     size = sum(m.file_size for m in members)
     if size > MAXIMUM_BYTES:
-        raise _unreadable("it is too large", path, f"{size} bytes uncompressed, at most {MAXIMUM_BYTES}")
+        raise unreadable("it is too large", path, f"{size} bytes uncompressed, at most {MAXIMUM_BYTES}")
     description = next((m for m in members if m.filename == DESCRIPTION), None)
     if description is not None and description.file_size > MAXIMUM_DESCRIPTION_BYTES:
-        raise _unreadable(f"its {DESCRIPTION} is too large", path, f"{description.file_size} bytes")
+        raise unreadable(f"its {DESCRIPTION} is too large", path, f"{description.file_size} bytes")
     for member in members:
         _safe_name(member, path)
 
@@ -82,7 +83,7 @@ def _safe_name(member: zipfile.ZipInfo, path: Path) -> PurePosixPath:
     text = member.filename.replace("\\", "/")
     name = PurePosixPath(text)
     if name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
-        raise _unreadable("a member lies outside its folder", path, member.filename)
+        raise unreadable("a member lies outside its folder", path, member.filename)
     return name
 
 
@@ -90,7 +91,7 @@ def _no_description(members: list[zipfile.ZipInfo], path: Path) -> FmuError:
     deeper = next((m.filename for m in members if m.filename.endswith("/" + DESCRIPTION)), None)
     got = f"only {deeper}" if deeper else ", ".join(m.filename for m in members[:5]) or "an empty archive"
     advice = "Zip the content of the folder, not the folder." if deeper else "Check that the file is an FMU."
-    return _unreadable(f"it has no {DESCRIPTION} at its top", path, got, advice)
+    return unreadable(f"it has no {DESCRIPTION} at its top", path, got, advice)
 
 
 def check_description(content: bytes, path: Path) -> None:
@@ -102,10 +103,10 @@ def check_description(content: bytes, path: Path) -> None:
     text = content.replace(b"\0", b"")  # so that UTF-16 hides nothing
     encoding = _ENCODING.search(text[:400])
     if encoding is not None and not _PLAIN_ENCODINGS.fullmatch(encoding[1].decode()):
-        raise _unreadable(f"the encoding of its {DESCRIPTION} is not read", path, encoding[1].decode(), "Use UTF-8.")
+        raise unreadable(f"the encoding of its {DESCRIPTION} is not read", path, encoding[1].decode(), "Use UTF-8.")
     for word in (b"<!DOCTYPE", b"<!ENTITY"):
         if word in text.upper():
-            raise _unreadable(
+            raise unreadable(
                 f"its {DESCRIPTION} declares a document type, which FMI does not use and which can do harm",
                 path, word.decode(), "Remove the declaration.",
             )  # fmt: skip

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.description import CO_SIMULATION, REAL_TYPES, FmuDescription, Interface
-from fmu_didim.components.fmu.library import Function, Library, Messages
+from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.errors import FmuError, SimulationError
 from fmu_didim.signals import Array
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 MAXIMUM_ITERATIONS = 1000
 """Event iterations at one instant, and pieces of one step, before an FMU is said not to get on."""
+Function = Callable[..., Any]
+Library = Mapping[str, Function]
+"""The functions of a loaded library by name; those it does not have are missing."""
 Call = tuple[Function, tuple[Any, ...]]
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
@@ -39,6 +42,23 @@ def pointer(values: Array) -> Any:
 def address(function: Any) -> int:
     """Address of a C function or of what a ``c_void_p`` points to."""
     return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+
+class Messages:
+    """What an FMU writes to its logger: the last lines, kept for error messages."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def log(self, *arguments: Any) -> None:
+        """The logger: in every version of FMI the message is the last argument."""
+        if arguments[-1]:
+            self.lines.append(arguments[-1].decode("utf-8", "replace"))
+            del self.lines[:-20]
+
+    def said(self) -> str | None:
+        """The last lines, None if there are none."""
+        return "; ".join(self.lines[-3:]) or None
 
 
 @dataclass(frozen=True)
@@ -64,11 +84,28 @@ class Binding(ABC):
 
     Raises (all methods):
         SimulationError: a function returned a status worse than a warning; the FMU's own messages are included.
+
+    Attributes:
+        prefix: how the names of its functions begin.
+        array_types: type of a variable -> numpy type of its values in C.
+        real_type, enumeration_type: the types whose functions pass real values and enumerations.
+        truth_type: of flags, in C; state_word: what the functions for states end in.
+        passes_sizes: whether the functions that pass values are told how many they are.
+        derivatives_function: of the continuous states, without the prefix.
+        native_kind: how the compiled loop calls it (:mod:`fmu_didim.components.native`), None if it cannot.
+        gives_initial_outputs: whether outputs can be asked for while it is being initialised.
     """
 
-    major: int
+    prefix: str
     array_types: Mapping[str, Any]
-    """Type of a variable -> numpy type of its values in C."""
+    real_type: str
+    enumeration_type: str
+    truth_type: Any = ctypes.c_bool
+    state_word: str = "FMUState"
+    passes_sizes: bool = False
+    derivatives_function: str = ""
+    native_kind: int | None = None
+    gives_initial_outputs: bool = True
 
     def __init__(
         self, description: FmuDescription, interface: Interface, library: Library, *, event_mode: bool = False
@@ -106,8 +143,8 @@ class Binding(ABC):
             )
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call ``fmiN<name>`` with the instance and these arguments; one that is missing is an error too."""
-        full = f"fmi{self.major}{name}"
+        """Call ``<prefix><name>`` with the instance and these arguments; one that is missing is an error too."""
+        full = f"{self.prefix}{name}"
         function = self.library.get(full)
         if function is None:
             raise SimulationError(f"The FMU has no function {full}.", where=self.description.path.name)
@@ -129,13 +166,13 @@ class Binding(ABC):
             self.c = None
 
     def _free(self) -> None:
-        self.library[f"fmi{self.major}FreeInstance"](self.c)
+        self.library[f"{self.prefix}FreeInstance"](self.c)
 
     def forget_states(self, keep: ctypes.c_void_p | None = None) -> None:
         """Free the saved states, but for one."""
         for state in self._states:
             if state is not keep:
-                self.library[self._state_function("Free")](self.c, ctypes.byref(state))
+                self.library[f"{self.prefix}Free{self.state_word}"](self.c, ctypes.byref(state))
         self._states = [state for state in self._states if state is keep]
 
     def save_state(self) -> ctypes.c_void_p:
@@ -148,87 +185,82 @@ class Binding(ABC):
                 next_step="Run it from the start instead.",
             )
         state = ctypes.c_void_p()
-        name = self._state_function("Get")
-        self.check(name, self.library[name](self.c, ctypes.byref(state)))
+        self.call(f"Get{self.state_word}", ctypes.byref(state))
         self._states.append(state)
         return state
 
     def restore_state(self, state: ctypes.c_void_p) -> None:
         """Go back to a saved state."""
-        name = self._state_function("Set")
-        self.check(name, self.library[name](self.c, state))
-
-    def _state_function(self, verb: str) -> str:
-        return f"fmi{self.major}{verb}FMU{'state' if self.major == 2 else 'State'}"
+        self.call(f"Set{self.state_word}", state)
 
     def set_option(self, kind: str, reference: int, value: int | float | str | bool) -> None:
         """Set an Integer, Enumeration, Boolean or String variable."""
-        count = (1,) if self.major == 3 else ()
         if kind == "String":
             text = (ctypes.c_char_p * 1)(str(value).encode())
+            count = (1,) if self.passes_sizes else ()
             self.call("SetString", references([reference]), 1, text, *count)
         else:
             function, arguments = self.typed_call("Set", kind, [reference], np.array([value], self.array_types[kind]))
-            self.check(f"fmi{self.major}Set{self.type_name(kind)}", function(*arguments))
+            self.check(self._value_function("Set", kind), function(*arguments))
 
-    def type_name(self, kind: str) -> str:
-        """How the functions for variables of a type are called."""
-        return kind
+    def _value_function(self, verb: str, kind: str) -> str:
+        return f"{self.prefix}{verb}{self.enumeration_type if kind == 'Enumeration' else kind}"
 
     def typed_call(self, verb: str, kind: str, numbers: Sequence[int], values: Any) -> Call:
         """The call that sets (``Set``) or gets (``Get``) variables of a type; ``values`` is of its array type."""
-        name = f"fmi{self.major}{verb}{self.type_name(kind)}"
+        name = self._value_function(verb, kind)
         function: Any = self.library.get(name)
         if function is None:
             raise FmuError(f"The FMU has no function {name}.", where=self.description.path.name)
-        count = (values.size,) if self.major == 3 else ()
+        count = (values.size,) if self.passes_sizes else ()
         place = values.ctypes.data_as(function.argtypes[3])
         return function, (self.c, references(numbers), len(numbers), place, *count)
 
     def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
         """The call that sets (``Set``) or gets (``Get``) these real variables from or into the array."""
-        return self.typed_call(verb, REAL_TYPES[0] if self.major < 3 else REAL_TYPES[1], numbers, values)
+        return self.typed_call(verb, self.real_type, numbers, values)
 
     @abstractmethod
     def _instantiate(self) -> int | None: ...
-
-    @property
-    def gives_initial_outputs(self) -> bool:
-        """Whether outputs can be asked for while it is being initialised."""
-        return True
 
     @abstractmethod
     def step_call(self) -> tuple[Function, tuple[Any, ...]]:
         """The function that steps, and its arguments after (instance, time, size)."""
 
     def step_result(self) -> StepResult | None:
-        """What the last step left, of FMI 3.0; None if there was nothing special."""
+        """What the last step left; None if there was nothing special."""
         return None
 
     @abstractmethod
     def enter_initialisation(self, time: float) -> None:
         """Begin the initialisation at ``time`` (s)."""
 
-    @abstractmethod
+    def set_clock(self, reference: int) -> None:
+        """Let a clock tick, in event mode."""
+        raise self._without("clocks")
+
     def update_discrete_states(self) -> EventResult:
         """Event iteration until nothing changes any more, in event mode."""
-
-    @abstractmethod
-    def derivatives_call(self, values: Array) -> Call:
-        """The call that fills ``values`` with the derivatives of the continuous states."""
+        raise self._without("events")
 
     def exchange_call(self, name: str, values: Array) -> Call:
         """A call (instance, array, size) of model exchange, such as ``SetContinuousStates``."""
-        return self.library[f"fmi{self.major}{name}"], (self.c, pointer(values), values.size)
+        return self.library[f"{self.prefix}{name}"], (self.c, pointer(values), values.size)
 
-    @abstractmethod
     def directional_derivative(self, unknowns: Sequence[int], known: int, result: Array) -> None:
         """d unknowns / d known into ``result``, scalars only."""
+        raise self._without("derivatives")
+
+    def _without(self, what: str) -> SimulationError:
+        return SimulationError(
+            f"FMUs of FMI {self.description.version} have no {what}.", where=self.description.path.name
+        )
 
 
-def endless(binding: Binding) -> SimulationError:
-    """The error of an event iteration without end."""
-    return SimulationError(
+def event_iterations(binding: Binding) -> Iterator[None]:
+    """As many event iterations as there may be at one instant; raises SimulationError after them."""
+    yield from repeat(None, MAXIMUM_ITERATIONS)
+    raise SimulationError(
         "The event iteration of the FMU does not end.",
         where=binding.description.path.name,
         got=f"{MAXIMUM_ITERATIONS} iterations at one instant",

@@ -14,8 +14,7 @@ from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolate import IsolatedInstance
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
 from fmu_didim.components.fmu.rerun import find_rerun, known_rerun
-from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
-from fmu_didim.components.fmu.strategies import AUTO, STATE, Rerun
+from fmu_didim.components.fmu.settings import AUTO, DEFAULT_SUBSTEPS, STATE, FmuSettings, Rerun
 from fmu_didim.signals import Variable
 
 SUBSTEPS = "substeps"

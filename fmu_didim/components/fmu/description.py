@@ -131,7 +131,6 @@ class Interface:
     needs_execution_tool: bool = False
     once_per_process: bool = False
     has_state: bool = False
-    can_serialise_state: bool = False
     has_derivatives: bool = False
     has_variable_step: bool = False
     needs_completed_step: bool = True

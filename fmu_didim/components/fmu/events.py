@@ -14,9 +14,8 @@ from typing import Any
 
 from fmu_didim.components.base import SampleClock
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS
-from fmu_didim.components.fmu.bindings import Binding3
 from fmu_didim.components.fmu.description import CO_SIMULATION, ClockVariable, FmuDescription, Interface
-from fmu_didim.components.fmu.instance import TIME_TOLERANCE, CoSimulationInstance, no_progress
+from fmu_didim.components.fmu.instance import TIME_TOLERANCE, CoSimulationInstance, ended, no_progress
 from fmu_didim.components.fmu.settings import FmuSettings
 from fmu_didim.components.native import Native
 from fmu_didim.errors import FmuError, SimulationError
@@ -89,8 +88,6 @@ class _Ticking:
 class EventInstance(CoSimulationInstance):
     """An FMU that integrates itself and lets its events be handled."""
 
-    _binding: Binding3
-
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         self._ticking: dict[int, _Ticking] = {}
         self._next_event: float | None = None
@@ -131,11 +128,14 @@ class EventInstance(CoSimulationInstance):
         self._leave_event_mode(time)
         now, tolerance = time, TIME_TOLERANCE * size
         for _ in range(MAXIMUM_ITERATIONS):
-            reached = self._advance(now, self._target(now, end, tolerance))
+            target, following = self._target(now, end, tolerance), self._next_event
+            early = self._advance(now, target - now)
+            reached = target if early is None else early
             if end - reached <= tolerance:
                 break
             result = self._binding.step_result()
-            if (result is not None and result.event) or self._is_time_event(reached, tolerance):
+            is_time_event = following is not None and abs(reached - following) <= tolerance
+            if is_time_event or (result is not None and result.event):
                 self._binding.call("EnterEventMode")
                 self._leave_event_mode(reached)
             now = reached
@@ -148,7 +148,7 @@ class EventInstance(CoSimulationInstance):
         """Event iteration, which ends the ticks too, then step mode."""
         result = self._binding.update_discrete_states()
         if result.terminate:
-            raise self._ended(time)
+            raise ended(self._component, time)
         for ticking in self._ticking.values():
             ticking.is_active = False
         self._next_event = result.next_time
@@ -160,26 +160,6 @@ class EventInstance(CoSimulationInstance):
         if following is None or not self._component.interface.has_variable_step:
             return end
         return following if now + tolerance < following < end - tolerance else end
-
-    def _is_time_event(self, time: float, tolerance: float) -> bool:
-        return self._next_event is not None and abs(time - self._next_event) <= tolerance
-
-    def _advance(self, now: float, target: float) -> float:
-        """One call of DoStep; returns the time reached."""
-        status = self._do_step(self._c, now, target - now, *self._tail)
-        if status > 1:
-            self._binding.check(f"fmi3DoStep at t = {now:.6g} s", status)
-        result = self._binding.step_result()
-        if result is None or not (result.terminate or result.early):
-            return target
-        if result.terminate:
-            raise self._ended(now)
-        return result.time
-
-    def _ended(self, time: float) -> SimulationError:
-        return SimulationError(
-            "The FMU ended the simulation.", where=self._component.path.name, got=f"t = {time:.6g} s"
-        )
 
     def _between(self, clock: ClockVariable, time: float, size: float) -> SimulationError:
         return SimulationError(

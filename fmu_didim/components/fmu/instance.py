@@ -8,47 +8,46 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.base import Component, buffers
-from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Binding, Call, address, references
-from fmu_didim.components.fmu.binding1 import Binding1
-from fmu_didim.components.fmu.bindings import Binding2, Binding3
+from fmu_didim.components.base import Component
+from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
-from fmu_didim.components.fmu.settings import FmuSettings, RestartableInstance
-from fmu_didim.components.fmu.strategies import RESET, STATE
+from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
 from fmu_didim.errors import SimulationError
 from fmu_didim.signals import Array
 
 
-class _Scaling:
-    """Units of a group of variables, where they differ from SI: shown = factor * own + offset."""
+class _Port:
+    """Inputs or outputs in the FMU's own units: shown = factor * own + offset.
 
-    def __init__(self, conversions: Sequence[Conversion]) -> None:
-        self.factor = np.array([c.factor for c in conversions])
-        self.offset = np.array([c.offset for c in conversions])
-        self.own = np.zeros(len(conversions))
+    Attributes:
+        own: the buffer itself where all units agree; scaling: (factor, offset), None there.
+    """
+
+    def __init__(self, conversions: Sequence[Conversion], shown: Array) -> None:
+        self.own, self.scaling = shown, None
+        if not all(c.is_identity for c in conversions):
+            self.own = np.zeros(len(conversions))
+            self.scaling = np.array([c.factor for c in conversions]), np.array([c.offset for c in conversions])
 
     def from_shown(self, shown: Array) -> None:
-        np.subtract(shown, self.offset, out=self.own)
-        np.divide(self.own, self.factor, out=self.own)
+        if self.scaling is not None:
+            np.subtract(shown, self.scaling[1], out=self.own)
+            np.divide(self.own, self.scaling[0], out=self.own)
 
     def to_shown(self, shown: Array) -> None:
-        np.multiply(self.own, self.factor, out=shown)
-        np.add(shown, self.offset, out=shown)
-
-
-def _scaling(conversions: Sequence[Conversion]) -> _Scaling | None:
-    return None if all(c.is_identity for c in conversions) else _Scaling(conversions)
+        if self.scaling is not None:
+            np.multiply(self.own, self.scaling[0], out=shown)
+            np.add(shown, self.scaling[1], out=shown)
 
 
 def _nothing() -> int:
     return 0
 
 
-_BINDINGS: dict[int, type[Binding]] = {1: Binding1, 2: Binding2, 3: Binding3}
 TIME_TOLERANCE = 1e-9
 """Two instants closer than this fraction of a step are one."""
 
@@ -62,29 +61,25 @@ class FmuInstance(RestartableInstance):
 
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         fmu, interface = component.fmu, component.interface
-        library = load_library(fmu, interface)
-        self._binding: Binding = _BINDINGS[fmu.major](fmu, interface, library, event_mode=component.event_mode)
+        library = load_library(component.fmi, fmu, interface)
+        self._binding = component.fmi.binding(fmu, interface, library, event_mode=component.event_mode)
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._take(component)
 
     def _take(self, component: FmuSettings) -> None:
         """Work for this component from now on."""
         self._component = component
-        self._input_scaling = _scaling(component.input_conversions)
-        self._output_scaling = _scaling(component.output_conversions)
-        self.input_names = tuple(v.name for v in component.inputs)
-        self.output_names = tuple(v.name for v in component.outputs)
         self._input_types = component.input_types
         self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
-        self.bind(*buffers(component.inputs, component.outputs))
+        self.take_variables(component.inputs, component.outputs)
 
     def _connect(self) -> None:
         """Make the calls that pass values from and to the buffers."""
-        component, scaled_in, scaled_out = self._component, self._input_scaling, self._output_scaling
-        own_inputs = scaled_in.own if scaled_in else self.inputs
-        own_outputs = scaled_out.own if scaled_out else self.outputs
-        self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), own_inputs)
-        self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), own_outputs)
+        component = self._component
+        self._in = _Port(component.input_conversions, self.inputs)
+        self._out = _Port(component.output_conversions, self.outputs)
+        self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), self._in.own)
+        self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), self._out.own)
 
     def _port_call(self, verb: str, variables: Sequence[FmuVariable], values: Array) -> Call:
         if not variables:
@@ -132,26 +127,19 @@ class FmuInstance(RestartableInstance):
             self._connect()
 
     def set(self) -> None:
-        if self._input_scaling is not None:
-            self._input_scaling.from_shown(self.inputs)
+        self._in.from_shown(self.inputs)
         status = self._set(*self._set_arguments)
         if status > 1:
-            self._binding.check(f"{self._prefix}Set{self._real}", status)
+            self._binding.check(self._real_function("Set"), status)
 
     def get(self) -> None:
         status = self._get(*self._get_arguments)
         if status > 1:
-            self._binding.check(f"{self._prefix}Get{self._real}", status)
-        if self._output_scaling is not None:
-            self._output_scaling.to_shown(self.outputs)
+            self._binding.check(self._real_function("Get"), status)
+        self._out.to_shown(self.outputs)
 
-    @property
-    def _prefix(self) -> str:
-        return f"fmi{self._binding.major}"
-
-    @property
-    def _real(self) -> str:
-        return "Real" if self._binding.major < 3 else "Float64"
+    def _real_function(self, verb: str) -> str:
+        return f"{self._binding.prefix}{verb}{self._binding.real_type}"
 
     def _set_own(self, values: Mapping[str, float]) -> None:
         """Set parameters given in the units shown; an array always as a whole."""
@@ -167,7 +155,7 @@ class FmuInstance(RestartableInstance):
         if wanted:
             numbers = np.array([x for group in wanted.values() for x in group])
             function, arguments = self._binding.real_call("Set", list(wanted), numbers)
-            self._binding.check(f"{self._prefix}Set{self._real} of parameters", function(*arguments))
+            self._binding.check(f"{self._real_function('Set')} of parameters", function(*arguments))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         component = self._component
@@ -211,10 +199,6 @@ class FmuInstance(RestartableInstance):
     def restore_state(self, state: Any) -> None:
         self._binding.restore_state(state)
 
-    def reset(self) -> None:
-        """Ask the FMU to go back to the state after its instantiation; not all do, see ``probe_fmu``."""
-        self._binding.reset()
-
     def close(self) -> None:
         self._binding.close()
 
@@ -229,54 +213,53 @@ class CoSimulationInstance(FmuInstance):
         super().__init__(component, keep_new_state=keep_new_state)
         self._do_step, self._tail = self._binding.step_call()
         self._c = self._binding.c
-        self._may_stop = self._binding.major > 2
 
     def native(self) -> Native | None:
-        fmu, interface = self._component.fmu, self._component.interface
-        ports = (*fmu.of_causality("input"), *fmu.of_causality("output"))
-        if fmu.major < 2 or interface.may_return_early or not are_plain(ports):
+        component, kind = self._component, self._binding.native_kind
+        ports = (*component.fmu.of_causality("input"), *component.fmu.of_causality("output"))
+        if kind is None or component.interface.may_return_early or not are_plain(ports):
             return None
-        scaled_in, scaled_out = self._input_scaling, self._output_scaling
-        component = self._component
         return NativeFmu(
-            kind=self._binding.major,
+            kind=kind,
+            calls=(self._real_function("Set"), self._real_function("Get"), f"{self._binding.prefix}DoStep"),
             self_address=address(self._c),
             set_address=address(self._set) if component.input_references else 0,
             get_address=address(self._get) if component.output_references else 0,
             step_address=address(self._do_step),
             input_references=references(component.input_references),
             output_references=references(component.output_references),
-            own_inputs=scaled_in.own if scaled_in else self.inputs,
-            own_outputs=scaled_out.own if scaled_out else self.outputs,
-            input_scaling=(scaled_in.factor, scaled_in.offset) if scaled_in else None,
-            output_scaling=(scaled_out.factor, scaled_out.offset) if scaled_out else None,
+            own_inputs=self._in.own,
+            own_outputs=self._out.own,
+            input_scaling=self._in.scaling,
+            output_scaling=self._out.scaling,
             check=self._binding.check,
         )
 
     def step(self, time: float, size: float) -> None:
+        now, end, pieces = time, time + size, 1
+        reached = self._advance(time, size)
+        while reached is not None and end - reached > TIME_TOLERANCE * size:  # the FMU came back early
+            if not reached > now or pieces == MAXIMUM_ITERATIONS:
+                raise no_progress(self._component, now)
+            now, pieces = reached, pieces + 1
+            reached = self._advance(now, end - now)
+
+    def _advance(self, time: float, size: float) -> float | None:
+        """One call of DoStep; returns the time reached if the FMU came back early."""
         status = self._do_step(self._c, time, size, *self._tail)
         if status > 1:
-            self._binding.check(f"{self._prefix}DoStep at t = {time:.6g} s", status)
-        if self._may_stop and self._binding.step_result() is not None:
-            self._go_on(time, time + size)
+            self._binding.check(f"{self._binding.prefix}DoStep at t = {time:.6g} s", status)
+        result = self._binding.step_result()
+        if result is None:
+            return None
+        if result.terminate:
+            raise ended(self._component, time)
+        return result.time if result.early else None
 
-    def _go_on(self, start: float, end: float) -> None:
-        """The rest of a step from which the FMU came back early."""
-        now = start
-        for _ in range(MAXIMUM_ITERATIONS):
-            result = self._binding.step_result()
-            if result is not None and result.terminate:
-                raise SimulationError(
-                    "The FMU ended the simulation.", where=self._component.path.name, got=f"step at t = {start:.6g} s"
-                )
-            if result is None or not result.early or end - result.time <= TIME_TOLERANCE * (end - start):
-                return
-            if not result.time > now:
-                break
-            now = result.time
-            status = self._do_step(self._c, now, end - now, *self._tail)
-            self._binding.check(f"{self._prefix}DoStep at t = {now:.6g} s", status)
-        raise no_progress(self._component, now)
+
+def ended(component: FmuSettings, time: float) -> SimulationError:
+    """The error of an FMU that wants the simulation to end."""
+    return SimulationError("The FMU ended the simulation.", where=component.path.name, got=f"t = {time:.6g} s")
 
 
 def no_progress(component: FmuSettings, time: float) -> SimulationError:

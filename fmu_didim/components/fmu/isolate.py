@@ -8,11 +8,42 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.base import Component, Instance, buffers
+from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.fmu.process import START_LIMIT, Worker
-from fmu_didim.components.fmu.settings import FmuSettings
-from fmu_didim.components.fmu.strategies import PROCESS
+from fmu_didim.components.fmu.settings import PROCESS, STATE, FmuSettings
 from fmu_didim.signals import Array
+
+
+def _hold(there: Any, component: FmuSettings) -> None:
+    """Nothing else: that the component has arrived, all that it needs was imported, which takes its time."""
+    there.component = component
+
+
+def _instantiate(there: Any, keep_new_state: bool) -> None:
+    there.instance, there.states = there.component.instantiate_here(keep_new_state=keep_new_state), []
+
+
+def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
+    """Run again in that process, by a new instance where it must be."""
+    there.states.clear()
+    if not there.instance.restart_by(strategy, component):
+        there.instance.close()
+        there.instance = component.instantiate_here(keep_new_state=strategy == STATE)
+
+
+def _call(there: Any, name: str, inputs: bytes | None, arguments: tuple[Any, ...]) -> Any:
+    """Call a method of the instance there, with new inputs if any; its saved states stay there, known by number."""
+    instance, states = there.instance, there.states
+    if inputs is not None:
+        instance.inputs[:] = np.frombuffer(inputs)
+        instance.set()
+    if name == "restore_state":
+        arguments = (states[arguments[0]],)
+    result = getattr(instance, name)(*arguments)
+    if name == "save_state":
+        states.append(result)
+        return len(states) - 1
+    return instance.outputs.tobytes() if name == "get" else result
 
 
 class IsolatedInstance(Instance):
@@ -22,16 +53,14 @@ class IsolatedInstance(Instance):
         self._take(component)
         self._worker = Worker(str(component.path), time_limit)
         try:
-            self._worker.request("start", limit=START_LIMIT)
-            self._worker.request("instantiate", component, keep_new_state)
+            self._worker.request("start", _hold, component, limit=START_LIMIT)
+            self._worker.request("instantiate", _instantiate, keep_new_state)
         except BaseException:
             self._worker.close()
             raise
 
     def _take(self, component: FmuSettings) -> None:
-        self.input_names = tuple(v.name for v in component.inputs)
-        self.output_names = tuple(v.name for v in component.outputs)
-        self.bind(*buffers(component.inputs, component.outputs))
+        self.take_variables(component.inputs, component.outputs)
         self._changed = False
 
     def restart(self, component: Component) -> bool:
@@ -41,14 +70,14 @@ class IsolatedInstance(Instance):
         if rerun.strategy == PROCESS:
             return False
         own = replace(component, isolated=False)
-        self._worker.request("restart", rerun.strategy, own)
+        self._worker.request("restart", _restart, rerun.strategy, own)
         self._take(own)
         return True
 
     def _call(self, name: str, *arguments: Any) -> Any:
         inputs = self.inputs.tobytes() if self._changed else None
         self._changed = False
-        return self._worker.request(name, inputs, arguments)
+        return self._worker.request(name, _call, name, inputs, arguments)
 
     def begin_initialisation(self, time: float) -> None:
         self._call("begin_initialisation", time)
@@ -80,10 +109,6 @@ class IsolatedInstance(Instance):
 
     def restore_state(self, state: Any) -> None:
         self._call("restore_state", state)
-
-    def reset(self) -> None:
-        """As :meth:`fmu_didim.components.fmu.instance.FmuInstance.reset`."""
-        self._call("reset")
 
     def close(self) -> None:
         self._worker.close()

@@ -18,9 +18,9 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.settings import DEFAULT_TIME_LIMIT
-from fmu_didim.components.fmu.strategies import AUTO, STATE, STRATEGIES
+from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
+from fmu_didim.components.fmu.versions import FmiVersion, version_of
 from fmu_didim.errors import FmuError, InputError
 from fmu_didim.signals import Variable
 
@@ -39,7 +39,7 @@ def load_fmu(
     rerun: str = AUTO,
     event_mode: bool = False,
 ) -> FmuComponent:
-    """Read an FMU of FMI 2.0 or 3.0, or of FMI 1.0 for co-simulation; its variables keep their names.
+    """Read an FMU of a version in :data:`~fmu_didim.components.fmu.versions.VERSIONS`; its variables keep their names.
 
     Inputs and outputs are those of real, integer, Boolean and enumeration type; strings are left out.
 
@@ -73,8 +73,9 @@ def load_fmu(
     if rerun == STATE and not chosen.has_state:
         raise InputError("The FMU cannot save its state.", where=str(fmu.path), got=f"rerun: {rerun}", valid=STRATEGIES)
     clocked = check_events(fmu, chosen, wanted=event_mode)
-    library_file(fmu, chosen)
-    component = _component(fmu, chosen, si_units=si_units)
+    fmi = version_of(fmu.version, str(fmu.path))
+    library_file(fmi, fmu, chosen)
+    component = _component(fmi, fmu, chosen, si_units=si_units)
     component = replace(
         component,
         solver=solver,
@@ -103,7 +104,7 @@ def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:
     )
 
 
-def _component(fmu: FmuDescription, interface: Interface, *, si_units: bool) -> FmuComponent:
+def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si_units: bool) -> FmuComponent:
     def scalars(own: FmuVariable) -> list[tuple[Variable, Conversion]]:
         rule = conversion(own.unit, fmu.units) if si_units else Conversion(own.unit)
         values = zip(own.element_names(), own.starts(fmu.path), strict=True)
@@ -124,6 +125,7 @@ def _component(fmu: FmuDescription, interface: Interface, *, si_units: bool) -> 
     references |= {name: v.reference for v in real for name in v.element_names()}
     kept = tuple(dict.fromkeys((*groups["input"], *groups["output"], *real, *options, *starts)))
     return FmuComponent(
+        fmi=fmi,
         fmu=replace(fmu, variables=kept),
         interface=interface,
         inputs=tuple(v for v, _ in pairs["input"]),

@@ -13,11 +13,12 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance
+from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance, ended
 from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
 from fmu_didim.errors import SimulationError
 
@@ -35,14 +36,13 @@ class ModelExchangeInstance(FmuInstance):
         self._x, self._dx, self._stage, self._sum = (np.zeros(self._nx) for _ in range(4))
         self._z, self._z_before = np.zeros(self._nz), np.zeros(self._nz)
         self._c = binding.c
-        self._set_time = binding.library[f"fmi{binding.major}SetTime"]
+        self._set_time = binding.library[f"{binding.prefix}SetTime"]
         self._set_stage, self._stage_arguments = binding.exchange_call("SetContinuousStates", self._stage)
         self._get_states, self._states_arguments = binding.exchange_call("GetContinuousStates", self._x)
-        self._derive, self._derive_arguments = binding.derivatives_call(self._dx)
+        self._derive, self._derive_arguments = binding.exchange_call(binding.derivatives_function, self._dx)
         self._get_indicators, self._indicator_arguments = binding.exchange_call("GetEventIndicators", self._z)
-        boolean = ctypes.c_int if binding.major == 2 else ctypes.c_bool
-        self._enter_event, self._terminate = boolean(), boolean()
-        self._completed = binding.library[f"fmi{binding.major}CompletedIntegratorStep"]
+        self._enter_event, self._terminate = binding.truth_type(), binding.truth_type()
+        self._completed = binding.library[f"{binding.prefix}CompletedIntegratorStep"]
         self._completed_arguments = (self._c, 1, ctypes.byref(self._enter_event), ctypes.byref(self._terminate))
         self._next_event: float | None = None
         self._substeps = component.substeps or DEFAULT_SUBSTEPS
@@ -74,7 +74,7 @@ class ModelExchangeInstance(FmuInstance):
         """Event iteration, then continuous-time mode with the states and indicators of this instant."""
         result = self._binding.update_discrete_states()
         if result.terminate:
-            raise self._ended(time)
+            raise ended(self._component, time)
         self._next_event = result.next_time
         self._binding.call("EnterContinuousTimeMode")
         if self._nx:
@@ -123,7 +123,7 @@ class ModelExchangeInstance(FmuInstance):
         if self._component.interface.needs_completed_step:
             self._check(self._completed(*self._completed_arguments), time)
             if self._terminate.value:
-                raise self._ended(time)
+                raise ended(self._component, time)
             found = bool(self._enter_event.value)
         if self._nz:
             self._z_before[:] = self._z
@@ -152,11 +152,6 @@ class ModelExchangeInstance(FmuInstance):
         if status > 1:
             self._binding.check(f"Model exchange at t = {time:.6g} s: a function", status)
 
-    def _ended(self, time: float) -> SimulationError:
-        return SimulationError(
-            "The FMU ended the simulation.", where=self._component.path.name, got=f"t = {time:.6g} s"
-        )
-
     def save_state(self) -> Any:
         return super().save_state(), self._next_event
 
@@ -169,21 +164,12 @@ class ModelExchangeInstance(FmuInstance):
         super().close()
 
 
-class _NoInput:
-    """FMPy's solver applies inputs while it looks for roots; here they are held."""
-
-    def apply(self, time: float) -> None:
-        """Do nothing."""
-
-
 def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
     """FMPy's CVode solver on the functions of an instance; their worst status is kept, since C cannot raise."""
     from fmpy.sundials import CVodeSolver
 
     binding, c = instance._binding, instance._c
-    prefix = f"fmi{binding.major}"
-    library = binding.library
-    derive = library[f"{prefix}{'GetDerivatives' if binding.major == 2 else 'GetContinuousStateDerivatives'}"]
+    library, prefix = binding.library, binding.prefix
     nominals = library.get(f"{prefix}GetNominalsOfContinuousStates")
 
     def kept(function: Callable[..., int]) -> Callable[[Any, int], None]:
@@ -207,11 +193,11 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
         nz=instance._nz,
         get_x=kept(library[f"{prefix}GetContinuousStates"]),
         set_x=kept(library[f"{prefix}SetContinuousStates"]),
-        get_dx=kept(derive),
+        get_dx=kept(library[f"{prefix}{binding.derivatives_function}"]),
         get_z=kept(library[f"{prefix}GetEventIndicators"]),
         get_nominals=get_nominals,
         set_time=set_time,
-        input=_NoInput(),
+        input=SimpleNamespace(apply=lambda time: None),  # it is applied while roots are looked for; here it is held
         startTime=start,
         relativeTolerance=CVODE_TOLERANCE,
         maxNumSteps=100_000,

@@ -95,13 +95,11 @@ class MixedCall:
         fits = distance <= INTEGER_TOLERANCE
         if not fits.all():
             bad = int(np.flatnonzero(~fits)[0])
+            takes = "0 and 1" if group.kind == "Boolean" else "integers"
             raise SimulationError(
-                f"The input '{group.names[bad]}' of the FMU takes {_TAKES.get(group.kind, 'integers')} only.",
+                f"The input '{group.names[bad]}' of the FMU takes {takes} only.",
                 where=self._where,
                 got=f"{given[bad]!r}, for the type {group.kind}",
                 next_step="Round what is connected to it, or connect something else.",
             )
         return rounded
-
-
-_TAKES = {"Boolean": "0 and 1"}

@@ -8,8 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,8 @@ from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
-from fmu_didim.components.fmu.rerun import ask_facts, choose, keep_rerun, said, step_of, write_json
-from fmu_didim.components.fmu.strategies import PROCESS, RESET, STATE
+from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, keep_rerun, read_kept, said, step_of
+from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 
 _FORMAT = 2
 
@@ -115,12 +114,11 @@ def probe_fmu(
     component = replace(component, isolated=False)
     h = step_size or step_of(component)
     path = cache_directory() / "probes" / f"{_key(component, h)}.json"
-    if not fresh and path.is_file():
-        known = _read(path)
-        if known is not None:
-            return replace(known, file=component.path.name)
+    known = None if fresh else read_kept(path, _frozen)
+    if known is not None:
+        return replace(known, file=component.path.name)
     found = _probe(component, h, time_limit_s)
-    write_json(path, asdict(found))
+    keep(path, found)
     return found
 
 
@@ -130,16 +128,10 @@ def _key(component: FmuComponent, h: float) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _read(path: Path) -> FmuProbe | None:
-    try:
-        known = json.loads(path.read_text(encoding="utf-8"))
-        return FmuProbe(**{k: _frozen(v) for k, v in known.items()})
-    except (ValueError, TypeError):
-        return None  # from another version: ask again
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
+def _frozen(response: Any = (), **known: Any) -> FmuProbe:
+    """A probe of what JSON has kept, tuples as lists."""
+    rest: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in known.items()}
+    return FmuProbe(response=tuple(tuple(pair) for pair in response), **rest)
 
 
 def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:

@@ -10,7 +10,6 @@ import contextlib
 import os
 import pickle
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -25,26 +24,17 @@ from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
 WORKER = "fmu_didim.components.fmu.worker"
-HEADER = struct.Struct("<Q")
 
 
 def send(stream: IO[bytes], message: Any) -> None:
     """Write one message."""
-    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-    stream.write(HEADER.pack(len(content)) + content)
+    stream.write(pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL))
     stream.flush()
 
 
 def receive(stream: IO[bytes]) -> Any:
     """Read one message; raises EOFError when the other end is gone."""
-    head = stream.read(HEADER.size)
-    if len(head) < HEADER.size:
-        raise EOFError
-    size = HEADER.unpack(head)[0]
-    content = stream.read(size)
-    if len(content) < size:
-        raise EOFError
-    return pickle.loads(content)  # from our own child
+    return pickle.load(stream)  # from our own child, or its parent
 
 
 class ProcessEndedError(SimulationError):
@@ -75,8 +65,12 @@ class Worker:
         threading.Thread(target=_watch, args=watch, daemon=True).start()
         self._end = weakref.finalize(self, _stop, self._process, self._done, self._errors)
 
-    def request(self, *message: Any, limit: float | None = None) -> Any:
-        """Send a request and return its answer.
+    def request(self, what: str, function: Callable[..., Any], *arguments: Any, limit: float | None = None) -> Any:
+        """Call a function of this package there, and return its result; all must be picklable.
+
+        Args:
+            what: the call, for messages.
+            function: its first argument is a namespace that lives as long as the process.
 
         Raises:
             SimulationError, FmuError: the call raised it there, the process died, or the time limit passed.
@@ -88,11 +82,11 @@ class Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
-            send(self._process.stdin, message)
+            send(self._process.stdin, (function, *arguments))
             kind, answer = receive(self._process.stdout)
         except (OSError, EOFError, pickle.UnpicklingError) as error:
             self._process.kill() if self._expired.is_set() else None
-            raise self._died(str(message[0]), allowed) from error
+            raise self._died(what, allowed) from error
         except BaseException:  # such as Ctrl-C: the answer would be taken for that to the next request
             self._process.kill()
             self.close()
@@ -116,7 +110,7 @@ class Worker:
         else:
             what = f"The FMU ended its process (exit status {code})."
             advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
-        got = f"during {'the run' if call == 'result' else call}"
+        got = f"during {call}"
         with contextlib.suppress(OSError, ValueError):
             self._errors.seek(0)
             lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
@@ -160,11 +154,18 @@ def _stop(process: subprocess.Popen[bytes], done: threading.Event, errors: IO[by
 
 def _signal_name(number: int) -> str:
     try:
-        name = signal.Signals(number).name
+        return f"{signal.Signals(number).name}, {signal.strsignal(number)}"
     except ValueError:
         return f"signal {number}"
-    meaning = {"SIGSEGV": "segmentation fault", "SIGABRT": "abort", "SIGFPE": "arithmetic error"}.get(name)
-    return f"{name}, {meaning}" if meaning else name
+
+
+def _hold(there: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    there.job = function, arguments
+
+
+def _run_held(there: Any) -> Any:
+    function, arguments = there.job
+    return function(*arguments)
 
 
 def as_message(error: Exception) -> tuple[str, dict[str, Any]]:
@@ -190,7 +191,7 @@ def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: s
     """
     worker = Worker(where, time_limit)
     try:
-        worker.request("function", function, arguments, limit=max(time_limit, START_LIMIT))
-        return worker.request("result")
+        worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
+        return worker.request("the run", _run_held)
     finally:
         worker.close()

@@ -5,13 +5,14 @@ A question is a function (component, step size in s) -> answer; it raises what t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
 
 from fmu_didim.components.fmu.description import FLOAT_TYPES
-from fmu_didim.components.fmu.settings import FmuSettings
-from fmu_didim.components.fmu.strategies import RESET, STATE
+from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
@@ -45,11 +46,12 @@ def _inputs(component: FmuSettings) -> Array:
     return rows
 
 
-def _opposite(component: FmuSettings, u: Array) -> Array:
-    """Other inputs: the real ones with the opposite sign."""
-    signs = [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types]
-    other: Array = u * np.array(signs)
-    return other
+@contextmanager
+def _begun(component: FmuSettings) -> Iterator[Any]:
+    """A new instance that is initialised, for a while."""
+    with closing(component.instantiate_here()) as instance:
+        _begin(instance, component)
+        yield instance
 
 
 def _begin(instance: Any, component: FmuSettings) -> None:
@@ -73,12 +75,8 @@ def _advance(instance: Any, rows: Array, h: float, start: int = 0) -> Array:
 
 
 def _run(component: FmuSettings, u: Array, h: float) -> Array:
-    instance = component.instantiate_here()
-    try:
-        _begin(instance, component)
+    with _begun(component) as instance:
         return _advance(instance, u, h)
-    finally:
-        instance.close()
 
 
 def once(component: FmuSettings, h: float) -> Array:
@@ -94,49 +92,41 @@ def two_in_turn(component: FmuSettings, h: float) -> tuple[Array, Array]:
 def side_by_side(component: FmuSettings, h: float) -> bool:
     """Whether two instances at the same time, with opposite inputs, run as each alone."""
     u = _inputs(component)
-    inputs = (u, _opposite(component, u))
+    inputs = (u, u * [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types])
     alone = [_run(component, rows, h) for rows in inputs]
-    pair = [component.instantiate_here() for _ in alone]
     found: list[list[Array]] = [[], []]
-    try:
-        for instance in pair:
-            _begin(instance, component)
+    with _begun(component) as first, _begun(component) as second:
         for k in range(STEPS):
-            for instance, rows, kept in zip(pair, inputs, found, strict=True):
+            for instance, rows, kept in zip((first, second), inputs, found, strict=True):
                 kept.append(_advance(instance, rows[k : k + 1], h, k)[0])
-    finally:
-        for instance in pair:
-            instance.close()
     return all(same(np.array(a), b) for a, b in zip(found, alone, strict=True))
+
+
+def in_words(error: FmuDidimError) -> str:
+    """Why there is no answer to a question."""
+    return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
 
 
 def runs_again(component: FmuSettings, h: float) -> tuple[Array, Array, str, str]:
     """Two new instances in turn, and whether reset and the state of a new instance give a new instance."""
     found = []
     first, second = two_in_turn(component, h)
-    for question in (reset, new_state):
+    for strategy in (RESET, STATE):
         try:
-            found.append(question(component, h))
+            found.append(restarted(component, h, strategy))
         except FmuDidimError as error:
-            found.append(error.what.rstrip(".") + (f" ({error.got})" if error.got else ""))
+            found.append(in_words(error))
     return first, second, found[0], found[1]
 
 
-def reset(component: FmuSettings, h: float) -> str:
-    """Whether a reset instance runs as a new one, although all parameters had other values before."""
-    return _restarted(component, h, RESET)
-
-
-def new_state(component: FmuSettings, h: float) -> str:
-    """The same for the state saved before anything was set."""
-    return _restarted(component, h, STATE)
-
-
-def _restarted(component: FmuSettings, h: float, strategy: str) -> str:
+def restarted(component: FmuSettings, h: float, strategy: str) -> str:
+    """Whether an instance that was reset, or got back the state saved before anything was set, runs as a new one,
+    although all parameters had other values before."""
     u, wanted = _inputs(component), once(component, h)
-    for before in (_all_changed(component), component):
-        instance = before.instantiate_here(keep_new_state=strategy == STATE)
-        try:
+    values = {**component.start_values, **component.parameter_values()}
+    changed = component.with_parameters({name: _other(value) for name, value in values.items()})
+    for before in (changed, component):
+        with closing(before.instantiate_here(keep_new_state=strategy == STATE)) as instance:
             try:
                 _begin(instance, before)
                 _advance(instance, u, h)
@@ -147,14 +137,7 @@ def _restarted(component: FmuSettings, h: float, strategy: str) -> str:
             instance.restart_by(strategy, component)
             _begin(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
-        finally:
-            instance.close()
     return DIFFERS
-
-
-def _all_changed(component: FmuSettings) -> FmuSettings:
-    values = {**component.start_values, **component.parameter_values()}
-    return component.with_parameters({name: _other(value) for name, value in values.items()})
 
 
 def _other(value: float) -> float:
@@ -163,16 +146,13 @@ def _other(value: float) -> float:
 
 def state(component: FmuSettings, h: float) -> str:
     """Whether a restored state goes on as after it was saved."""
-    u, instance, half = _inputs(component), component.instantiate_here(), STEPS // 2
-    try:
-        _begin(instance, component)
+    u, half = _inputs(component), STEPS // 2
+    with _begun(component) as instance:
         _advance(instance, u[:half], h)
         saved = instance.save_state()
         first = _advance(instance, u[half:], h, half)
         instance.restore_state(saved)
         return RESTORES if same(first, _advance(instance, u[half:], h, half)) else DIFFERS
-    finally:
-        instance.close()
 
 
 def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
@@ -187,17 +167,13 @@ def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
             other[lead:, i] *= factors[i]
     at_once, trajectories = [], []
     for rows in (u, other):
-        instance = component.instantiate_here()
-        try:
-            _begin(instance, component)
+        with _begun(component) as instance:
             _advance(instance, rows[:lead], h)
             instance.inputs[:] = rows[lead]
             instance.set()
             instance.get()
             at_once.append(instance.outputs.copy())
             trajectories.append(_advance(instance, rows[lead:], h, lead))
-        finally:
-            instance.close()
     now = at_once[0] != at_once[1]
     changed = trajectories[0] != trajectories[1]
 
@@ -212,18 +188,15 @@ def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
 def parameters(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
     """Parameters that act, that do not, and that refuse another value."""
     base = once(component, h)
-    acting: list[str] = []
-    idle: list[str] = []
-    refused: list[str] = []
+    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": []}
     for name, value in component.parameter_values().items():
         changed = component.with_parameters({name: _other(value)})
         try:
             equal = np.array_equal(base, once(changed, h), equal_nan=True)
+            groups["idle" if equal else "acting"].append(name)
         except FmuDidimError:
-            refused.append(name)
-        else:
-            (idle if equal else acting).append(name)
-    return tuple(acting), tuple(idle), tuple(refused)
+            groups["refused"].append(name)
+    return tuple(tuple(names) for names in groups.values())
 
 
 def tunable(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
@@ -234,15 +207,12 @@ def tunable(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
     for name, value in component.parameter_values().items():
         if name in component.fixed:
             continue
-        instance = component.instantiate_here()
         try:
-            _begin(instance, component)
-            _advance(instance, u[:half], h)
-            instance.set_parameters({name: _other(value)})
-            equal = np.array_equal(base, _advance(instance, u[half:], h, half), equal_nan=True)
+            with _begun(component) as instance:
+                _advance(instance, u[:half], h)
+                instance.set_parameters({name: _other(value)})
+                equal = np.array_equal(base, _advance(instance, u[half:], h, half), equal_nan=True)
             groups["idle" if equal else "acting"].append(name)
         except FmuDidimError:
             groups["refused"].append(name)
-        finally:
-            instance.close()
     return tuple(tuple(names) for names in groups.values())

@@ -15,15 +15,15 @@ import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import RESTORES
-from fmu_didim.components.fmu.settings import FmuSettings
-from fmu_didim.components.fmu.strategies import AGAIN, AUTO, PROCESS, RESET, STATE, Rerun
+from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
@@ -31,6 +31,7 @@ OWN_TOOL = "fmu_didim "
 """How ``generationTool`` of the FMUs exported by this package begins; the tests prove that their reset is exact."""
 TIME_LIMIT = 30.0
 """Seconds for each question put to an FMU."""
+Kept = TypeVar("Kept")
 _FORMAT = 1
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
@@ -57,29 +58,19 @@ class Facts:
     new_state: str = ""
 
 
-def stated_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again where that needs no trial."""
+def known_rerun(component: FmuSettings) -> Rerun | None:
+    """How to run it again, None if that has not been found out yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
     if component.fmu.tool.startswith(OWN_TOOL):
         return Rerun(RESET, "exported by this package, whose reset is exact")
-    return None
-
-
-def known_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again, None if that has not been found out yet."""
-    stated = stated_rerun(component)
-    if stated is not None:
-        return stated
     path = _path(component)
-    found = _known.get(path)
-    if found is None and path.is_file():
-        try:
-            found = Rerun(**json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, TypeError):
-            return None  # from another version: ask again
+    if path not in _known:
+        found = read_kept(path, Rerun)
+        if found is None:
+            return None
         _known[path] = found
-    return found
+    return _known[path]
 
 
 def find_rerun(component: FmuSettings) -> Rerun:
@@ -94,7 +85,7 @@ def find_rerun(component: FmuSettings) -> Rerun:
 def keep_rerun(component: FmuSettings, found: Rerun) -> Rerun:
     """Remember how to run it again."""
     path = _path(component)
-    write_json(path, asdict(found))
+    keep(path, found)
     _known[path] = found
     return found
 
@@ -106,12 +97,20 @@ def _path(component: FmuSettings) -> Path:
     return cache_directory() / "reruns" / f"{key}.json"
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write a file as a whole; several processes may do so at the same time."""
+def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
+    """What :func:`keep` has written; None if it is not there or from another version: then it is asked again."""
+    try:
+        return kind(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def keep(path: Path, found: Any) -> None:
+    """Write a dataclass to a file as a whole; several processes may do so at the same time."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
     with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        json.dump(content, stream)
+        json.dump(asdict(found), stream)
     Path(partial).replace(path)
 
 
@@ -135,7 +134,7 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
             first, second = ask(questions.two_in_turn)
         except FmuDidimError as error:
             return Facts(failure=" ".join(str(error).split()), crashed=True)
-        reset, state = (said(ask, question) for question in (questions.reset, questions.new_state))
+        reset, state = (said(ask, partial(questions.restarted, strategy=way)) for way in (RESET, STATE))
     except FmuDidimError as error:
         return Facts(failure=" ".join(str(error).split()))
     alike = questions.same(first, second)
@@ -151,7 +150,7 @@ def said(ask: Callable[..., Any], question: Callable[..., Any]) -> Any:
     try:
         return ask(question)
     except FmuDidimError as error:
-        return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
+        return questions.in_words(error)
 
 
 def choose(facts: Facts) -> Rerun:

@@ -11,8 +11,8 @@ from typing import Any, Self
 
 from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import INTEGER_TYPES, FmuDescription, Interface
-from fmu_didim.components.fmu.strategies import AUTO, Rerun
 from fmu_didim.components.fmu.units import Conversion
+from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Variable
 
@@ -21,6 +21,18 @@ DEFAULT_SUBSTEPS = 10
 DEFAULT_TIME_LIMIT = 10.0
 """Seconds for one call of an isolated FMU."""
 Option = int | float | str | bool
+AUTO, RESET, STATE, AGAIN, PROCESS = "auto", "reset", "state", "re-instantiate", "fresh process"
+STRATEGIES = (AUTO, RESET, STATE, AGAIN, PROCESS)
+"""The ways to run an FMU again."""
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """How to run an FMU again, and why; isolated: only in a process of its own."""
+
+    strategy: str
+    reason: str
+    isolated: bool = False
 
 
 class RestartableInstance(Instance):
@@ -40,7 +52,8 @@ class FmuSettings(Component):
     """An FMU with its settings, and how values are found in it; what runs it, only its subclass knows.
 
     Attributes:
-        fmu: its description, with the variables that matter in the loop; interface: how it is run.
+        fmi: the version that it is read as; fmu: its description, with the variables that matter in the loop.
+        interface: how it is run.
         inputs, outputs, parameters: in SI where the FMU's unit is a multiple of an SI unit; inputs and outputs of
             integer and Boolean type are numbers too; elements of arrays are variables of their own: ``A[2,1]``.
         references: name of a parameter or option -> value reference; input_references, output_references: one a
@@ -52,12 +65,10 @@ class FmuSettings(Component):
         option_types: Integer, Boolean, String and Enumeration parameters -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
-        solver, substeps: of model exchange.
-        isolated: run in a process of its own; time_limit_s: for each call then.
-        rerun: how it is run again: ``auto``, ``reset``, ``state``, ``re-instantiate`` or ``fresh process``.
-        event_mode: handle events of FMI 3.0 co-simulation, clocks among them.
+        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``.
     """
 
+    fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
     fmu: FmuDescription
     interface: Interface
     inputs: tuple[Variable, ...]
@@ -130,7 +141,7 @@ class FmuSettings(Component):
             UnknownNameError: there is no such parameter.
             InputError: a value does not fit its type.
         """
-        check_names("option", dict.fromkeys(values, 0.0), self._option_variables, where=str(self.path))
+        check_names("option", values, self._option_variables, where=str(self.path))
         new = {name: _checked_option(name, self.option_types[name], v, self.path) for name, v in values.items()}
         return replace(self, options={**self.options, **new})
 

@@ -49,16 +49,13 @@ typedef struct {
 #endif
 #define FMI2(type, name) EXPORT type NAME(name)
 
-/* Only continuous blocks have continuous states. */
-#define CONTINUOUS_STATE_COUNT DERIVATIVE_COUNT
-
 /* ---- instance and messages ----------------------------------------------------------------- */
 
 typedef struct {
     Core *core;
     char *name;
     fmi2CallbackFunctions callbacks;
-    fmi2Type type;
+    int co_simulation;
 } Instance;
 
 static void log_error(const fmi2CallbackFunctions *callbacks, fmi2String name, const char *text) {
@@ -77,24 +74,17 @@ APART static fmi2Status report(Instance *instance, int core_status) {
     return fmi2Error;
 }
 
-APART static int in_mode(Instance *instance, int allowed, const char *function) {
-    return report(instance, core_check_mode(instance->core, allowed, function)) == fmi2OK;
-}
-
-APART static fmi2Status not_provided(Instance *instance, const char *what) {
-    return report(instance, core_fail(instance->core, "this FMU has no %s", what));
-}
+#define FMI(name) fmi2##name
+#define STATE(verb) fmi2##verb##FMUstate
+#define DESERIALIZE_STATE fmi2DeSerializeFMUstate
+#define STATE_DERIVATIVES fmi2GetDerivatives
+#include "common.c"
 
 /* ---- life cycle (section 2.1) --------------------------------------------------------------- */
 
 FMI2(const char *, fmi2GetTypesPlatform)(void) { return "default"; }
 
 FMI2(const char *, fmi2GetVersion)(void) { return "2.0"; }
-
-FMI2(fmi2Status, fmi2SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t count, const fmi2String categories[]) {
-    (void)c, (void)on, (void)count, (void)categories; /* errors are always logged, and nothing else is */
-    return fmi2OK;
-}
 
 FMI2(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                      const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging) {
@@ -121,7 +111,7 @@ FMI2(fmi2Component, fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String 
     }
     strcpy(instance->name, name);
     if (callbacks) instance->callbacks = *callbacks;
-    instance->type = type;
+    instance->co_simulation = type == fmi2CoSimulation;
     return instance;
 }
 
@@ -145,26 +135,6 @@ FMI2(fmi2Status, fmi2EnterInitializationMode)(fmi2Component c) {
     Instance *instance = c;
     if (!in_mode(instance, MODE_BIT(MODE_INSTANTIATED), "fmi2EnterInitializationMode")) return fmi2Error;
     core_set_mode(instance->core, MODE_INITIALIZATION);
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2ExitInitializationMode)(fmi2Component c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_INITIALIZATION), "fmi2ExitInitializationMode")) return fmi2Error;
-    if (core_finish_initialization(instance->core)) return report(instance, CORE_ERROR);
-    core_set_mode(instance->core, instance->type == fmi2CoSimulation ? MODE_STEP : MODE_EVENT);
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2Terminate)(fmi2Component c) {
-    Instance *instance = c;
-    core_set_mode(instance->core, MODE_TERMINATED);
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2Reset)(fmi2Component c) {
-    Instance *instance = c;
-    core_reset(instance->core);
     return fmi2OK;
 }
 
@@ -218,55 +188,6 @@ NO_VARIABLES(fmi2SetString, const fmi2String, "String")
 
 /* ---- saved states and derivatives (sections 2.1.8 and 2.1.9) ---------------------------------- */
 
-FMI2(fmi2Status, fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate *state) {
-    Instance *instance = c;
-    if (!*state) *state = malloc(sizeof(CoreState)); /* a state from an earlier call is overwritten */
-    if (!*state) return report(instance, core_fail(instance->core, "there is not enough memory to save the state"));
-    memcpy(*state, &instance->core->state, sizeof(CoreState));
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) {
-    Instance *instance = c;
-    if (!state) return report(instance, core_fail(instance->core, "the state to restore is NULL"));
-    memcpy(&instance->core->state, state, sizeof(CoreState));
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate *state) {
-    (void)c;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    (void)c, (void)state;
-    *size = CORE_SERIALIZED_SIZE;
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    Instance *instance = c;
-    if (!state || size < CORE_SERIALIZED_SIZE)
-        return report(instance, core_fail(instance->core, "a state is %zu bytes long, the memory given for it %zu",
-                                          CORE_SERIALIZED_SIZE, size));
-    core_serialize(state, bytes);
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    Instance *instance = c;
-    CoreState read;
-    if (core_deserialize(instance->core, bytes, size, &read)) return report(instance, CORE_ERROR);
-    if (!*state) *state = malloc(sizeof(CoreState));
-    if (!*state) return report(instance, core_fail(instance->core, "there is not enough memory to read the state"));
-    memcpy(*state, &read, sizeof(read));
-    return fmi2OK;
-}
-
 FMI2(fmi2Status, fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknown,
                                                const fmi2ValueReference knowns[], size_t nKnown,
                                                const fmi2Real dvKnown[], fmi2Real dvUnknown[]) {
@@ -277,86 +198,12 @@ FMI2(fmi2Status, fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueR
 
 /* ---- model exchange (section 3.2) -------------------------------------------------------------- */
 
-FMI2(fmi2Status, fmi2EnterEventMode)(fmi2Component c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_CONTINUOUS) | MODE_BIT(MODE_EVENT), "fmi2EnterEventMode")) return fmi2Error;
-    core_set_mode(instance->core, MODE_EVENT);
-    return fmi2OK;
-}
-
 FMI2(fmi2Status, fmi2NewDiscreteStates)(fmi2Component c, fmi2EventInfo *info) {
     Instance *instance = c;
     memset(info, 0, sizeof(*info));
     if (!in_mode(instance, MODE_BIT(MODE_EVENT), "fmi2NewDiscreteStates")) return fmi2Error;
     info->nextEventTimeDefined = BLOCK_SAMPLED ? fmi2True : fmi2False;
     return report(instance, core_event(instance->core, &info->nextEventTime));
-}
-
-FMI2(fmi2Status, fmi2EnterContinuousTimeMode)(fmi2Component c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_EVENT), "fmi2EnterContinuousTimeMode")) return fmi2Error;
-    core_set_mode(instance->core, MODE_CONTINUOUS);
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2CompletedIntegratorStep)(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-                                              fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation) {
-    (void)c, (void)noSetFMUStatePriorToCurrentPoint;
-    *enterEventMode = fmi2False;
-    *terminateSimulation = fmi2False;
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2SetTime)(fmi2Component c, fmi2Real time) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_EVENT) | MODE_BIT(MODE_CONTINUOUS), "fmi2SetTime")) return fmi2Error;
-    return report(instance, core_set_time(instance->core, time));
-}
-
-static int has_states(Instance *instance, size_t nx) {
-    if (nx == CONTINUOUS_STATE_COUNT) return 1;
-    report(instance, core_fail(instance->core, "this FMU has %d continuous states, not %zu",
-                               CONTINUOUS_STATE_COUNT, nx));
-    return 0;
-}
-
-FMI2(fmi2Status, fmi2SetContinuousStates)(fmi2Component c, const fmi2Real x[], size_t nx) {
-    Instance *instance = c;
-    if (!has_states(instance, nx)) return fmi2Error;
-    if (!in_mode(instance, MODE_BIT(MODE_CONTINUOUS) | MODE_BIT(MODE_EVENT), "fmi2SetContinuousStates"))
-        return fmi2Error;
-    return nx ? report(instance, core_set_states(instance->core, x)) : fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2GetDerivatives)(fmi2Component c, fmi2Real derivatives[], size_t nx) {
-    Instance *instance = c;
-    const double *values;
-    if (!has_states(instance, nx)) return fmi2Error;
-    if (nx == 0) return fmi2OK;
-    if (core_derivatives(instance->core, &values)) return report(instance, CORE_ERROR);
-    memcpy(derivatives, values, nx * sizeof(double));
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2GetEventIndicators)(fmi2Component c, fmi2Real indicators[], size_t ni) {
-    (void)indicators;
-    return ni ? not_provided(c, "event indicators") : fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2GetContinuousStates)(fmi2Component c, fmi2Real x[], size_t nx) {
-    Instance *instance = c;
-    if (!has_states(instance, nx)) return fmi2Error;
-    for (size_t i = 0; i < nx; ++i) {
-        const unsigned int reference = STATE_FIRST + (unsigned int)i;
-        if (core_get(instance->core, &reference, 1, &x[i])) return report(instance, CORE_ERROR);
-    }
-    return fmi2OK;
-}
-
-FMI2(fmi2Status, fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nominals[], size_t nx) {
-    if (!has_states(c, nx)) return fmi2Error;
-    for (size_t i = 0; i < nx; ++i) nominals[i] = 1.0;
-    return fmi2OK;
 }
 
 /* ---- co-simulation (section 4.2) ---------------------------------------------------------------- */

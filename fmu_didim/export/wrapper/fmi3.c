@@ -56,9 +56,6 @@ typedef void (*fmi3UnlockPreemptionCallback)(void);
 #endif
 #define FMI3(type, name) EXPORT type NAME(name)
 
-/* Only continuous blocks have continuous states. */
-#define CONTINUOUS_STATE_COUNT DERIVATIVE_COUNT
-
 /* ---- instance and messages ------------------------------------------------------------------- */
 
 typedef struct {
@@ -78,13 +75,11 @@ APART static fmi3Status report(Instance *instance, int core_status) {
     return fmi3Error;
 }
 
-APART static int in_mode(Instance *instance, int allowed, const char *function) {
-    return report(instance, core_check_mode(instance->core, allowed, function)) == fmi3OK;
-}
-
-APART static fmi3Status not_provided(Instance *instance, const char *what) {
-    return report(instance, core_fail(instance->core, "this FMU has no %s", what));
-}
+#define FMI(name) fmi3##name
+#define STATE(verb) fmi3##verb##FMUState
+#define DESERIALIZE_STATE fmi3DeserializeFMUState
+#define STATE_DERIVATIVES fmi3GetContinuousStateDerivatives
+#include "common.c"
 
 /* All variables are scalars: as many values as value references. */
 APART static int same_count(Instance *instance, size_t references, size_t values, const char *function) {
@@ -97,11 +92,6 @@ APART static int same_count(Instance *instance, size_t references, size_t values
 /* ---- life cycle (section 2.3) ---------------------------------------------------------------- */
 
 FMI3(const char *, fmi3GetVersion)(void) { return "3.0"; }
-
-FMI3(fmi3Status, fmi3SetDebugLogging)(fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String categories[]) {
-    (void)c, (void)on, (void)count, (void)categories; /* errors are always logged, and nothing else is */
-    return fmi3OK;
-}
 
 static Instance *instantiate(fmi3String token, int co_simulation, fmi3InstanceEnvironment environment,
                              fmi3LogMessageCallback log_message) {
@@ -176,26 +166,6 @@ FMI3(fmi3Status, fmi3EnterInitializationMode)(fmi3Instance c, fmi3Boolean tolera
     if (!in_mode(instance, MODE_BIT(MODE_INSTANTIATED), "fmi3EnterInitializationMode")) return fmi3Error;
     if (core_set_time(instance->core, startTime)) return report(instance, CORE_ERROR);
     core_set_mode(instance->core, MODE_INITIALIZATION);
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3ExitInitializationMode)(fmi3Instance c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_INITIALIZATION), "fmi3ExitInitializationMode")) return fmi3Error;
-    if (core_finish_initialization(instance->core)) return report(instance, CORE_ERROR);
-    core_set_mode(instance->core, instance->co_simulation ? MODE_STEP : MODE_EVENT);
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3Terminate)(fmi3Instance c) {
-    Instance *instance = c;
-    core_set_mode(instance->core, MODE_TERMINATED);
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3Reset)(fmi3Instance c) {
-    Instance *instance = c;
-    core_reset(instance->core);
     return fmi3OK;
 }
 
@@ -316,55 +286,6 @@ FMI3(fmi3Status, fmi3GetVariableDependencies)(fmi3Instance c, fmi3ValueReference
 
 /* ---- saved states and derivatives (sections 2.2.10 and 2.2.11) --------------------------------- */
 
-FMI3(fmi3Status, fmi3GetFMUState)(fmi3Instance c, fmi3FMUState *state) {
-    Instance *instance = c;
-    if (!*state) *state = malloc(sizeof(CoreState)); /* a state from an earlier call is overwritten */
-    if (!*state) return report(instance, core_fail(instance->core, "there is not enough memory to save the state"));
-    memcpy(*state, &instance->core->state, sizeof(CoreState));
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3SetFMUState)(fmi3Instance c, fmi3FMUState state) {
-    Instance *instance = c;
-    if (!state) return report(instance, core_fail(instance->core, "the state to restore is NULL"));
-    memcpy(&instance->core->state, state, sizeof(CoreState));
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3FreeFMUState)(fmi3Instance c, fmi3FMUState *state) {
-    (void)c;
-    if (state) {
-        free(*state);
-        *state = NULL;
-    }
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState state, size_t *size) {
-    (void)c, (void)state;
-    *size = CORE_SERIALIZED_SIZE;
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-    Instance *instance = c;
-    if (!state || size < CORE_SERIALIZED_SIZE)
-        return report(instance, core_fail(instance->core, "a state is %zu bytes long, the memory given for it %zu",
-                                          CORE_SERIALIZED_SIZE, size));
-    core_serialize(state, (char *)bytes);
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-    Instance *instance = c;
-    CoreState read;
-    if (core_deserialize(instance->core, (const char *)bytes, size, &read)) return report(instance, CORE_ERROR);
-    if (!*state) *state = malloc(sizeof(CoreState));
-    if (!*state) return report(instance, core_fail(instance->core, "there is not enough memory to read the state"));
-    memcpy(*state, &read, sizeof(read));
-    return fmi3OK;
-}
-
 FMI3(fmi3Status, fmi3GetDirectionalDerivative)(fmi3Instance c, const fmi3ValueReference unknowns[], size_t nUnknowns,
                                                const fmi3ValueReference knowns[], size_t nKnowns,
                                                const fmi3Float64 seed[], size_t nSeed, fmi3Float64 sensitivity[],
@@ -385,13 +306,6 @@ FMI3(fmi3Status, fmi3GetAdjointDerivative)(fmi3Instance c, const fmi3ValueRefere
 
 /* ---- model exchange (section 3) ----------------------------------------------------------------- */
 
-FMI3(fmi3Status, fmi3EnterEventMode)(fmi3Instance c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_CONTINUOUS) | MODE_BIT(MODE_EVENT), "fmi3EnterEventMode")) return fmi3Error;
-    core_set_mode(instance->core, MODE_EVENT);
-    return fmi3OK;
-}
-
 FMI3(fmi3Status, fmi3UpdateDiscreteStates)(fmi3Instance c, fmi3Boolean *discreteStatesNeedUpdate,
                                            fmi3Boolean *terminateSimulation,
                                            fmi3Boolean *nominalsOfContinuousStatesChanged,
@@ -407,72 +321,6 @@ FMI3(fmi3Status, fmi3UpdateDiscreteStates)(fmi3Instance c, fmi3Boolean *discrete
 
 FMI3(fmi3Status, fmi3EvaluateDiscreteStates)(fmi3Instance c) {
     return not_provided(c, "evaluation of discrete states before their update");
-}
-
-FMI3(fmi3Status, fmi3EnterContinuousTimeMode)(fmi3Instance c) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_EVENT), "fmi3EnterContinuousTimeMode")) return fmi3Error;
-    core_set_mode(instance->core, MODE_CONTINUOUS);
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3CompletedIntegratorStep)(fmi3Instance c, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-                                              fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation) {
-    (void)c, (void)noSetFMUStatePriorToCurrentPoint;
-    *enterEventMode = *terminateSimulation = false;
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3SetTime)(fmi3Instance c, fmi3Float64 time) {
-    Instance *instance = c;
-    if (!in_mode(instance, MODE_BIT(MODE_EVENT) | MODE_BIT(MODE_CONTINUOUS), "fmi3SetTime")) return fmi3Error;
-    return report(instance, core_set_time(instance->core, time));
-}
-
-static int has_states(Instance *instance, size_t nx) {
-    if (nx == CONTINUOUS_STATE_COUNT) return 1;
-    report(instance, core_fail(instance->core, "this FMU has %d continuous states, not %zu",
-                               CONTINUOUS_STATE_COUNT, nx));
-    return 0;
-}
-
-FMI3(fmi3Status, fmi3SetContinuousStates)(fmi3Instance c, const fmi3Float64 x[], size_t nx) {
-    Instance *instance = c;
-    if (!has_states(instance, nx)) return fmi3Error;
-    if (!in_mode(instance, MODE_BIT(MODE_CONTINUOUS) | MODE_BIT(MODE_EVENT), "fmi3SetContinuousStates"))
-        return fmi3Error;
-    return nx ? report(instance, core_set_states(instance->core, x)) : fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3GetContinuousStateDerivatives)(fmi3Instance c, fmi3Float64 derivatives[], size_t nx) {
-    Instance *instance = c;
-    const double *values;
-    if (!has_states(instance, nx)) return fmi3Error;
-    if (nx == 0) return fmi3OK;
-    if (core_derivatives(instance->core, &values)) return report(instance, CORE_ERROR);
-    memcpy(derivatives, values, nx * sizeof(double));
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3GetEventIndicators)(fmi3Instance c, fmi3Float64 indicators[], size_t ni) {
-    (void)indicators;
-    return ni ? not_provided(c, "event indicators") : fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3GetContinuousStates)(fmi3Instance c, fmi3Float64 x[], size_t nx) {
-    Instance *instance = c;
-    if (!has_states(instance, nx)) return fmi3Error;
-    for (size_t i = 0; i < nx; ++i) {
-        const unsigned int reference = STATE_FIRST + (unsigned int)i;
-        if (core_get(instance->core, &reference, 1, &x[i])) return report(instance, CORE_ERROR);
-    }
-    return fmi3OK;
-}
-
-FMI3(fmi3Status, fmi3GetNominalsOfContinuousStates)(fmi3Instance c, fmi3Float64 nominals[], size_t nx) {
-    if (!has_states(c, nx)) return fmi3Error;
-    for (size_t i = 0; i < nx; ++i) nominals[i] = 1.0;
-    return fmi3OK;
 }
 
 FMI3(fmi3Status, fmi3GetNumberOfEventIndicators)(fmi3Instance c, size_t *count) {

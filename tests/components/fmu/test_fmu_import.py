@@ -22,6 +22,7 @@ from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.units import conversion
 from fmu_didim.errors import FmuDidimError, FmuError, InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
+from fmu_didim.export.versions import VERSIONS
 from fmu_didim.units import UnitDefinition, parse_unit
 from tests.awkward.build import ARRAYS, DEFAULTS, EVENTS, SLAVE, awkward_fmu, library, pack
 from tests.components.fmu.helpers import ONES, H, exported, slave_outputs
@@ -74,7 +75,7 @@ def test_description(tmp_path: Path) -> None:
     assert not by_name["twice_a"].is_settable and not by_name["internal"].is_settable
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 def test_description_of_exported_fmus(version: str) -> None:
     found = read_description(build_fmu(scara().block(), fmi_version=version))
     assert found.version == version
@@ -304,7 +305,7 @@ def test_arrays_of_fmi_3_are_flattened(tmp_path: Path) -> None:
 WAVE = np.sin(7 * np.arange(40)[:, None] * PERIOD + np.arange(2)) * [1.0, 0.2]
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 def test_model_exchange_of_a_plant(version: str) -> None:
     """Both integrate with held inputs; co-simulation chooses its substeps by itself."""
     fine = load_fmu(exported("scara", version)).with_substeps(800)
@@ -321,7 +322,7 @@ def test_model_exchange_of_a_plant(version: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["cascade", "pd"])
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 def test_model_exchange_of_a_sampled_controller(name: str, version: str) -> None:
     """Its samples are time events at the communication points, where they must see the new inputs."""
     block = {"cascade": scara_cascade, "pd": scara_pd}[name]()
@@ -333,7 +334,7 @@ def test_model_exchange_of_a_sampled_controller(name: str, version: str) -> None
     np.testing.assert_allclose(drive(made, fine, PERIOD / 5, 0.1), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 def test_state_of_model_exchange_is_restored(version: str) -> None:
     for name in ("scara", "cascade"):
         made = load_fmu(exported(name, version), interface="model-exchange")

@@ -17,6 +17,7 @@ from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
 from fmu_didim.components.fmu import rerun as rerun_module
 from fmu_didim.components.fmu.isolate import IsolatedInstance
 from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.export.versions import VERSIONS
 from tests.awkward.build import awkward_fmu, library
 from tests.awkward.versions import fmi_1
 from tests.components.fmu.helpers import H, exported, slave_outputs
@@ -190,7 +191,7 @@ def test_strategies_are_checked(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["scara", "cascade", "pd"])
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
 @pytest.mark.parametrize("strategy", ["auto", "state"])
 def test_own_fmus_are_exactly_as_new(name: str, version: str, interface: str, strategy: str) -> None:

@@ -1,4 +1,4 @@
-"""modelDescription.xml of an exported block, for FMI 2.0.
+"""FMI 2.0: modelDescription.xml of an exported block.
 
 Source: "Functional Mock-up Interface for Model Exchange and Co-Simulation", version 2.0, section 2.2.
 """
@@ -9,42 +9,20 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from fmu_didim.block import Block
-from fmu_didim.export.c_code import SUBSTEPS_DESCRIPTION, SUBSTEPS_NAME, check_exportable, layout
+from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import exported_variables
-from fmu_didim.export.xml_file import document, stated
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables, layout
+from fmu_didim.export.versions.base import WrittenVersion
+from fmu_didim.export.xml_file import add_defaults, document, stated
+
+_MAIN = "fmi2.c"
 
 
-def model_description(block: Block, *, guid: str, generation_tool: str, source_files: Sequence[str]) -> str:
-    """The text of modelDescription.xml of a block, for co-simulation and model exchange.
-
-    Value references are those of :func:`fmu_didim.export.c_code.layout`, and the variables stand in
-    that order. The model structure follows from the sparsity of the equations.
-
-    Args:
-        block: the block.
-        guid: the identifier compiled into the binary.
-        generation_tool: name and version of the exporter.
-        source_files: the files of ``sources/`` that are compiled (not those they include).
-
-    Raises:
-        InputError: a name or a start value cannot be exported.
-    """
-    check_exportable(block)
-    sampled = block.sample_time is not None
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=block.name,
-        guid=guid,
-        description=block.description,
-        generationTool=generation_tool,
-        variableNamingConvention="flat",
-        numberOfEventIndicators="0",
-    )
-    if not block.description:
-        del root.attrib["description"]
+def _model_description(block: Block, guid: str, tool: str) -> str:
+    """The variables stand in the order of their value references."""
+    told = stated(fmiVersion="2.0", modelName=block.name, guid=guid, description=block.description, generationTool=tool)
+    root = ET.Element("fmiModelDescription", told, variableNamingConvention="flat", numberOfEventIndicators="0")
     common = {
         "modelIdentifier": block.name,
         "canNotUseMemoryManagementFunctions": "true",
@@ -57,13 +35,9 @@ def model_description(block: Block, *, guid: str, generation_tool: str, source_f
     simulation = ET.SubElement(root, "CoSimulation", {**common, "canHandleVariableCommunicationStepSize": "true"})
     for interface in (exchange, simulation):
         files = ET.SubElement(interface, "SourceFiles")
-        for name in source_files:
-            ET.SubElement(files, "File", name=name)
+        ET.SubElement(files, "File", name=_MAIN)
     add_units(root, block)
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name="logStatusError", description="Errors; they are always logged.")
-    if sampled:
-        ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(block.sample_time))
+    add_defaults(root, block.sample_time)
     _add_variables(ET.SubElement(root, "ModelVariables"), block)
     structure = model_structure(block)
     element = ET.SubElement(root, "ModelStructure")
@@ -87,14 +61,20 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
         ET.SubElement(element, "Real", stated(unit=v.own.unit, start=v.start, derivative=link))
     refs = layout(block)
     if refs.substeps is not None:
-        element = ET.SubElement(
-            parent,
-            "ScalarVariable",
-            name=SUBSTEPS_NAME,
-            valueReference=str(refs.substeps),
-            description=SUBSTEPS_DESCRIPTION,
-            causality="parameter",
-            variability="fixed",
-            initial="exact",
-        )
-        ET.SubElement(element, "Integer", start="0", min="0")
+        named = SUBSTEPS_ATTRIBUTES | {"valueReference": str(refs.substeps)}
+        ET.SubElement(ET.SubElement(parent, "ScalarVariable", named), "Integer", start="0", min="0")
+
+
+def _folders(platforms: Sequence[Platform], host: Platform) -> dict[str, Platform]:
+    """The bits for Intel's processors, and since 2.0.4 the tuples of FMI 3.0 for all others (section 2.3).
+
+    An ARM machine's own binary is also put where the tools on that machine look for it that only know ``linux64`` and
+    ``darwin64`` (FMPy 0.3 is one), unless the standard's owner of that folder is there.
+    """
+    folders = {p.bits_folder if p.architecture in ("x86", "x86_64") else p.tuple_folder: p for p in platforms}
+    if host in platforms:
+        folders.setdefault(host.bits_folder, host)
+    return folders
+
+
+FMI_2 = WrittenVersion(name="2.0", main=_MAIN, describe=_model_description, folders=_folders)

@@ -1,0 +1,185 @@
+"""What FMPy knows of FMI 1.0, 2.0 and 3.0: their descriptions, the signatures of their functions, their platforms."""
+
+from __future__ import annotations
+
+import ctypes
+import inspect
+import tempfile
+import types
+import typing
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from fmu_didim.components.fmu.archive import DESCRIPTION
+from fmu_didim.components.fmu.description import (
+    CO_SIMULATION,
+    MODEL_EXCHANGE,
+    SCHEDULED_EXECUTION,
+    Experiment,
+    FmuDescription,
+    FmuVariable,
+    Interface,
+)
+from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
+from fmu_didim.units import BASE_UNITS, UnitDefinition
+
+TRUE = ("true", "1")
+"""The texts of a Boolean attribute that is true."""
+_OWNERS = {CO_SIMULATION: "Slave", MODEL_EXCHANGE: "Model"}
+
+
+def _parsed(file: DescriptionFile, version: str) -> Any:
+    import fmpy
+
+    if file.version == version:
+        # The file, not the folder: FMPy would also parse other XML files, unchecked.
+        return fmpy.read_model_description(str(file.folder / DESCRIPTION), validate=False)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / DESCRIPTION
+        root = deepcopy(file.root)
+        root.set("fmiVersion", version)
+        ET.ElementTree(root).write(copy, encoding="utf-8", xml_declaration=True)
+        return fmpy.read_model_description(str(copy), validate=False)
+
+
+def description(file: DescriptionFile, version: str, *, negated: frozenset[str] = frozenset()) -> FmuDescription:
+    """What FMPy reads, as of a version that it knows; interfaces and dependencies are those of FMI 2.0 and 3.0.
+
+    Args:
+        negated: names of the variables that are minus what their references mean.
+    """
+    own = _parsed(file, version)
+    return FmuDescription(
+        path=file.path,
+        folder=file.folder,
+        digest=file.digest,
+        version=file.version,
+        name=own.modelName or file.path.stem,
+        token=own.guid or "",
+        tool=own.generationTool or "",
+        interfaces=tuple(_interfaces(own, file.root)),
+        platforms=file.platforms,
+        variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if v.type != "Clock"),
+        state_count=own.numberOfContinuousStates,
+        indicator_count=own.numberOfEventIndicators,
+        experiment=_experiment(own.defaultExperiment),
+        units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
+        dependencies=_dependencies(own),
+    )
+
+
+def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
+    given = (
+        (CO_SIMULATION, own.coSimulation, "CoSimulation"),
+        (MODEL_EXCHANGE, own.modelExchange, "ModelExchange"),
+        (SCHEDULED_EXECUTION, own.scheduledExecution, "ScheduledExecution"),
+    )
+    for kind, found, tag in given:
+        if found is not None:
+            element = root.find(tag)
+            stated = element.attrib if element is not None else {}
+            completed = kind == MODEL_EXCHANGE and found.needsCompletedIntegratorStep
+            yield Interface(
+                kind=kind,
+                identifier=found.modelIdentifier or "",
+                needs_execution_tool=found.needsExecutionTool,
+                once_per_process=found.canBeInstantiatedOnlyOncePerProcess,
+                has_state=found.canGetAndSetFMUstate,
+                # FMPy knows the attribute by its name in FMI 2.0 only.
+                has_derivatives=found.providesDirectionalDerivative
+                or stated.get("providesDirectionalDerivatives") in TRUE,
+                has_variable_step=bool(getattr(found, "canHandleVariableCommunicationStepSize", False)),
+                needs_completed_step=completed,
+                has_event_mode=stated.get("hasEventMode") in TRUE,
+                may_return_early=stated.get("mightReturnEarlyFromDoStep") in TRUE,
+            )
+
+
+def _dependencies(own: Any) -> dict[str, tuple[str, ...] | None] | None:
+    """Inputs on which each output depends; states, which may be listed too, do not count."""
+    if not own.outputs:
+        return None
+    found: dict[str, tuple[str, ...] | None] = {}
+    for unknown in own.outputs:
+        known = unknown.dependencies
+        inputs = None if known is None else tuple(v.name for v in known if v.causality == "input")
+        found[unknown.variable.name] = inputs
+    return found
+
+
+def _variable(own: Any, negated: bool) -> FmuVariable:
+    return FmuVariable(
+        name=own.name,
+        reference=int(own.valueReference),
+        type=own.type,
+        causality=own.causality or "local",
+        variability=own.variability or "",
+        initial=own.initial or "",
+        unit=own.unit or (own.declaredType.unit if own.declaredType else "") or "",
+        start=own.start,
+        shape=tuple(own.shape or ()),
+        description=own.description or "",
+        clocks=tuple(int(c.valueReference) for c in own.clocks or ()),
+        negated=negated,
+    )
+
+
+def _experiment(own: Any) -> Experiment:
+    def number(text: str | None) -> float | None:
+        return float(text) if text else None
+
+    if own is None:
+        return Experiment()
+    return Experiment(*(number(t) for t in (own.startTime, own.stopTime, own.tolerance, own.stepSize)))
+
+
+def _unit(own: Any) -> UnitDefinition:
+    return UnitDefinition(tuple(int(getattr(own, name)) for name in BASE_UNITS), float(own.factor), float(own.offset))
+
+
+@cache
+def signatures(kind: str, major: int) -> Signatures:
+    """Argument and result types of the functions of FMI 2.0 or 3.0, from the annotations of FMPy's methods."""
+    owner = getattr(import_module(f"fmpy.fmi{major}"), f"FMU{major}{_OWNERS[kind]}")
+    found = {}
+    for name, method in inspect.getmembers(owner, inspect.isfunction):
+        if not name.startswith(f"fmi{major}"):
+            continue
+        signature = inspect.signature(method)
+        annotations = [p.annotation for p in list(signature.parameters.values())[1:]]
+        arguments = [typing.get_args(a)[0] if isinstance(a, types.UnionType) else a for a in annotations]
+        stated = signature.return_annotation
+        found[name] = (arguments, {bytes: ctypes.c_char_p, int: ctypes.c_int}.get(stated, stated))
+    return found
+
+
+def callbacks(prefix: str, log: Callable[..., None]) -> Any:
+    """The structure of callback functions that an instance of FMI 1.0 or 2.0 is given; it must live as long."""
+    from fmpy import calloc, free
+
+    module = import_module(f"fmpy.{prefix}")
+    made = getattr(module, f"{prefix}CallbackFunctions")()
+    made.logger = getattr(module, f"{prefix}CallbackLoggerTYPE")(log)
+    made.allocateMemory = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")(calloc)
+    made.freeMemory = getattr(module, f"{prefix}CallbackFreeMemoryTYPE")(free)
+    return made
+
+
+def bits_or_tuple() -> tuple[str, ...]:
+    """Folders of binaries up to FMI 2.0: ``linux64``; for other processors than Intel's the tuple comes first."""
+    import fmpy
+
+    bits, pair = str(fmpy.platform), str(fmpy.platform_tuple)
+    return (bits, pair) if pair.startswith("x86") else (pair, bits)
+
+
+def platform_tuple() -> tuple[str, ...]:
+    """The folder of binaries of FMI 3.0: ``x86_64-linux``."""
+    import fmpy
+
+    return (str(fmpy.platform_tuple),)
