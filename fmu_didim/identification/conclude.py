@@ -19,7 +19,7 @@ from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
+from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
@@ -63,21 +63,21 @@ def efficient_finish(
         whitened(fit.jacobian, fit.deviation), fit.values, model.names,
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
+    sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for _ in range(limits.MAXIMUM_REFINEMENTS):
-        sizes = None if fit.prediction is None else parameter_sizes(fit.model, fit.values, fit.prediction)
         fit = minimise(
-            fit.model, NoiseOfResidual(fit.model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque,
-            sizes=sizes, stage=stage, progress=progress,
+            model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
+            stage=stage, progress=progress,
         )  # fmt: skip
         iterations.extend(fit.iterations)
         error = integration_error(fit)
         if error.excess <= 1:
             break
-        finer = _finer(fit.model, fit.values, error.excess)
+        model = _finer(fit.model, fit.values, error.excess)
         if fit.model.substeps is None:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
-        fit = replace(point(finer, NoiseOfResidual(finer)), settled=fit.settled)
+        fit = replace(fit, model=model, torque=model.torque(fit.values))
     return Minimum(fit, tuple(iterations), error, tuple(remarks))
 
 
