@@ -33,7 +33,7 @@ IMPLICIT = Method(1 / 8, 2.0, 0.0)
 """A linearly implicit step follows the motion, not what friction damps: with h rate = 1.6, steps of the TX40 (0.2 ms,
 four a tick) are 1e-6 of the torque wrong. What oscillates, a step of second order with h rate = 0.1 misses by
 0.04 * 0.1^2 = 4e-4 of the oscillation in each radian."""
-RESOLVING = Method(0.0, 2.0, 0.0)
+RESOLVING = Method(0.0, 0.2, 0.0)
 """What a linearly implicit step must resolve whatever accuracy is asked for."""
 
 
