@@ -32,10 +32,9 @@ sensitivities."""
 
 @dataclass(frozen=True)
 class Prepared:
-    """The base model, fitted, and the noise of its data."""
+    """The base model, fitted with the noise of its data, and what there is to say of them."""
 
     fit: Fit
-    noise: Noise
     notes: tuple[str, ...] = ()
 
 
@@ -66,18 +65,17 @@ def prepare(model: LoopModel) -> Prepared:
             checked.append(noise)
             notes += further
         noise = pooled(checked, [_samples(model, label) for label in repeated])
-        return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
+        return Prepared(integrated(replace(fit, noise=noise), coarse=False), tuple(notes))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(model.measured, axis=0)
     first = Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
     fit = minimise(model, first, stopping=BASE_FIT)
-    noise = residual_noise(fit)
     notes.append(
         "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
         "motion, an upper bound."
     )
-    fit = minimise(fit.model, noise, stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
-    return Prepared(integrated(fit, noise, coarse=False), noise, tuple(notes))
+    fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
+    return Prepared(integrated(fit, coarse=False), tuple(notes))
 
 
 def _samples(model: LoopModel, label: str) -> int:

@@ -85,12 +85,12 @@ def minimise(
     return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
 
 
-def integrated(fit: Fit, noise: Noise, *, coarse: bool) -> Fit:
+def integrated(fit: Fit, *, coarse: bool) -> Fit:
     """The same minimum with coarse or full integration; raises SimulationError where that cannot be simulated."""
     if fit.model.coarse == coarse:
         return fit
     model = replace(fit.model, coarse=coarse)
-    return minimise(model, noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
+    return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 @dataclass
@@ -283,9 +283,9 @@ class _Solver:
         deviation = self._deviation(at)
         cost = sum_of_squares(self._measured - at.torque, deviation)
         model = self._model.with_values(at.values)
-        history = tuple(self._history)
+        noise, history = self._weighting.noise(deviation), tuple(self._history)
         return Fit(
-            model, at.values, at.torque, at.jacobian, deviation, cost, settled, given_up, history, at.simulations
+            model, at.values, at.torque, at.jacobian, noise, deviation, cost, settled, given_up, history, at.simulations
         )
 
 

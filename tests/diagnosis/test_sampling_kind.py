@@ -52,11 +52,11 @@ def asked(folder: Path, model: LoopModel, *, shifted: bool = False) -> Way | Non
     noise = known_noise(SIGMA)
     fit: Fit = minimise(model, noise)
     if not shifted:
-        return other_sampling(fit, fit.model, noise, saved=0.0, threshold=10.0)
+        return other_sampling(fit, fit.model, saved=0.0, threshold=10.0)
     builder = LoopModelBuilder(model, read_robot(folder / "robot.yaml"), EFFECTS)
     fit = minimise(builder.build(fit.model, [Proposal(SHIFT, {"log_shift": 0.005})]), noise)
     unshifted = builder.without(fit.model, 0)
-    return other_sampling(fit, unshifted, noise, saved=builder.cost(SHIFT), threshold=10.0)
+    return other_sampling(fit, unshifted, saved=builder.cost(SHIFT), threshold=10.0)
 
 
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])

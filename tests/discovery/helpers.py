@@ -219,12 +219,11 @@ def arm_experiments(
     return folder / "case.yaml"
 
 
-def base_of(case: Path | str) -> tuple[Fit, Noise]:
-    """The base model of a case, fitted, and the noise of its data."""
+def base_of(case: Path | str) -> Fit:
+    """The base model of a case, fitted with the noise of its data."""
     model = load_case(case).model
     assert model is not None
-    prepared = prepare(model)
-    return prepared.fit, prepared.noise
+    return prepare(model).fit
 
 
 def data(model: LoopModel) -> Experiment:

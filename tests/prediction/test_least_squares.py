@@ -150,7 +150,7 @@ def test_a_gain_that_noise_nearly_hides_settles(tmp_path: Path) -> None:
     fit = minimise(start, known, stopping=replace(SETTLE, iterations=10), progress=seen.append)
     assert fit.settled
     assert any(it.note == "step shortened" for it in seen)
-    sigma = np.sqrt(np.diag(fit.covariance(known)))
+    sigma = np.sqrt(np.diag(fit.covariance))
     for i in range(fit.values.size):
         step = np.zeros(fit.values.size)
         step[i] = 0.1 * sigma[i]

@@ -40,6 +40,9 @@ class FromResidual(Weighting):
     def deviation(self, residual: Array, columns: Array) -> Array:
         return np.asarray(np.sqrt((residual**2).mean(axis=0)) + 1e-6)
 
+    def noise(self, deviation: Array) -> Noise:
+        return Noise(deviation, np.zeros(deviation.size), "residual")
+
 
 def line(values: Mapping[str, float], label: str) -> Array:
     return np.asarray(values["a"] * np.ones_like(T) + values["b"] * T)
@@ -600,22 +603,22 @@ def test_a_point_is_a_fit_without_steps() -> None:
 
 def test_covariances_and_condition_of_a_fit() -> None:
     table = np.dstack([2 * np.ones_like(T), T - 0.5])
-    one = Fit(model(), np.zeros(2), np.zeros_like(T), table, np.array([0.5]), 0.0)
-    square = float(np.sum((T - 0.5) ** 2))
     noise = Noise(np.array([3.0]), np.array([0.5]), "periods")  # a third of the samples count
-    np.testing.assert_allclose(one.covariance(noise), np.diag([9 * 3 / 84, 9 * 3 / square]), atol=1e-12)
+    one = Fit(model(), np.zeros(2), np.zeros_like(T), table, noise, np.array([0.5]), 0.0)
+    square = float(np.sum((T - 0.5) ** 2))
+    np.testing.assert_allclose(one.covariance, np.diag([9 * 3 / 84, 9 * 3 / square]), atol=1e-12)
     np.testing.assert_allclose(one.bound, np.diag([0.25 / 84, 0.25 / square]), atol=1e-12)
     assert one.condition_number == pytest.approx(1.0)
     idle = replace(one, jacobian=np.dstack([table, np.zeros_like(T)]))
-    assert idle.covariance(noise)[2, 2] == 0.0 and idle.covariance(noise)[0, 0] == pytest.approx(27 / 84)
+    assert idle.covariance[2, 2] == 0.0 and idle.covariance[0, 0] == pytest.approx(27 / 84)
 
 
 def test_full_integration_of_a_coarse_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(least_squares, "minimise", lambda m, n, **more: asked.append((m.coarse, more)) or "fine")
-    fit = Fit(replace(model(), coarse=True), np.zeros(2), T, np.ones((21, 1, 2)), np.ones(1), 0.0)
-    assert integrated(fit, UNIT, coarse=True) is fit
-    assert integrated(fit, UNIT, coarse=False) == "fine"
+    fit = Fit(replace(model(), coarse=True), np.zeros(2), T, np.ones((21, 1, 2)), UNIT, np.ones(1), 0.0)
+    assert integrated(fit, coarse=True) is fit
+    assert integrated(fit, coarse=False) == "fine"
     assert asked == [(False, {"stopping": Stopping(2, updates=0), "jacobian": fit.jacobian})]
 
 

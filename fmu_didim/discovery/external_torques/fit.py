@@ -39,15 +39,15 @@ class FittedExternalTorques:
     Attributes:
         fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
         the loop
-            and the times and torques of the external torques as its last free parameters.
-        label: of the experiment in which they act; noise: of the data, without the external torques.
+            and the times and torques of the external torques as its last free parameters. Both with the noise of the
+            data without the external torques.
+        label: of the experiment in which they act.
         delta_bic: over the model without; share: of the gap.
     """
 
     fit: Fit
     free: Fit
     label: str
-    noise: Noise
     delta_bic: float
     share: float
 
@@ -57,16 +57,14 @@ class FittedExternalTorques:
         return self.fit.model.experiments[self.label].external_torques
 
 
-def find_external_torques(
-    fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda text: None
-) -> FittedExternalTorques | None:
+def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text: None) -> FittedExternalTorques | None:
     """The external torques that explain most of what a model leaves, or None if none do.
 
     A torque that comes back with each period of the motion belongs to the machine and is not taken for an external
     torque.
 
     Args:
-        fit: of the model; noise: of the data.
+        fit: of the model.
     """
     best: tuple[float, str, list[ExternalTorque]] | None = None
     for label in fit.model.estimation_labels:
@@ -76,7 +74,7 @@ def find_external_torques(
                 continue
             for is_logged in (False, True):
                 answer = response + 1.0 if is_logged else response
-                found = linear_external_torques(fit, noise, label, joint, answer, is_logged)
+                found = linear_external_torques(fit, label, joint, answer, is_logged)
                 if found is not None and (best is None or found[0] > best[0]):
                     best = (found[0], label, found[1])
     if best is None or best[0] < limits.LINEAR_SHARE:
@@ -86,7 +84,7 @@ def find_external_torques(
     if _is_staircase(torques) or _comes_back(torques, motion_period(fit.model, label)) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
-    return _fitted(fit, noise, label, torques)
+    return _fitted(fit, label, torques)
 
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
@@ -113,7 +111,7 @@ def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None
     return bool(np.average(alike, weights=impulses) >= limits.COMES_BACK)
 
 
-def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
+def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
     """Times and torques fitted in the closed loop, with all free parameters of the model."""
     model = fit.model
     count = len(model.free_parameters)
@@ -130,11 +128,11 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
         acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
-        noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
+        free = minimise(acting, fit.noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
+        noise = updated_noise(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(limits.FURTHER_STEPS, updates=limits.UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)
-        moved = _edges_moved(free, noise, label)
+        moved = _edges_moved(free, label)
         if moved is not None:
             better = minimise(moved, noise, stopping=Stopping(limits.FIRST_STEPS))
             free = better if better.chi_square < free.chi_square else free
@@ -147,15 +145,15 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
     explains = worth > 0 and share >= limits.SHARE
-    return FittedExternalTorques(fixed, free, label, noise, worth, share) if explains else None
+    return FittedExternalTorques(fixed, free, label, worth, share) if explains else None
 
 
-def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
+def _edges_moved(free: Fit, label: str) -> LoopModel | None:
     """The model with edges moved into a neighbouring control period where the data fit better there; None if nowhere.
 
     An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
     """
-    model, weight = free.model, noise.weight
+    model, weight = free.model, free.noise.weight
     time = model.experiments[label].reference.time
     step = float(time[1] - time[0])
     edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
@@ -206,9 +204,9 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     return found
 
 
-def updated_noise(noise: Noise, fit: Fit) -> Noise:
+def updated_noise(fit: Fit) -> Noise:
     """Noise from the differences of periods, of what a fit leaves instead of the logs themselves."""
-    if noise.source != "periods":
+    if fit.noise.source != "periods":
         return residual_noise(fit)
     found, samples = [], []
     for label, rows in fit.model.rows.items():
@@ -221,7 +219,7 @@ def updated_noise(noise: Noise, fit: Fit) -> Noise:
         if updated is not None:
             found.append(replace(updated, period_s=period))
             samples.append(int(experiment.time.size))
-    return pooled(found, samples) if found else noise
+    return pooled(found, samples) if found else fit.noise
 
 
 __all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]

@@ -22,7 +22,7 @@ from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -71,9 +71,9 @@ class Contender:
     cost: float
 
 
-def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> list[Screened]:
+def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit) -> list[Screened]:
     """All candidates that are not in the model yet, each at its best shapes, the best first."""
-    base = BaseProjection.of_fit(fit, noise)
+    base = BaseProjection.of_fit(fit)
     residual = base.rest_of(base.weighted(fit.residual))
     count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
     found: dict[EffectAtJoint, list[Screened]] = {}
@@ -140,13 +140,13 @@ def shortlist(
 
 
 def contend(
-    chosen: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
+    chosen: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, *, progress: Callable[[str], None]
 ) -> list[Contender]:
     """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
 
     best = [fit.chi_square - limits.LEAST]
     leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
-    base = BaseProjection.of_fit(fit, noise)
+    base = BaseProjection.of_fit(fit)
 
     def one(candidate: Screened) -> Contender | None:
         found = None
@@ -154,13 +154,13 @@ def contend(
         if candidate.others is not None and candidate.gain >= leading:
             starts = _scanned(candidate, builder, fit, base)
         for start in starts:
-            fitted = refit(start, builder, fit, noise, give_up_above=best[0])
+            fitted = refit(start, builder, fit, give_up_above=best[0])
             if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                 found = fitted
                 best[0] = min(best[0], found.chi_square)
         if found is None:
             return None
-        result = contender(candidate.effect_at, found, builder, fit, noise)
+        result = contender(candidate.effect_at, found, builder, fit)
         progress(
             f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}: BIC difference {result.delta_bic:.0f}"
         )
@@ -170,28 +170,28 @@ def contend(
     return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
 
 
-def finished(candidate: Contender, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
+def finished(candidate: Contender, builder: LoopModelBuilder, fit: Fit) -> Contender:
     """A contender whose fit was given up, because another one was better, once more to its minimum: only there can it
     be judged on held-out data."""
     if not candidate.fit.given_up:
         return candidate
     found = minimise(
-        candidate.fit.model, noise, stopping=Stopping(updates=1, check_all=False),
+        candidate.fit.model, fit.noise, stopping=Stopping(updates=1, check_all=False),
         jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
     )  # fmt: skip
-    return contender(candidate.effect_at, found, builder, fit, noise)
+    return contender(candidate.effect_at, found, builder, fit)
 
 
-def with_shapes_held(candidate: Screened, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Iterator[Contender]:
+def with_shapes_held(candidate: Screened, builder: LoopModelBuilder, fit: Fit) -> Iterator[Contender]:
     """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
 
     Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
     """
     for screened in (candidate, *(candidate.others or ())):
         proposal = screened.signature.proposal(screened.coefficients)
-        fitted = refit(proposal, builder, fit, noise, hold=True)
+        fitted = refit(proposal, builder, fit, hold=True)
         if fitted is not None:
-            yield contender(candidate.effect_at, fitted, builder, fit, noise)
+            yield contender(candidate.effect_at, fitted, builder, fit)
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
@@ -223,7 +223,7 @@ def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, base: Bas
     return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
 
-def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
+def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, fit: Fit) -> Contender:
     """What a fit with one more effect is worth."""
     index = found.model.added_effects.index(effect_at)
     own = [
@@ -233,16 +233,16 @@ def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, f
     ]
     absent = len(builder.parameters_of(effect_at)[0]) - len(own)
     cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
-    gain = delta_bic(fit.residual, found.residual, cost, noise)
-    size, share = explained(fit.residual, found.residual, noise)
-    raw = torque_change_without(effect_at, found, builder, noise)
+    gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
+    size, share = explained(fit.residual, found.residual, fit.noise)
+    raw = torque_change_without(effect_at, found, builder)
     return Contender(
         effect_at, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
     )
 
 
 def torque_change_without(
-    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, noise: Noise, *, held_out: bool = False
+    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, *, held_out: bool = False
 ) -> float:
     """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
     nothing else changes; infinite if the loop cannot be run."""
@@ -256,7 +256,7 @@ def torque_change_without(
             change = found.torque - without.torque(without.start)
     except SimulationError:
         return np.inf
-    return float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
+    return float(np.sqrt(np.mean((change / found.noise.deviation) ** 2, axis=0)).max())
 
 
 def proposal_of(found: Contender) -> Proposal:
@@ -275,7 +275,6 @@ def refit(
     proposal: Proposal,
     builder: LoopModelBuilder,
     fit: Fit,
-    noise: Noise,
     *,
     give_up_above: float = np.inf,
     hold: bool = False,
@@ -310,7 +309,7 @@ def refit(
             continue
         jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
         return minimise(
-            model, noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
+            model, fit.noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
             jacobian=jacobian, torque=torque,
         )  # fmt: skip
     return None

@@ -16,7 +16,6 @@ from fmu_didim.discovery.selection.contenders import Contender, proposal_of
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 
 FAILS_HELD_OUT = "held-out RMS ratio"
@@ -81,9 +80,7 @@ class Step:
 
 def decide(
     contenders: Sequence[Contender],
-    builder: LoopModelBuilder,
     fit: Fit,
-    noise: Noise,
     options: Options,
     *,
     base: Fit,
@@ -99,11 +96,11 @@ def decide(
     """
 
     def judged(candidate: Contender) -> tuple[Contender, str]:
-        reason = objection(candidate, fit, noise, options, base=base)
+        reason = objection(candidate, fit, options, base=base)
         if reason or not candidate.fit.given_up:
             return candidate, reason
         candidate = finished(candidate)
-        return candidate, objection(candidate, fit, noise, options, base=base)
+        return candidate, objection(candidate, fit, options, base=base)
 
     reasons: list[tuple[EffectAtJoint, str]] = []
     for first in contenders:
@@ -115,13 +112,13 @@ def decide(
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.effect_at):
-                if not objection(other, fit, noise, options, base=base):
+                if not objection(other, fit, options, base=base):
                     return other
         reasons.append((candidate.effect_at, reason))
     return tuple(reasons)
 
 
-def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *, base: Fit) -> str:
+def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) -> str:
     """Why a contender is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
@@ -131,11 +128,11 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *,
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
-    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, noise)
+    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, fit.noise)
     if part < options.smallest_part:
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
-    ratio = held_out_ratio(fit, candidate.fit, noise, options)
+    ratio = held_out_ratio(fit, candidate.fit, options)
     if ratio is not None and ratio.high >= limits.HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
@@ -156,7 +153,7 @@ def _nearness(winner: Contender, options: Options) -> float:
     return max(options.threshold, limits.NEAR * winner.delta_bic)
 
 
-def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
+def held_out_ratio(before: Fit, after: Fit, options: Options) -> Ratio | None:
     """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
     labels = before.model.validation_labels
     if not labels:
@@ -167,15 +164,15 @@ def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> R
         return Ratio(np.inf, np.inf, np.inf)
     first = np.concatenate([before.model.residual(before.values, label) for label in labels])
     rate = before.model.experiments[labels[0]].rate_hz
-    return rms_ratio(first, second, noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
+    return rms_ratio(first, second, before.noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
 
 
-def gaps(fit: Fit, noise: Noise) -> dict[str, Array]:
+def gaps(fit: Fit) -> dict[str, Array]:
     """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
     result = {}
     for label in fit.model.experiments:
         try:
-            result[label] = joint_gaps(fit.model.residual(fit.values, label), noise)
+            result[label] = joint_gaps(fit.model.residual(fit.values, label), fit.noise)
         except SimulationError:
             result[label] = np.full(fit.model.joint_count, np.inf)
     return result
@@ -186,7 +183,6 @@ def step_of(
     contenders: Sequence[Contender],
     builder: LoopModelBuilder,
     fit: Fit,
-    noise: Noise,
     options: Options,
 ) -> Step:
     """A contender that is added, and which others are as good.
@@ -215,8 +211,8 @@ def step_of(
         size=accepted.size,
         share=accepted.share,
         ambiguous=tuple(near),
-        before=gaps(fit, noise),
-        after=gaps(accepted.fit, noise),
-        ratio=held_out_ratio(fit, accepted.fit, noise, options),
+        before=gaps(fit),
+        after=gaps(accepted.fit),
+        ratio=held_out_ratio(fit, accepted.fit, options),
         members=tuple(proposal_of(c) for c in fitted),
     )

@@ -118,7 +118,7 @@ def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = contend(screen(catalogue, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
+    found = contend(screen(catalogue, builder, base), builder, base, progress=lambda text: None)
     return {c.effect_at.effect: c for c in found}
 
 

@@ -53,9 +53,9 @@ def signature(name: str, columns: np.ndarray, joint: int = 1, **more: Any) -> Si
     return Signature(EffectAtJoint(name, joint), more.pop("shapes", {}), names, columns, {}, **more)
 
 
-def base_fit(rest: np.ndarray, *effects: EffectAtJoint) -> Fit:
+def base_fit(rest: np.ndarray, *effects: EffectAtJoint, white: Noise = WHITE) -> Fit:
     """A fit with the base column that leaves this residual."""
-    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)))
+    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)), white=white)
 
 
 EFFECTS = Catalogue(
@@ -67,7 +67,7 @@ EFFECTS = Catalogue(
 def screened(
     *signatures: Signature, rest: np.ndarray = 0.5 * OTHER, named: Sequence[EffectAtJoint] = (), white: Noise = WHITE
 ) -> list[Screened]:
-    return screen(signatures, EFFECTS, base_fit(rest, *named), white)
+    return screen(signatures, EFFECTS, base_fit(rest, *named, white=white))
 
 
 @pytest.mark.parametrize(("part", "found"), [(1.0, True), (0.00501, True), (0.00499, False), (0.0, False)], ids=str)
@@ -241,12 +241,12 @@ def plant(measured: np.ndarray = DATA, **more: Any) -> LawModel:
 def fitted(model: LawModel) -> Fit:
     residual = model.measured - 2.0 * BASE[:, None]
     square = float(np.sum(residual**2))
-    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), np.ones(1), square)
+    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), WHITE, np.ones(1), square)
 
 
 def test_a_fit_starts_where_it_is_proposed() -> None:
     builder = Builder(effect_of("gear", is_linear=False))
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant(workers=3)), WHITE)
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant(workers=3)))
     assert found is not None
     assert builder.built == 1
     np.testing.assert_allclose(found.values, [2.0, 3.0, 0.5], atol=5e-3)
@@ -255,7 +255,7 @@ def test_a_fit_starts_where_it_is_proposed() -> None:
 
 def test_shapes_may_be_held() -> None:
     builder = Builder(effect_of("gear"))
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant()), WHITE, hold=True)
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant()), hold=True)
     assert found is not None
     assert found.values[2] == 0.1
     assert found.values[1] == pytest.approx(3 * (1 + 0.05) / (1 + 0.01), rel=1e-6)
@@ -273,7 +273,7 @@ def test_smaller_starts_where_the_proposed_one_cannot_be_simulated(
     builder = Builder(effect_of("gear", neutral=neutral), broken=broken)
     build = builder.build
     monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
-    refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}), builder, fitted(plant()), WHITE)
+    refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}), builder, fitted(plant()))
     assert tried == pytest.approx(starts)
 
 
@@ -282,18 +282,18 @@ def test_a_stiffness_becomes_larger_instead(monkeypatch: pytest.MonkeyPatch) -> 
     builder = Builder(effect_of("gear", neutral={"F": np.inf}), broken=0.0)
     build = builder.build
     monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
-    assert refit(Proposal(GEAR, {"F": 6.0, "v": 0.1}), builder, fitted(plant()), WHITE) is None
+    assert refit(Proposal(GEAR, {"F": 6.0, "v": 0.1}), builder, fitted(plant())) is None
     assert tried == pytest.approx([6.0, 20.0, 200.0])
 
 
 def test_an_effect_without_parameters_of_its_own_is_not_fitted() -> None:
     builder = Builder(effect_of("gear"), absent=True)
-    assert refit(Proposal(GEAR, {"F": 1.0}), builder, fitted(plant()), WHITE) is None
+    assert refit(Proposal(GEAR, {"F": 1.0}), builder, fitted(plant())) is None
     assert builder.built == 1
 
 
 def test_a_start_lies_within_the_limits() -> None:
-    found = refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}), Builder(effect_of("gear")), fitted(plant()), WHITE)
+    found = refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}), Builder(effect_of("gear")), fitted(plant()))
     assert found is not None
     assert found.chi_square < 1e-3
 
@@ -302,22 +302,22 @@ def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
     """A competition gives it up at once where nothing that it can reach is good enough; then it is as it began."""
     builder, before = Builder(effect_of("gear")), fitted(plant())
     proposal = Proposal(GEAR, {"F": 2.0, "v": 0.1})
-    whole = refit(proposal, builder, before, WHITE)
-    short = refit(proposal, builder, before, WHITE, give_up_above=-1e9)
+    whole = refit(proposal, builder, before)
+    short = refit(proposal, builder, before, give_up_above=-1e9)
     assert whole is not None and short is not None
     assert short.given_up and not whole.given_up
     assert short.chi_square > 10 * whole.chi_square
-    candidate = contender(GEAR, short, builder, before, WHITE)
-    at_the_end = finished(candidate, builder, before, WHITE)
+    candidate = contender(GEAR, short, builder, before)
+    at_the_end = finished(candidate, builder, before)
     assert at_the_end.fit.chi_square == pytest.approx(whole.chi_square, abs=1e-6)
     assert at_the_end.delta_bic > candidate.delta_bic
-    assert finished(at_the_end, builder, before, WHITE) is at_the_end
+    assert finished(at_the_end, builder, before) is at_the_end
 
 
 def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
     monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more, model=model))
-    refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), Builder(effect_of("gear")), fitted(plant()), WHITE, give_up_above=7.0)
+    refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), Builder(effect_of("gear")), fitted(plant()), give_up_above=7.0)
     assert asked["stopping"] == Stopping(updates=1, give_up_above=7.0, check_all=False)
     np.testing.assert_allclose(
         asked["jacobian"][:, 0], np.stack([BASE, OTHER + 0.1 * THIRD, 2.0 * THIRD], axis=1), atol=1e-6
@@ -328,14 +328,14 @@ def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
     """Builder, the fit without and the fit with an effect of amplitude 3."""
     builder, before = Builder(effect_of("gear"), **more), fitted(plant())
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}), builder, before, WHITE)
+    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}), builder, before)
     assert found is not None
     return builder, before, found
 
 
 def test_what_a_contender_is_worth() -> None:
     builder, before, found = one_more(costs={"gear": 1.5})
-    one = contender(GEAR, found, builder, replace(before, model=replace(before.model, workers=3)), WHITE)
+    one = contender(GEAR, found, builder, replace(before, model=replace(before.model, workers=3)))
     assert one.effect_at == GEAR
     assert one.cost == 1.5
     # Variances 9 * 1.25 before, and the floor of a quarter of the noise after.
@@ -350,14 +350,14 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder, before, found = one_more(costs={"gear": 2.0})
     names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
     builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
-    assert contender(GEAR, found, builder, before, WHITE).cost == 1.0
+    assert contender(GEAR, found, builder, before).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
     model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
     idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
     whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
     monkey = builder.without
     builder.without = lambda m, i: monkey(found.model, i)
-    assert contender(GEAR, whole, builder, before, WHITE).cost == 1.0
+    assert contender(GEAR, whole, builder, before).cost == 1.0
 
 
 def test_only_amplitudes_of_its_own_count() -> None:
@@ -368,20 +368,22 @@ def test_only_amplitudes_of_its_own_count() -> None:
     known = builder.without
     builder.without = lambda m, i: known(found.model, i)
     whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
-    assert contender(GEAR, whole, builder, before, WHITE).cost == 4.0
+    assert contender(GEAR, whole, builder, before).cost == 4.0
 
 
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
     builder, _, found = one_more()
-    assert torque_change_without(GEAR, found, builder, noise([0.5])) == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
+    assert torque_change_without(GEAR, replace(found, noise=noise([0.5])), builder) == pytest.approx(
+        6 * np.sqrt(1.25), rel=1e-4
+    )
     two = np.hstack([DATA, DATA])
     model = replace(
         found.model,
         law=lambda v, label: np.hstack([np.ones((400, 1)) * v["gear.F1"], np.ones((400, 1))]),
         data={"one": two},
     )
-    both = replace(found, model=model, torque=model.torque(found.values))
-    change = torque_change_without(GEAR, both, builder, noise([1.0, 0.1]))
+    both = replace(found, model=model, torque=model.torque(found.values), noise=noise([1.0, 0.1]))
+    change = torque_change_without(GEAR, both, builder)
     assert change == pytest.approx(3.0, rel=1e-4)
 
 
@@ -392,18 +394,18 @@ def test_the_change_of_the_held_out_torque() -> None:
         return np.full((100, 1), values["gear.F1"] * {"x": 1.0, "y": 2.0, "one": 9.0}[label])
 
     held = replace(found, model=replace(found.model, law=law, held_out=("x", "y")), values=np.array([2.0, 3.0, 0.5]))
-    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == pytest.approx(3 * np.sqrt(2.5))
+    assert torque_change_without(GEAR, held, builder, held_out=True) == pytest.approx(3 * np.sqrt(2.5))
 
 
 def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
     builder, _, found = one_more()
     held = replace(found, model=replace(found.model, held_out=("broken",)))
-    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == np.inf
+    assert torque_change_without(GEAR, held, builder, held_out=True) == np.inf
 
 
 def test_a_contender_proposes_its_fitted_values() -> None:
     builder, before, found = one_more()
-    one = contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])), builder, before, WHITE)
+    one = contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])), builder, before)
     assert proposal_of(one) == Proposal(GEAR, {"F": 3.25, "v": 0.75})
 
 
@@ -417,31 +419,29 @@ def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), 
 def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None:
     before = fitted(plant())
     near = tried(90.0, v=-0.5)
-    found = _scanned(
-        tried(100.0, others=(near,)), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE)
-    )
+    found = _scanned(tried(100.0, others=(near,)), Builder(effect_of("gear")), before, BaseProjection.of_fit(before))
     assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
 
 
 def test_further_shapes_are_tried_too() -> None:
     before, good = fitted(plant()), tried(90.0, v=0.5)
-    base = BaseProjection.of_fit(before, WHITE)
+    base = BaseProjection.of_fit(before)
     found = _scanned(tried(100.0, v=-0.9, others=(good,)), Builder(effect_of("gear")), before, base)
     assert [p.values["v"] for p in found] == [0.5, 0.5]
 
 
 def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
     before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
-    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before))
     assert [p.values["F"] for p in found] == [1.5]
     builder.broken = 0.0
-    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before))
     assert [p.values["F"] for p in found] == [3.0]
 
 
 def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> None:
     before = fitted(plant(DATA + 40.0 * BASE[:, None] + 47.0 * (OTHER + 0.5 * THIRD)[:, None]))
-    found = _scanned(tried(100.0, size=40.0), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE))
+    found = _scanned(tried(100.0, size=40.0), Builder(effect_of("gear")), before, BaseProjection.of_fit(before))
     assert [p.values["F"] for p in found] == [80.0, 40.0]
 
 
@@ -450,7 +450,7 @@ def competing(
 ) -> tuple[Any, list[str]]:
     said: list[str] = []
     found = contend(
-        candidates, builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()), WHITE,
+        candidates, builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()),
         progress=said.append,
     )  # fmt: skip
     return found, said
@@ -517,12 +517,10 @@ def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.
 
 def test_shapes_held_at_all_that_were_screened() -> None:
     candidate = tried(100.0, v=0.4, others=(tried(90.0, v=0.5),))
-    found = list(with_shapes_held(candidate, Builder(effect_of("gear")), fitted(plant()), WHITE))
+    found = list(with_shapes_held(candidate, Builder(effect_of("gear")), fitted(plant())))
     assert [c.fit.values[2] for c in found] == [0.4, 0.5]
     assert found[1].fit.chi_square < 1e-6 < found[0].fit.chi_square
     alone = list(
-        with_shapes_held(
-            replace(candidate, others=None), Builder(effect_of("gear"), broken=0.0), fitted(plant()), WHITE
-        )
+        with_shapes_held(replace(candidate, others=None), Builder(effect_of("gear"), broken=0.0), fitted(plant()))
     )
     assert alone == []

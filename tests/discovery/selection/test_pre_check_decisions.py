@@ -58,18 +58,18 @@ class Builder(Catalogue):
         return SimpleNamespace(start=np.zeros(0), residual=one)
 
 
-def ramp() -> Fit:
+def ramp(white: Noise = WHITE) -> Fit:
     """Measured torque from -3 to 1 on joint 1, from 0 to 8 on joint 2; what a fit leaves has mean square 1 each."""
     own = np.column_stack([np.linspace(-3, 1, 401), np.linspace(0, 8, 401)])[:400]
     model = TableModel(own)
-    fit = fit_of(model)
+    fit = fit_of(model, white=white)
     return replace(fit, torque=own - residual(1.0, 1.0), chi_square=800.0)
 
 
 def test_limits_are_tried_at_quantiles_of_the_size_of_the_torque() -> None:
     builder, fit = Builder(left={(1, 3.0): 0.7, (1, 1.0): 0.9, (2, 7.98): 0.8, (2, 3.99): 0.6}), ramp()
     builder.left[1, round(float(np.quantile(np.abs(fit.model.measured[:, 0]), 0.5)), 6)] = 0.9
-    found = _tried("limit", CHECK, builder, fit, WHITE)
+    found = _tried("limit", CHECK, builder, fit)
     assert [(cost, at.joint) for cost, at, _ in found] == [
         (pytest.approx(480.0), 2), (pytest.approx(560.0), 1), (pytest.approx(640.0), 2), (pytest.approx(720.0), 1)
     ]  # fmt: skip
@@ -79,7 +79,7 @@ def test_limits_are_tried_at_quantiles_of_the_size_of_the_torque() -> None:
 
 def test_trials_that_cannot_be_added_or_simulated_are_left_out() -> None:
     left = {(2, 7.98): None, (2, 3.99): 0.5}
-    found = _tried("limit", CHECK, Builder(left=left, refused=[1]), ramp(), noise((1.0, 2.0)))
+    found = _tried("limit", CHECK, Builder(left=left, refused=[1]), ramp(noise((1.0, 2.0))))
     assert [(cost, at.joint, value) for cost, at, value in found] == [(pytest.approx(250.0), 2, pytest.approx(3.99))]
 
 
@@ -111,7 +111,7 @@ class Check:
         self.refitted.append(proposal)
         return self.bics.get(proposal.effect_at.joint)
 
-    def objection(self, candidate: Contender, fit: Any, noise: Any, options: Any, *, base: Any) -> str:
+    def objection(self, candidate: Contender, fit: Any, options: Any, *, base: Any) -> str:
         self.objected.append((candidate.effect_at.joint, base))
         return self.reason
 
@@ -127,8 +127,8 @@ LIMIT = effect_of("limit", class_name="a limit", pre_check=CHECK)
 
 def checked(builder: Any = None, *, white: Noise = WHITE, **options: Any) -> tuple[Any, Any, list[str], Any]:
     said: list[str] = []
-    base = ramp()
-    fit, steps = pre_check(builder or Builder(LIMIT), base, white, Options(**options), said.append)
+    base = ramp(white)
+    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), said.append)
     return fit, steps, said, base
 
 
@@ -204,6 +204,6 @@ def test_whether_held_out_data_tell(
     asked: list[Any] = []
     monkeypatch.setattr(checking, "torque_change_without", lambda *_, **more: asked.append(more) or change)
     monkeypatch.setattr(checking, "held_out_ratio", lambda *_: None if low is None else Ratio(1.5, low, 2.0))
-    found = _held_out_tells(contender_of(), Builder(), table_fit(5.0), WHITE, Options())
+    found = _held_out_tells(contender_of(), Builder(), table_fit(5.0), Options())
     assert found is tells
     assert asked == [{"held_out": True}]

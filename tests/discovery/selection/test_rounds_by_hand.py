@@ -18,9 +18,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.prediction.least_squares import Fit, Stopping
 from fmu_didim.prediction.loop_model import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual
-
-WHITE = noise()
+from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual
 
 
 def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
@@ -63,21 +61,19 @@ class Competition:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit)
 
-    def do_screen(self, catalogue: Any, builder: Any, fit: Fit, noise: Any) -> list[Any]:
+    def do_screen(self, catalogue: Any, builder: Any, fit: Fit) -> list[Any]:
         self.screened.append(fit)
         return ["screened"]
 
     def do_shortlist(self, screened: Any, builder: Any) -> Any:
         return [*screened, "shortlisted"]
 
-    def do_contend(self, chosen: Any, builder: Any, fit: Fit, noise: Any, *, progress: Any) -> Any:
+    def do_contend(self, chosen: Any, builder: Any, fit: Fit, *, progress: Any) -> Any:
         return [*chosen, "fitted"]
 
-    def do_decide(
-        self, contenders: Any, builder: Any, fit: Fit, noise: Any, options: Any, *, base: Fit, held: Any, finished: Any
-    ) -> Any:
+    def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
         assert contenders == ["screened", "shortlisted", "fitted"]
-        assert finished.keywords == {"builder": builder, "fit": fit, "noise": noise}
+        assert finished.keywords == {"builder": EFFECTS, "fit": fit}
         self.helds.append((held.args, fit, base))
         return self._outcomes.pop(0)
 
@@ -89,7 +85,7 @@ class Competition:
         self.stepped.append((accepted, contenders, fit))
         return SimpleNamespace(effect_at=accepted.effect_at)
 
-    def do_backward(self, builder: Any, fit: Fit, noise: Any, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
+    def do_backward(self, builder: Any, fit: Fit, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
         self.backward.append(list(steps))
         return fit, steps
 
@@ -100,7 +96,7 @@ BASE = with_effects()
 
 def run(**options: Any) -> tuple[Any, list[str]]:
     said: list[str] = []
-    return run_rounds(EFFECTS, BASE, WHITE, Options(**options), said.append), said
+    return run_rounds(EFFECTS, BASE, Options(**options), said.append), said
 
 
 def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +105,7 @@ def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch)
     found, said = run()
     assert (found.base, found.final, found.steps, found.refused) == (BASE, BASE, (), reasons)
     assert said == ["signatures of 3 candidates"]
-    assert competition.helds == [((["screened"], EFFECTS, BASE, WHITE), BASE, BASE)]
+    assert competition.helds == [((["screened"], EFFECTS, BASE), BASE, BASE)]
 
 
 def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +205,7 @@ def backward(
     steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
     said: list[str] = []
     fit, left = _backward(
-        Removable(costs=costs), with_effects(*names, square=1.0), WHITE, steps, Options(**options), said.append
+        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), said.append
     )  # fmt: skip
     return fit, [s.effect_at.effect for s in left], calls, said
 
@@ -286,6 +282,6 @@ def test_only_shapes_outside_the_torque_balance_are_held(
     wanted, other = (
         Screened(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others) for n in ("b", "a")
     )
-    found = list(_with_shapes_held([other, wanted], builder, BASE, WHITE, EffectAtJoint("b", 1)))
+    found = list(_with_shapes_held([other, wanted], builder, BASE, EffectAtJoint("b", 1)))
     assert len(found) == count
-    assert asked == ([(wanted, builder, BASE, WHITE)] if count else [])
+    assert asked == ([(wanted, builder, BASE)] if count else [])
