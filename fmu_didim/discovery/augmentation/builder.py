@@ -31,7 +31,7 @@ class Proposal:
     """An effect with the values from which it is fitted.
 
     Attributes:
-        addition: effect and joint.
+        effect_at: effect and joint.
         values: start value of each of its free parameters, by the plain name (``Fs``, ``vs``).
         scales: size of a noticeable change of them; the value itself where absent.
     """
@@ -66,7 +66,7 @@ class LoopModelBuilder:
         self._ranges = [travelled(base, j) for j in range(1, base.joint_count + 1)]
 
     def effect(self, effect_at: EffectAtJoint) -> Effect:
-        """The effect of an addition."""
+        """The effect itself, from the catalogue."""
         return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:

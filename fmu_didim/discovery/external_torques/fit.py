@@ -16,17 +16,15 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.base_model import motion_period, residual_noise
 from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
-from fmu_didim.discovery.thresholds import WHOLE_SAMPLES
+from fmu_didim.discovery.log_noise import motion_period, noise_beside_fit
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise, noise_from_periods, pooled
 from fmu_didim.prediction.thresholds import STEP
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -129,7 +127,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     try:
         acting = model.pushed(label, external_torques).with_free(further)
         free = minimise(acting, fit.noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
-        noise = updated_noise(free)  # until now external torques that do not repeat counted as noise
+        noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(limits.FURTHER_STEPS, updates=limits.UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)
         moved = _edges_moved(free, label)
@@ -204,22 +202,4 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     return found
 
 
-def updated_noise(fit: Fit) -> Noise:
-    """Noise from the differences of periods, of what a fit leaves instead of the logs themselves."""
-    if fit.noise.source != "periods":
-        return residual_noise(fit)
-    found, samples = [], []
-    for label, rows in fit.model.rows.items():
-        period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
-        rate = experiment.rate_hz
-        if period is None or abs(period * rate - round(period * rate)) > WHOLE_SAMPLES:
-            continue
-        residual = experiment.with_gaps(fit.residual[rows])
-        updated = noise_from_periods(residual, round(period * rate), rate_hz=rate, skip=0)
-        if updated is not None:
-            found.append(replace(updated, period_s=period))
-            samples.append(int(experiment.time.size))
-    return pooled(found, samples) if found else fit.noise
-
-
-__all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]
+__all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques"]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Screened, contend, screen
+from fmu_didim.discovery.selection.contenders import Competition, Screened
 from fmu_didim.effects import Effect
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
@@ -34,10 +34,11 @@ def rivalled(
     names = [name for name, effect in builder.effects.items() if effect.rivals_external_torque and name not in forbid]
     candidates = [EffectAtJoint(name, j) for name in names for j in builder.joints(name)]
     catalogue = SignatureCatalogue(builder, base, candidates=candidates)
+    competition = Competition(builder, base)
     first: dict[str, Screened] = {}  # the best joint of each
-    for candidate in screen(catalogue, builder, base):
+    for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
-    best = contend(list(first.values()), builder, base, progress=say)
+    best = competition.contend(list(first.values()), progress=say)
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic
 
 

@@ -29,7 +29,7 @@ class Signature:
     """What an effect would add to the torque at the samples.
 
     Attributes:
-        addition: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
+        effect_at: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
         columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
         neutral: value of each amplitude with which nothing is there.
         inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.

@@ -10,9 +10,9 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps, part_of_first, rms_ratio
 from fmu_didim.diagnosis.thresholds import BLOCK_S
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Contender, proposal_of
+from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
@@ -58,7 +58,7 @@ class Step:
     """One effect that was added.
 
     Attributes:
-        addition, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
+        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
         ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
             other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
@@ -178,18 +178,13 @@ def gaps(fit: Fit) -> dict[str, Array]:
     return result
 
 
-def step_of(
-    accepted: Contender,
-    contenders: Sequence[Contender],
-    builder: LoopModelBuilder,
-    fit: Fit,
-    options: Options,
-) -> Step:
+def step_of(accepted: Contender, contenders: Sequence[Contender], competition: Competition, options: Options) -> Step:
     """A contender that is added, and which others are as good.
 
     Args:
-        contenders: all, the best first; fit: of the model without them.
+        contenders: all of the competition, the best first.
     """
+    builder, fit = competition.builder, competition.fit
     best = contenders[0].delta_bic
     near = [
         (c.effect_at, best - c.delta_bic)

@@ -11,13 +11,9 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import (
+    Competition,
     Contender,
     Screened,
-    contend,
-    finished,
-    screen,
-    shortlist,
-    with_shapes_held,
 )
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
@@ -52,17 +48,17 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say)
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     while len(steps) < options.rounds:
-        screened = screen(catalogue, builder, fit)
-        contenders = contend(shortlist(screened, builder), builder, fit, progress=say)
-        held = partial(_with_shapes_held, screened, builder, fit)
-        to_the_end = partial(finished, builder=builder, fit=fit)
-        accepted = decide(contenders, fit, options, base=base, held=held, finished=to_the_end)
+        competition = Competition(builder, fit)
+        screened = competition.screen(catalogue)
+        contenders = competition.contend(competition.shortlist(screened), progress=say)
+        held = partial(_with_shapes_held, competition, screened)
+        accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
-            step = step_of(accepted, contenders, builder, fit, options)
+            step = step_of(accepted, contenders, competition, options)
             say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
             fit, steps = _backward(builder, accepted.fit, steps, options, say)
@@ -76,11 +72,11 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say)
 
 
 def _with_shapes_held(
-    screened: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint
+    competition: Competition, screened: Sequence[Screened], effect_at: EffectAtJoint
 ) -> Iterator[Contender]:
     candidate = next(s for s in screened if s.effect_at == effect_at)
-    if candidate.others is not None and builder.parameters_of(effect_at)[1]:
-        yield from with_shapes_held(candidate, builder, fit)
+    if candidate.others is not None and competition.builder.parameters_of(effect_at)[1]:
+        yield from competition.with_shapes_held(candidate)
 
 
 def _shifts_log(fit: Fit) -> bool:

@@ -21,6 +21,7 @@ from fmu_didim.discovery.external_torques.fit import (
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
 from fmu_didim.discovery.findings import ValueFound
+from fmu_didim.discovery.selection.contenders import Competition
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
@@ -243,10 +244,10 @@ def test_one_effect_must_explain_more_than_all_torques(
     ]
     seen: list[Any] = []
     monkeypatch.setattr(rivals, "SignatureCatalogue", lambda builder, base, candidates: seen.append(candidates))
-    monkeypatch.setattr(rivals, "screen", lambda *_: screened)
+    monkeypatch.setattr(Competition, "screen", lambda *_: screened)
     monkeypatch.setattr(
-        rivals, "contend",
-        lambda chosen, *_, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
+        Competition, "contend",
+        lambda _, chosen, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
     )  # fmt: skip
     fitted = FittedExternalTorques(None, None, "x", 100.0, 0.9)
     builder = Catalogue(*EFFECTS, joints=2)

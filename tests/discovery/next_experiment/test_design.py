@@ -25,7 +25,7 @@ from fmu_didim.discovery.next_experiment.motions import Space, motion_table
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Contender, contend, screen
+from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier, FourierJoint
@@ -118,7 +118,7 @@ def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = contend(screen(catalogue, builder, base), builder, base, progress=lambda text: None)
+    found = Competition(builder, base).contend(Competition(builder, base).screen(catalogue), progress=lambda text: None)
     return {c.effect_at.effect: c for c in found}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import (
     Options,
     _nearness,
@@ -297,7 +297,7 @@ CATALOGUE = Catalogue(
 
 
 def step(accepted: Contender, contenders: list[Contender], before: Any = BEFORE) -> Any:
-    return step_of(accepted, contenders, CATALOGUE, before, Options())
+    return step_of(accepted, contenders, Competition(CATALOGUE, before), Options())
 
 
 def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:
