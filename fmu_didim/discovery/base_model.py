@@ -8,12 +8,12 @@ import numpy as np
 
 from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.discovery import thresholds as limits
-from fmu_didim.discovery.log_noise import pooled_noise, repeated_noise, residual_noise, without_events
+from fmu_didim.discovery.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
 from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.noise import Noise, pooled
 from fmu_didim.signals import Trajectory
 
 BASE_FIT = Stopping(exact=True)
@@ -47,7 +47,7 @@ def prepare(model: LoopModel) -> Prepared:
     repeated, further = repeated_noise(model)
     notes += further
     if repeated:
-        fit = minimise(model, pooled_noise(repeated, model), stopping=BASE_FIT)
+        fit = minimise(model, pooled(list(repeated.values())), stopping=BASE_FIT)
         noise, further = without_events(repeated, fit)
         return Prepared(integrated(replace(fit, noise=noise), coarse=False), (*notes, *further))
     # Without repetition: all joints alike at first, then the noise that the residual shows.

@@ -69,7 +69,7 @@ def noise_beside_fit(fit: Fit) -> Noise:
     themselves."""
     if fit.noise.source != "periods":
         return residual_noise(fit)
-    found = {}
+    found = []
     for label, rows in fit.model.rows.items():
         period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
         count = None if period is None else _whole(period * experiment.rate_hz)
@@ -78,18 +78,13 @@ def noise_beside_fit(fit: Fit) -> Noise:
         residual = experiment.with_gaps(fit.residual[rows])
         noise = noise_from_periods(residual, count, rate_hz=experiment.rate_hz, skip=0)
         if noise is not None:
-            found[label] = replace(noise, period_s=period)
-    return pooled_noise(found, fit.model) if found else fit.noise
+            found.append(replace(noise, period_s=period))
+    return pooled(found) if found else fit.noise
 
 
 def residual_noise(fit: Fit) -> Noise:
     """The noise of logs without repetition, from what a fit leaves of all experiments."""
-    return pooled_noise({label: _residual_noise(fit, label) for label in fit.model.estimation_labels}, fit.model)
-
-
-def pooled_noise(noises: Mapping[str, Noise], model: LoopModel) -> Noise:
-    """The noises of experiments, by their labels, as one."""
-    return pooled(list(noises.values()), [_samples(model, label) for label in noises])
+    return pooled([_residual_noise(fit, label) for label in fit.model.estimation_labels])
 
 
 def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[str]]:
@@ -99,36 +94,30 @@ def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[s
     Noise has both; a force from outside, or anything else that does not repeat, only the first. What is correlated for
     longer than noise is need not be larger by a quarter.
     """
-    checked, notes = {}, []
+    checked, notes = [], []
     for label, noise in noises.items():
         fast = _residual_noise(fit, label)
         slow = noise.slow if noise.slow is not None else np.zeros(fit.model.joint_count)
-        forgets = slow < max(limits.SLOW, limits.CHANCE / np.sqrt(_samples(fit.model, label)))
+        forgets = slow < max(limits.SLOW, limits.CHANCE / np.sqrt(noise.samples))
         more = noise.deviation > np.where(forgets, limits.NOT_NOISE, 1.0) * fast.deviation
-        checked[label] = noise
         if not more.any():
+            checked.append(noise)
             continue
-        checked[label] = replace(
-            noise,
-            deviation=np.where(more, fast.deviation, noise.deviation),
-            correlation=np.where(more, np.clip(fast.correlation, 0.0, None), noise.correlation),
-        )
+        deviation = np.where(more, fast.deviation, noise.deviation)
+        correlation = np.where(more, np.clip(fast.correlation, 0.0, None), noise.correlation)
+        checked.append(replace(noise, deviation=deviation, correlation=correlation))
         named = ", ".join(str(j + 1) for j in np.flatnonzero(more))
         notes.append(
             f"Joint {named}: the periods differ by more than their noise at high frequencies: something there does not "
             "repeat. It counts as model error, not as noise."
         )
-    return pooled_noise(checked, fit.model), notes
+    return pooled(checked), notes
 
 
 def _residual_noise(fit: Fit, label: str) -> Noise:
     experiment = fit.model.experiments[label]
     frequency = motion_frequency(experiment.reference, fit.model.joint_count)
     return noise_from_residual(fit.residual[fit.model.rows[label]], rate_hz=experiment.rate_hz, motion_hz=frequency)
-
-
-def _samples(model: LoopModel, label: str) -> int:
-    return int(model.experiments[label].time.size)
 
 
 def _whole(samples: float) -> int | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import Ratio, joint_gaps
+from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
 from fmu_didim.discovery import thresholds as limits
@@ -25,14 +25,14 @@ from fmu_didim.discovery.findings import (
     FindingsDocument,
     WindowResult,
 )
-from fmu_didim.discovery.screening.catalogue import simulated_motion
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, held_out_ratio
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit, integrated
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.motion import simulated_motion
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
@@ -128,7 +128,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         outside = [external_torque_finding(fitted_torques, base, free, external)]
         windows = external_torque_windows(free, fitted_torques.label)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
-    ratio = held_out_ratio(discovery.base, discovery.final, options) if discovery.steps else None
+    ratio = held_out_ratio(discovery.base, discovery.final, seed=options.seed) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
     if ratio is not None and ratio.high >= HELD_OUT and fitted_torques is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
@@ -203,7 +203,7 @@ def _regions(builder: LoopModelBuilder, base: Fit) -> list[Region]:
     """Where the base model disagrees; nothing if the plant does not tell its motion."""
     model, motions = base.model, []
     for label in model.estimation_labels:
-        motion = simulated_motion(builder, base, label)
+        motion = simulated_motion(model, base.values, label, builder.description)
         if motion is None:
             return []
         motions.append((motion, _nearest_ticks(model, label)))

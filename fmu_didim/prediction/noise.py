@@ -32,6 +32,7 @@ class Noise:
         correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
         period_s: period of the motion, None if it does not repeat; periods: how many are compared.
         source: ``periods`` or ``residual``.
+        samples: of the log it was taken from.
         slow: (n,) correlation of what differs between periods at samples ``SLOW_S`` apart; None without periods.
     """
 
@@ -40,6 +41,7 @@ class Noise:
     source: str
     period_s: float | None = None
     periods: int = 1
+    samples: int = 1
     slow: Array | None = None
 
     @property
@@ -110,7 +112,8 @@ def noise_from_periods(
         # A simulated log may repeat exactly; its weight must stay finite.
         deviation[j] = max(spread, limits.LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
     periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
-    return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
+    count = int(np.isfinite(torque).all(axis=1).sum())
+    return Noise(deviation, correlation, "periods", periods=periods, samples=count, slow=slow)
 
 
 def _without_events(
@@ -139,11 +142,12 @@ def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: 
     return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, TINY))
 
 
-def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
+def pooled(noises: Sequence[Noise]) -> Noise:
     """The noise of several logs as one: the drives and the logger are the same. Variances and correlations are means
     by the number of samples; the period is that of the first."""
     if len(noises) == 1:
         return noises[0]
+    samples = [n.samples for n in noises]
     weights = np.array(samples, dtype=float)
 
     def mean(values: Sequence[Array]) -> Array:
@@ -155,6 +159,7 @@ def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
         deviation=np.sqrt(mean([n.deviation**2 for n in noises])),
         correlation=mean([n.correlation for n in noises]),
         periods=sum(n.periods for n in noises),
+        samples=sum(samples),
         slow=slow,
     )
 
@@ -188,7 +193,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         rho, level = trials[least], fits[least][1]
         deviation[j] = np.sqrt(max(level, TINY) * rate_hz / 2 / (1 - rho**2))
         correlation[j] = rho
-    return Noise(deviation, correlation, "residual")
+    return Noise(deviation, correlation, "residual", samples=residual.shape[0])
 
 
 def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:

@@ -105,6 +105,12 @@ def test_ratio_of_two_residuals() -> None:
     assert rms_ratio(np.zeros((400, 2)), np.zeros((400, 2)), TWO, block=1000).value == 0.0
 
 
+def test_what_is_shorter_than_two_blocks_is_one() -> None:
+    uneven = residual(1.0) * np.where(np.arange(400) < 200, 0.2, 1.3)[:, None]
+    found = rms_ratio(residual(1.0), uneven, noise(), block=300)
+    assert found.low == pytest.approx(found.value) == found.high
+
+
 def test_interval_of_a_ratio_against_the_normal_one() -> None:
     rng = np.random.default_rng(3)
     before, after = rng.normal(size=(4000, 1)), 0.8 * rng.normal(size=(4000, 1))

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.discovery.selection.decide import Options, held_out_ratio
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.signals import read_trajectory
 from fmu_didim.workflow import discover
@@ -89,7 +89,7 @@ def test_the_ratio_of_the_held_out_data_is_that_of_all_of_them(tmp_path: Path) -
     before = base_of(arm_experiments(tmp_path, FAST, FRICTION))
     values = before.values * 1.05
     after = replace(before, model=before.model.with_values(values), values=values)
-    ratio = held_out_ratio(before, after, Options())
+    ratio = held_out_ratio(before, after)
     squares = [
         sum(float(np.sum(before.model.residual(v, label) ** 2)) for label in ("slow_held", "fast_held"))
         for v in (values, before.values)

@@ -78,11 +78,12 @@ def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text:
     if best is None or best[0] < limits.LINEAR_SHARE:
         return None
     _, label, torques = best
-    time = fit.model.experiments[label].reference.time
-    if _is_staircase(torques) or _comes_back(torques, motion_period(fit.model, label)) or _is_lasting(torques, time):
+    time, period = fit.model.experiments[label].reference.time, motion_period(fit.model, label)
+    if _is_staircase(torques) or _comes_back(torques, period) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
-    return _fitted(fit, label, torques)
+    fitted = _fitted(fit, label, torques)
+    return None if fitted is None or _comes_back(fitted.external_torques, period) else fitted
 
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
@@ -137,8 +138,6 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         held = model.pushed(label, free.model.external_torques(free.values, label))
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
-        return None
-    if _comes_back(held.experiments[label].external_torques, motion_period(held, label)):
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)

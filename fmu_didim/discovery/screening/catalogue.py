@@ -16,11 +16,10 @@ from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
+from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.sensitivity import by_variation
 from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
 
 
@@ -238,7 +237,10 @@ class _Along:
 
     @staticmethod
     def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
-        response, motion = load_response(fit, label), simulated_motion(builder, fit, label)
+        response, motion = (
+            load_response(fit, label),
+            simulated_motion(fit.model, fit.values, label, builder.description),
+        )
         return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
@@ -302,26 +304,6 @@ def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
         load=motion.load[ticks],
         links={j: table[ticks] for j, table in motion.links.items()},
     )
-
-
-def _chi(builder: LoopModelBuilder, fit: Fit, label: str) -> Array:
-    """Standard parameters of the base robot at the values of a fit."""
-    assert builder.description is not None
-    model = RobotModel(builder.description)
-    values = fit.model.parameters.values(fit.model.theta(fit.values, label))
-    return np.array([values.get(v.name, v.start) for v in model.parameters])
-
-
-def simulated_motion(builder: LoopModelBuilder, fit: Fit, label: str) -> Motion | None:
-    """The simulated motion of an experiment at all ticks; None if the plant does not give it."""
-    model = fit.model
-    if builder.description is None:
-        return motion_from_outputs(model, fit.values, label)
-    recording = model.record(fit.values, label, all_ticks=True)
-    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in model.logged])
-    chi = _chi(builder, fit, label)
-    return motion_of(RobotModel(builder.description), chi, recording.time, q, dq, ddq, torque)
 
 
 __all__ = ["Signature", "SignatureCatalogue"]

@@ -6,14 +6,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from fmu_didim.diagnosis.gap import Ratio, joint_gaps, part_of_first, rms_ratio
-from fmu_didim.diagnosis.thresholds import BLOCK_S
+from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, part_of_first
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
-from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import EffectAtJoint
 from fmu_didim.signals import Array
@@ -132,7 +128,7 @@ def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) ->
     if part < options.smallest_part:
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
-    ratio = held_out_ratio(fit, candidate.fit, options)
+    ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
     if ratio is not None and ratio.high >= limits.HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
@@ -151,31 +147,6 @@ def _nearness(winner: Contender, options: Options) -> float:
     """BIC difference within which contenders are ambiguous: no form is exact, so that a small fraction of a large gain
     decides nothing."""
     return max(options.threshold, limits.NEAR * winner.delta_bic)
-
-
-def held_out_ratio(before: Fit, after: Fit, options: Options) -> Ratio | None:
-    """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    labels = before.model.validation_labels
-    if not labels:
-        return None
-    try:
-        second = np.concatenate([after.model.residual(after.values, label) for label in labels])
-    except SimulationError:
-        return Ratio(np.inf, np.inf, np.inf)
-    first = np.concatenate([before.model.residual(before.values, label) for label in labels])
-    rate = before.model.experiments[labels[0]].rate_hz
-    return rms_ratio(first, second, before.noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
-
-
-def gaps(fit: Fit) -> dict[str, Array]:
-    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
-    result = {}
-    for label in fit.model.experiments:
-        try:
-            result[label] = joint_gaps(fit.model.residual(fit.values, label), fit.noise)
-        except SimulationError:
-            result[label] = np.full(fit.model.joint_count, np.inf)
-    return result
 
 
 def step_of(accepted: Contender, contenders: Sequence[Contender], competition: Competition, options: Options) -> Step:
@@ -208,6 +179,6 @@ def step_of(accepted: Contender, contenders: Sequence[Contender], competition: C
         ambiguous=tuple(near),
         before=gaps(fit),
         after=gaps(accepted.fit),
-        ratio=held_out_ratio(fit, accepted.fit, options),
+        ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
     )

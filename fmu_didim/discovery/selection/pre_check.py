@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender
@@ -14,7 +15,6 @@ from fmu_didim.discovery.selection.decide import (
     FAILS_HELD_OUT,
     Options,
     Step,
-    held_out_ratio,
     objection,
     step_of,
 )
@@ -100,5 +100,5 @@ def _held_out_tells(candidate: Contender, competition: Competition, options: Opt
     change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
     if change >= options.smallest_size:
         return True
-    ratio = held_out_ratio(competition.fit, candidate.fit, options)
+    ratio = held_out_ratio(competition.fit, candidate.fit, seed=options.seed)
     return ratio is None or ratio.low > limits.WORSE

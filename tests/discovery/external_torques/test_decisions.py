@@ -149,6 +149,9 @@ def test_a_torque_that_comes_back_belongs_to_the_machine(
 # ---- the best of all experiments and joints
 
 
+FITTED = SimpleNamespace(external_torques=())
+
+
 class Search:
     """What the search finds by experiment, joint and whether the torque is logged."""
 
@@ -156,13 +159,13 @@ class Search:
         self, monkeypatch: pytest.MonkeyPatch, shares: dict[tuple[str, int, bool], float], **more: Any
     ) -> None:
         self.shares, self.torques = shares, more.get("torques", [torque(1, 2)])
-        self.silent = more.get("silent", ())
+        self.silent, self.answer = more.get("silent", ()), more.get("answer", FITTED)
         self.answers: list[tuple[str, int, bool, float]] = []
         self.fitted: list[Any] = []
         monkeypatch.setattr(fit, "step_response", self.response)
         monkeypatch.setattr(fit, "linear_external_torques", self.linear)
         monkeypatch.setattr(fit, "motion_period", lambda model, label: more.get("period"))
-        monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or "fitted")
+        monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or self.answer)
 
     def response(self, fit: Any, label: str, joint: int) -> Any:
         return None if joint in self.silent else np.array([0.25])
@@ -184,7 +187,7 @@ def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any
 def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = {("x", 1, False): 0.6, ("y", 2, True): 0.9, ("y", 2, False): 0.8}
     found, search, said = find(monkeypatch, shares)
-    assert found == "fitted" and said == ["1 torques from outside on joint 2"]
+    assert found is FITTED and said == ["1 torques from outside on joint 2"]
     ((_, label, torques),) = search.fitted
     assert label == "y" and torques[0].joint == 2
     # Where the log shows it, the torque itself is in the answer.
@@ -193,12 +196,12 @@ def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(("share", "found"), [(0.5, True), (0.499, False)])
 def test_half_of_the_gap_must_be_explained(monkeypatch: pytest.MonkeyPatch, share: float, found: bool) -> None:
-    assert (find(monkeypatch, {("x", 1, False): share})[0] == "fitted") is found
+    assert (find(monkeypatch, {("x", 1, False): share})[0] is FITTED) is found
 
 
 def test_joints_that_cannot_be_moved_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     found, search, _ = find(monkeypatch, {("x", 1, False): 0.9, ("x", 2, False): 0.7}, silent=(1,))
-    assert search.fitted[0][2][0].joint == 2 and found == "fitted"
+    assert search.fitted[0][2][0].joint == 2 and found is FITTED
     assert find(monkeypatch, {}, silent=(1, 2))[0] is None
 
 
@@ -215,6 +218,13 @@ def test_what_is_no_torque_from_outside_is_not_fitted(
 ) -> None:
     found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
     assert (found, search.fitted, said) == (None, [], [])
+
+
+def test_torques_that_come_back_once_they_are_fitted_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = SimpleNamespace(external_torques=(torque(1, 2), torque(4, 5)))
+    found, search, _ = find(monkeypatch, {("x", 1, False): 0.9}, period=3.0, answer=answer)
+    assert found is None and len(search.fitted) == 1
+    assert find(monkeypatch, {("x", 1, False): 0.9}, period=2.0, answer=answer)[0] is answer
 
 
 # ---- against what looks like them

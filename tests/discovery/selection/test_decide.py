@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.gap import gaps, held_out_ratio
 from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import (
     Options,
     _nearness,
     _simplest,
     decide,
-    gaps,
-    held_out_ratio,
     objection,
     step_of,
 )
@@ -112,7 +111,7 @@ def test_held_out_data_must_be_explained_better(second: float, reason: str) -> N
 def test_a_mean_below_one_is_not_enough_where_the_interval_reaches_it() -> None:
     second = residual(16.0) * np.where(np.arange(SIGNS.size) < 200, 0.2, 1.3)[:, None]
     before, candidate = held_out(residual(16.0), second)
-    ratio = held_out_ratio(before, candidate.fit, Options())
+    ratio = held_out_ratio(before, candidate.fit)
     assert ratio is not None
     assert ratio.value == pytest.approx(np.sqrt((0.04 + 1.69) / 2), rel=1e-12)
     assert ratio.low < ratio.value < 1.0 < ratio.high
@@ -125,8 +124,8 @@ def test_blocks_of_half_a_second_are_drawn() -> None:
     # Every second block of five samples (0.5 s at 10 Hz) is worse: drawn whole, their number varies.
     worse = np.where(np.arange(SIGNS.size) // 5 % 2 == 0, 0.5, 1.0)[:, None]
     before, candidate = held_out(residual(1.0), residual(1.0) * worse)
-    ratio = held_out_ratio(before, candidate.fit, Options())
-    again = held_out_ratio(before, candidate.fit, Options(seed=1))
+    ratio = held_out_ratio(before, candidate.fit)
+    again = held_out_ratio(before, candidate.fit, seed=1)
     assert ratio is not None and again is not None
     deviation = 0.75 / 2 / np.sqrt(80) / (2 * 0.625**0.5)  # of the mean square over 80 blocks, then of its root
     assert ratio.high - ratio.low == pytest.approx(2 * 1.96 * deviation, rel=0.06)
@@ -146,17 +145,17 @@ def test_a_block_holds_one_sample_at_least(rate: float, blocks: int, monkeypatch
 
     monkeypatch.setattr(np.random, "default_rng", lambda seed: Spy())
     before, candidate = held_out(residual(1.0), residual(0.5), rate_hz=rate)
-    held_out_ratio(before, candidate.fit, Options())
+    held_out_ratio(before, candidate.fit)
     assert sizes == [(blocks, 2000, blocks)]
 
 
 def test_without_held_out_data_there_is_no_ratio() -> None:
-    assert held_out_ratio(BEFORE, contender_of().fit, Options()) is None
+    assert held_out_ratio(BEFORE, contender_of().fit) is None
 
 
 def test_a_model_that_cannot_be_run_on_held_out_data_is_worse_than_any() -> None:
     before, candidate = held_out(residual(16.0), None)
-    ratio = held_out_ratio(before, candidate.fit, Options())
+    ratio = held_out_ratio(before, candidate.fit)
     assert (ratio.value, ratio.low, ratio.high) == (np.inf, np.inf, np.inf)
     assert objection(candidate, before, Options(), base=BASE).startswith("held-out RMS ratio inf")
 
@@ -164,7 +163,7 @@ def test_a_model_that_cannot_be_run_on_held_out_data_is_worse_than_any() -> None
 def test_all_held_out_experiments_count() -> None:
     before = table_fit(50.0, held_out={"a": residual(9.0), "b": residual(1.0)})
     after = table_fit(10.0, held_out={"a": residual(1.0), "b": residual(1.0)})
-    assert held_out_ratio(before, after, Options()).value == pytest.approx(np.sqrt(2 / 10))
+    assert held_out_ratio(before, after).value == pytest.approx(np.sqrt(2 / 10))
 
 
 @pytest.mark.parametrize(

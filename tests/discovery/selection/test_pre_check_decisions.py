@@ -203,7 +203,7 @@ def test_whether_held_out_data_tell(
 ) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(Competition, "torque_change_without", lambda *_, **more: asked.append(more) or change)
-    monkeypatch.setattr(checking, "held_out_ratio", lambda *_: None if low is None else Ratio(1.5, low, 2.0))
+    monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(1.5, low, 2.0))
     found = _held_out_tells(contender_of(), Competition(Builder(), table_fit(5.0)), Options())
     assert found is tells
     assert asked == [{"held_out": True}]
