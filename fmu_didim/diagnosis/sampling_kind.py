@@ -19,7 +19,8 @@ from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.prediction.base_projection import BaseProjection
-from fmu_didim.prediction.least_squares import Fit, minimise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
 from fmu_didim.prediction.loop_model import LoopModel
 
 WAYS: tuple[tuple[Kind, Window], ...] = (

@@ -26,9 +26,10 @@ from fmu_didim.discovery.findings import (
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, relative_error_percent
@@ -210,6 +211,3 @@ def _noise(noise: Noise) -> NoiseResult:
 
 def _norm(gaps: Array) -> float:
     return float(np.sqrt(np.mean(gaps**2)))
-
-
-__all__ = ["findings_document", "gap_pair", "values_found"]

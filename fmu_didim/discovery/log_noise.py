@@ -11,7 +11,7 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import (
     Noise,

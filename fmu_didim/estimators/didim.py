@@ -23,9 +23,9 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification.conclude import efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import Start, start_values, with_free_delay
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe

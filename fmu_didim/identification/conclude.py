@@ -16,8 +16,9 @@ from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.signals import Array
 

@@ -21,7 +21,7 @@ import numpy as np
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.equations import Equations
-from fmu_didim.prediction.fit import Fit, point, sum_of_squares
+from fmu_didim.prediction.fit import Fit, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -341,6 +341,3 @@ class _Step:
             size,
             equations.condition,
         )
-
-
-__all__ = ["Fit", "Stopping", "integrated", "minimise", "point"]

@@ -31,7 +31,7 @@ from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.prediction.free_parameter import DELAY, LOG, PLANT, joint_parameter
 from fmu_didim.prediction.integration import coarsely, divided, refined
-from fmu_didim.prediction.loop_description import EffectAtJoint, LoopDescription
+from fmu_didim.prediction.loop_description import LoopDescription
 from fmu_didim.prediction.workers import may_run_side_by_side
 from fmu_didim.signals import Array
 
@@ -238,6 +238,3 @@ class LoopModel(LoopDescription):
         if self.workers == 1 or not may_run_side_by_side(self.systems[self.first]):
             return 1
         return self.workers if self.record(values, ticks=np.zeros(1, dtype=np.int64)).compiled else 1
-
-
-__all__ = ["EffectAtJoint", "LoopModel"]

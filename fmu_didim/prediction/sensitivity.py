@@ -183,6 +183,3 @@ class _Experiment:
             except SimulationError:
                 continue
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
-
-
-__all__ = ["by_variation", "parameter_sizes", "sensitivity"]

@@ -139,6 +139,3 @@ def _with_experiment(
             return document, {}
         return document, {"reference_next": plan.save(out / NEXT_FILE).name}
     return document, {}
-
-
-__all__ = ["discover"]

@@ -12,8 +12,10 @@ from fmu_didim.diagnosis.sampling_kind import Way, other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS
 from fmu_didim.master import SampleOperator, sample_operator
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import read_robot
 from tests.discovery.helpers import arm_model, data, known_noise, with_torque
 

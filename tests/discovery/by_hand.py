@@ -11,9 +11,9 @@ import numpy as np
 
 from fmu_didim.discovery.selection.contenders import Contender
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 

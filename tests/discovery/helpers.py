@@ -18,7 +18,7 @@ from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv

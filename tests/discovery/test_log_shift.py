@@ -14,7 +14,8 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.prediction.free_parameter import LOG
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.robot import read_robot
 from fmu_didim.workflow import discover, simulate

@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from fmu_didim.block import choose_substeps
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import sensitivity

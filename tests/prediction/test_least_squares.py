@@ -13,8 +13,9 @@ import yaml
 from fmu_didim.errors import DivergedError
 from fmu_didim.identification.conclude import Minimum, efficient_finish
 from fmu_didim.prediction import least_squares
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity

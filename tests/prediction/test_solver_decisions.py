@@ -13,18 +13,9 @@ import pytest
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import least_squares
 from fmu_didim.prediction.equations import Equations
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import (
-    Fit,
-    Stopping,
-    _Found,
-    _Solver,
-    _State,
-    _Step,
-    integrated,
-    minimise,
-    point,
-)
+from fmu_didim.prediction.least_squares import Stopping, _Found, _Solver, _State, _Step, integrated, minimise
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array

@@ -21,7 +21,8 @@ from fmu_didim.effects import EFFECTS, Effect, Search, SplicedEffect, TorqueEffe
 from fmu_didim.errors import InputError
 from fmu_didim.master import System, splice_effect
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
 

@@ -14,8 +14,9 @@ from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFou
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.statistics import confidence_interval
 
 
@@ -103,6 +104,3 @@ def _gaps(before: Fit, after: Fit) -> Mapping[str, GapPair]:
             continue
         result[label] = gap_pair(pair[0], pair[1], after.noise)
     return result
-
-
-__all__ = ["external_torque_finding", "external_torque_windows", "refitted"]

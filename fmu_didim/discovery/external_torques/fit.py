@@ -22,8 +22,9 @@ from fmu_didim.discovery.log_noise import motion_period, noise_beside_fit
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.thresholds import STEP
 from fmu_didim.prediction.workers import side_by_side
@@ -199,6 +200,3 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
                     )
                 )  # fmt: skip
     return found
-
-
-__all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques"]

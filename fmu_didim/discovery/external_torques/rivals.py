@@ -9,8 +9,8 @@ from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Competition, Screened
 from fmu_didim.effects import Effect
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
 def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
@@ -40,6 +40,3 @@ def rivalled(
         first.setdefault(candidate.effect_at.effect, candidate)
     best = competition.contend(list(first.values()), progress=say)
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic
-
-
-__all__ = ["external_effect", "rivalled"]

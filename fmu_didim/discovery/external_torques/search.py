@@ -25,7 +25,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.signals import Array

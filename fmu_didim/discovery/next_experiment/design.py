@@ -16,7 +16,6 @@ import yaml
 
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
-from fmu_didim.discovery.next_experiment.motions import Limits, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
 from fmu_didim.discovery.next_experiment.separation import Table
@@ -24,7 +23,7 @@ from fmu_didim.discovery.selection.thresholds import BIC
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Array, Trajectory, write_csv
@@ -247,6 +246,3 @@ def _textual(
     return SplittingExperiment(
         " ".join([*lines, *advice]), None, None, nothing, nothing, nothing, nothing, pairs, advice, False
     )
-
-
-__all__ = ["Limits", "PairSeparation", "Search", "SplittingExperiment", "design_experiment", "limits_of"]

@@ -14,8 +14,8 @@ from fmu_didim.discovery.screening.load_response import LoadResponse, load_respo
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.sensitivity import by_variation
@@ -304,6 +304,3 @@ def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
         load=motion.load[ticks],
         links={j: table[ticks] for j, table in motion.links.items()},
     )
-
-
-__all__ = ["Signature", "SignatureCatalogue"]

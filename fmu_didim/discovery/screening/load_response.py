@@ -22,7 +22,7 @@ from scipy.linalg import toeplitz
 from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -138,6 +138,3 @@ def _sampling(fit: Fit, label: str, every: int, count: int) -> sparse.csr_array:
         shape=(place.size, count),
     )
     return sparse.csr_array(operator.matrix @ between)
-
-
-__all__ = ["LoadResponse", "load_response"]

@@ -19,9 +19,11 @@ from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogu
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side

@@ -10,8 +10,8 @@ from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, part_of_first
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.signals import Array
 
 FAILS_HELD_OUT = "held-out RMS ratio"

@@ -20,8 +20,8 @@ from fmu_didim.discovery.selection.decide import (
 )
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
 def pre_check(

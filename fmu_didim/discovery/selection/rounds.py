@@ -18,9 +18,10 @@ from fmu_didim.discovery.selection.contenders import (
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 Say = Callable[[str], None]
 

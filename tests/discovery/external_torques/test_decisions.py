@@ -23,7 +23,7 @@ from fmu_didim.discovery.external_torques.search import _joined, _merged, _solve
 from fmu_didim.discovery.findings import ValueFound
 from fmu_didim.discovery.selection.contenders import Competition
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
 
 TIME = np.arange(101) * 0.1

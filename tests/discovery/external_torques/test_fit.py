@@ -10,7 +10,7 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from tests.discovery.helpers import base_of, with_torque
 from tests.discovery.vendor import vendor_case
 

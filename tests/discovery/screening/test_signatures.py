@@ -15,8 +15,9 @@ from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogu
 from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, simulated_motion
 from tests.discovery.helpers import arm_model, known_noise
 

@@ -20,9 +20,10 @@ from fmu_didim.discovery.selection.contenders import (
     proposal_of,
 )
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.least_squares import Stopping
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
 from tests.prediction.law_model import LawModel, free

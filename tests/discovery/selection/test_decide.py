@@ -19,7 +19,7 @@ from fmu_didim.discovery.selection.decide import (
     objection,
     step_of,
 )
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from tests.discovery.by_hand import (
     SIGNS,
     Catalogue,

@@ -18,8 +18,8 @@ from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual, table_fit
 

@@ -15,9 +15,10 @@ from fmu_didim.discovery.selection.contenders import Contender, Screened
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import _backward, _candidates, _with_shapes_held, run_rounds
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.least_squares import Stopping
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual
 
 
