@@ -85,5 +85,4 @@ def with_nuisances(model: LoopModel) -> LoopModel:
 
 
 def _largest_speed(reference: Trajectory, name: str) -> float:
-    step = float(reference.time[1] - reference.time[0])
-    return float(np.abs(np.gradient(reference.select([name])[:, 0], step)).max())
+    return float(np.abs(np.gradient(reference.column(name), reference.step)).max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -71,13 +72,7 @@ def findings_document(
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=_noise(discovery.base.noise),
-        regions=[
-            RegionResult(
-                joint=r.joint, quantity=r.quantity, unit=r.unit, low=r.low, high=r.high, mean=r.mean,
-                share_of_gap=r.share, p_value=r.p_value,
-            )
-            for r in found_regions
-        ],
+        regions=[RegionResult(**asdict(region)) for region in found_regions],
         windows=[*windows, *_windows(discovery, residuals)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
@@ -118,15 +113,13 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         experiment=effect.experiment,
         gap={
             label: GapPair(
-                before=_norm(step.before[label]),
-                after=_norm(step.after[label]),
-                before_per_joint=step.before[label].tolist(),
-                after_per_joint=step.after[label].tolist(),
+                before=_norm(before), after=_norm(step.after[label]),
+                before_per_joint=before.tolist(), after_per_joint=step.after[label].tolist(),
             )
-            for label in step.before
+            for label, before in step.before.items()
         },
         ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
-    )
+    )  # fmt: skip
 
 
 def _rival(effect_at: EffectAtJoint, behind: float, builder: LoopModelBuilder) -> Rival:
@@ -191,11 +184,7 @@ def _windows(discovery: Discovery, residuals: Residuals) -> list[WindowResult]:
         if not np.isfinite(residual).all():
             continue
         for w in force_windows(residual, discovery.final.model.experiments[label].time, discovery.final.noise):
-            result.append(
-                WindowResult(
-                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=-w.torque, score=w.score, experiment=label
-                )
-            )
+            result.append(WindowResult(**asdict(replace(w, torque=-w.torque)), experiment=label))
     return result
 
 

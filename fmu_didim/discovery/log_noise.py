@@ -15,6 +15,7 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import (
     Noise,
+    joint_speed,
     motion_frequency,
     noise_from_periods,
     noise_from_residual,
@@ -37,7 +38,7 @@ def _used(reference: Trajectory, system: System) -> Trajectory:
     sources = [c.source.partition(".") for c in system.connections]
     wanted = {column for name, _, column in sources if name == REFERENCE}
     names = [name for name in reference.names if name in wanted]
-    return reference if not names else trajectory(reference.time, {n: reference.select([n])[:, 0] for n in names})
+    return reference if not names else trajectory(reference.time, {n: reference.column(n) for n in names})
 
 
 def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
@@ -130,15 +131,10 @@ def friction_columns(experiment: Experiment) -> Array:
     n = experiment.torque.shape[1]
     reference = experiment.reference
     result = np.zeros((experiment.torque.shape[0], n, 3))
-    step = float(reference.time[1] - reference.time[0])
     for j in range(n):
-        name = f"dq{j + 1}"
-        if name in reference.names:
-            speed = reference.select([name])[:, 0]
-        elif f"q{j + 1}" in reference.names:
-            speed = np.gradient(reference.select([f"q{j + 1}"])[:, 0], step)
-        else:
+        if not {f"q{j + 1}", f"dq{j + 1}"} & set(reference.names):
             continue
+        speed = joint_speed(reference, j + 1)
         at = np.interp(experiment.time, reference.time, speed)
         slow = limits.REVERSAL * max(float(np.abs(speed).max()), limits.STANDSTILL)
         result[:, j] = np.column_stack([at, np.tanh(at / slow), experiment.time - experiment.time[0]])

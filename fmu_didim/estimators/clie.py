@@ -72,12 +72,10 @@ class Clie(Estimator):
         reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
-                "The identified model is not physical.",
-                iterations=list(minimum.iterations),
-                got=reason,
+                "The identified model is not physical.", iterations=list(minimum.iterations), got=reason,
                 next_step=ADVICE,
-            )
+            )  # fmt: skip
         return torque_estimate(
-            fit, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(fit.values, sigma)}, difference=minimum.integration_error, remarks=minimum.remarks,
+            minimum, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
+            stages={self.name: Stage(fit.values, sigma)},
         )  # fmt: skip

@@ -20,7 +20,7 @@ import numpy as np
 
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import efficient_finish, integration_error, torque_estimate
+from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import Start, start_values, with_free_delay
 from fmu_didim.prediction.fit import Fit, point
@@ -206,16 +206,14 @@ class Didim(Estimator):
         """Statistics, the efficient finish, the check of what is physical."""
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         stages = {"didim": self._stage(fit)}
-        remarks: tuple[str, ...] = ()
         if self.finish or fit.values.size > model.linear_count:
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, settled and minimum.fit.settled
-            difference, remarks = minimum.integration_error, minimum.remarks
             covariance = fit.bound
             stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
         else:
-            difference, _ = integration_error(fit)
+            minimum = Minimum(fit, integration_error(fit)[0])
             covariance = covariance_sandwich(
                 whitened(_inverse(prediction)[0], fit.deviation), whitened(fit.jacobian, fit.deviation)
             )
@@ -224,9 +222,8 @@ class Didim(Estimator):
         if reason:
             raise _NonPhysicalError(fit.values, reason)
         return torque_estimate(
-            fit, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
-            difference=difference, remarks=remarks,
-        )  # fmt: skip
+            minimum, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages
+        )
 
     def _stage(self, fit: Fit) -> Stage:
         """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""

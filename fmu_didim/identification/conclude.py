@@ -36,9 +36,9 @@ class Minimum:
     """
 
     fit: Fit
-    iterations: tuple[Iteration, ...]
     integration_error: float
-    remarks: tuple[str, ...]
+    iterations: tuple[Iteration, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def efficient_finish(
@@ -75,7 +75,7 @@ def efficient_finish(
         remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {100 * difference:.2g} %.")
         finer = replace(fit.model, substep_factor=2 * fit.model.substep_factor)
         fit = replace(point(finer, NoiseOfResidual(finer)), settled=fit.settled)
-    return Minimum(fit, tuple(iterations), difference, tuple(remarks))
+    return Minimum(fit, difference, tuple(iterations), tuple(remarks))
 
 
 def integration_error(fit: Fit) -> tuple[float, float]:
@@ -100,24 +100,21 @@ def degrees_of_freedom(model: LoopModel, count: int) -> float:
 
 
 def torque_estimate(
-    fit: Fit,
+    minimum: Minimum,
     covariance: Array,
     *,
     estimator: str,
     settled: bool,
     iterations: Sequence[Iteration],
     stages: Mapping[str, Stage],
-    difference: float,
-    remarks: Sequence[str] = (),
 ) -> Estimate:
-    """The estimate at a point of the closed loop, with covariance (p, p)."""
-    model = fit.model
+    """The estimate at a minimum, or at another point of the closed loop, with covariance (p, p)."""
+    fit, model = minimum.fit, minimum.fit.model
     return Estimate(
         estimator=estimator,
         names=model.names,
         units=model.units,
         value=fit.values,
-        standard_deviation=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         freedom=degrees_of_freedom(model, fit.values.size),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
@@ -129,7 +126,7 @@ def torque_estimate(
         iterations=tuple(iterations),
         stages=stages,
         base_count=model.parameters.count,
-        integration_error=difference,
+        integration_error=minimum.integration_error,
         agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
-        remarks=tuple(remarks),
+        remarks=minimum.remarks,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,7 @@ def consistency_result(found: Consistency) -> ConsistencyResult:
         worst=found.worst,
         points=found.points,
         torque_difference=list(found.torque),
-        columns={
-            name: ColumnResult(difference=c.difference, cosine=c.cosine, size=c.size, joint=c.joint)
-            for name, c in (found.columns or {}).items()
-        },
+        columns={name: ColumnResult(**asdict(column)) for name, column in (found.columns or {}).items()},
         method=found.method,
         acceleration="difference of velocities" if found.by_differences else "output of the plant",
         warnings=warnings,

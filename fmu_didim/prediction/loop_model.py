@@ -53,7 +53,8 @@ class LoopModel(LoopDescription):
         if self.coarse:
             plant = coarsely(plant, system.step_size / self.subdivision, self.joint_count)
         else:
-            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if self._refines else None
+            refines = self.plant.stated_substeps is not None or self.substep_factor != 1
+            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if refines else None
             plant = refined(plant, own, self.substep_factor)
         system = system.replace(self.plant_name, plant)
         self._share_shapes(by_owner, plant, label)
@@ -94,10 +95,6 @@ class LoopModel(LoopDescription):
                 result[f"q_start{j}"] = float(first[f"q{j}"])
                 result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
         return result
-
-    @property
-    def _refines(self) -> bool:
-        return self.plant.stated_substeps is not None or self.substep_factor != 1
 
     @property
     def can_refine(self) -> bool:

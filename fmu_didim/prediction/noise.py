@@ -211,17 +211,25 @@ def effective_fraction(residual: Array) -> Array:
     return np.asarray((1 - rho) / (1 + rho))
 
 
+def joint_speed(reference: Trajectory, joint: int) -> Array:
+    """(K,) velocity of a joint, counted from 1, as the reference gives it or as that of its position; raises
+    UnknownNameError where it has neither."""
+    given = f"dq{joint}"
+    return (
+        reference.column(given)
+        if given in reference.names
+        else np.gradient(reference.column(f"q{joint}"), reference.step)
+    )
+
+
 def motion_frequency(reference: Trajectory, joints: int) -> float:
     """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies."""
     highest = 0.0
-    step = float(reference.time[1] - reference.time[0])
     for j in range(1, joints + 1):
-        name = f"dq{j}"
-        if name in reference.names:
-            speed = reference.select([name])[:, 0]
-        else:
-            speed = np.gradient(reference.select([f"q{j}"])[:, 0], step)
+        speed = joint_speed(reference, j)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
         total = np.cumsum(power) / max(float(power.sum()), TINY)
-        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, limits.MOTION_POWER)]))
+        highest = max(
+            highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, limits.MOTION_POWER)])
+        )
     return highest

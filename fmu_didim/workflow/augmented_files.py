@@ -154,7 +154,7 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
         effect = builder.part(effect_at)
         if effect is None:
             continue
-        block = effect.block(builder.joint_type(effect_at.joint), step)  # type: ignore[arg-type]
+        block = effect.block(builder.joint_type(effect_at.joint), step)
         values = {
             k.key: float(v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True) if k.effect == index
         }

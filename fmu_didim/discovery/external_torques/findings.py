@@ -66,15 +66,11 @@ def external_torque_windows(free: Fit, label: str) -> list[WindowResult]:
     deviation = {v.name: v.std for v in values_found(free, _is_external_torque)}
     return [
         WindowResult(
-            joint=p.joint,
-            begin_s=p.begin_s,
-            end_s=p.end_s,
-            torque=p.torque,
+            joint=p.joint, begin_s=p.begin_s, end_s=p.end_s, torque=p.torque, experiment=label,
             score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, limits.SMALLEST_DEVIATION),
-            experiment=label,
         )
         for i, p in enumerate(free.model.external_torques(free.values, label), start=1)
-    ]
+    ]  # fmt: skip
 
 
 def _is_external_torque(parameter: FreeParameter) -> bool:

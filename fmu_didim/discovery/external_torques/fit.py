@@ -152,8 +152,7 @@ def _edges_moved(free: Fit, label: str) -> LoopModel | None:
     An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
     """
     model, weight = free.model, free.noise.weight
-    time = model.experiments[label].reference.time
-    step = float(time[1] - time[0])
+    step = model.experiments[label].reference.step
     edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
     table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
     measured = model.measured
@@ -179,7 +178,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     """Times and torques of external torques as free parameters of an experiment."""
     model, experiment = fit.model, fit.model.experiments[label]
     time, rate = experiment.reference.time, experiment.rate_hz
-    step, size = float(time[1] - time[0]), max(abs(p.torque) for p in external_torques)
+    step, size = experiment.reference.step, max(abs(p.torque) for p in external_torques)
     unit = model.parameters.torque_units[external_torques[0].joint - 1]
     room = max(limits.EDGE_ROOM / rate, limits.EDGE_ROOM * step)
     found: list[FreeParameter] = []

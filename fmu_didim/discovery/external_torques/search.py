@@ -107,7 +107,7 @@ def linear_external_torques(
     if not chosen:
         return None
     chosen.sort()
-    step = float(time[1] - time[0])
+    step = experiment.reference.step
     settled = np.abs(response - response[-1]) > limits.UNSETTLED * np.abs(response).max()
     near = round(limits.NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):

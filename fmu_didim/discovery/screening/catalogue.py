@@ -91,7 +91,7 @@ class SignatureCatalogue:
         kind = kinds[joint]
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
-        names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
+        names = tuple(v.name for v in effect.parameters(kind))
         tried = _thinned(effect, self.builder.search(effect_at), defaults)
         for first in range(0, len(tried), limits.TOGETHER):
             kept, loads = [], []
@@ -115,8 +115,7 @@ class SignatureCatalogue:
         robot = self.builder.description
         own = robot.joints[effect_at.joint - 1].parameters if robot is not None else {}
         return {
-            v.name: present.get(f"{v.name}_{effect_at.joint}", own.get(v.name, v.start))
-            for v in effect.shapes(kind)  # type: ignore[arg-type]
+            v.name: present.get(f"{v.name}_{effect_at.joint}", own.get(v.name, v.start)) for v in effect.shapes(kind)
         }
 
     def _by_simulation(self, effect_at: EffectAtJoint, effect: Effect) -> Iterator[Signature]:

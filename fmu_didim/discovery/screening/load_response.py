@@ -72,8 +72,8 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
         seed: of the telegraph signal.
     """
     model = fit.model
-    time = model.experiments[label].reference.time
-    step = float(time[1] - time[0])
+    reference = model.experiments[label].reference
+    time, step = reference.time, reference.step
     every = max(round(limits.SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
     length = min(max(round(limits.MEMORY_S / (every * step)), 1), limits.MOST_TAPS, ticks.size // limits.MOST_OF_LOG)
