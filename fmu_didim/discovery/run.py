@@ -20,11 +20,7 @@ from fmu_didim.discovery.document import findings_document, has_external_torques
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
-from fmu_didim.discovery.findings import (
-    FindingResult,
-    FindingsDocument,
-    WindowResult,
-)
+from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT

@@ -32,12 +32,7 @@ from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import (
-    covariance_efficient,
-    covariance_paper,
-    covariance_sandwich,
-    relative_error_percent,
-)
+from fmu_didim.statistics import covariance_efficient, covariance_paper, covariance_sandwich, relative_error_percent
 
 MAXIMUM_HALVINGS = 6
 GROWTH = 1.5

@@ -65,12 +65,7 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
 
 
 def result_document(
-    name: str,
-    model: LoopModel,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    description: str = "",
+    name: str, model: LoopModel, estimate: Estimate, validations: Sequence[Validation], *, description: str = ""
 ) -> ResultDocument:
     """The document of an estimate and its validations."""
     notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]

@@ -18,15 +18,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError
-from fmu_didim.master import (
-    Connection,
-    Observer,
-    Recording,
-    SampleOperator,
-    System,
-    logged_torque,
-    simulate,
-)
+from fmu_didim.master import Connection, Observer, Recording, SampleOperator, System, logged_torque, simulate
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.prediction.free_parameter import DELAY, LOG, PLANT, joint_parameter

@@ -53,10 +53,7 @@ class LoopModelBuilder:
     """
 
     def __init__(
-        self,
-        base: LoopModel,
-        description: RobotDescription | None,
-        effects: Mapping[str, Effect] = EFFECTS,
+        self, base: LoopModel, description: RobotDescription | None, effects: Mapping[str, Effect] = EFFECTS
     ) -> None:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)

@@ -11,13 +11,7 @@ from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender
-from fmu_didim.discovery.selection.decide import (
-    FAILS_HELD_OUT,
-    Options,
-    Step,
-    objection,
-    step_of,
-)
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
