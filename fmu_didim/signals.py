@@ -94,6 +94,15 @@ class Trajectory:
         """The names of the columns."""
         return tuple(v.name for v in self.variables)
 
+    @property
+    def step(self) -> float:
+        """Time from the first row to the second, s: that between all rows of a reference."""
+        return float(self.time[1] - self.time[0])
+
+    def column(self, name: str) -> Array:
+        """The column of a name, (N,); raises UnknownNameError."""
+        return self.select([name])[:, 0]
+
     def select(self, names: Sequence[str]) -> Array:
         """The columns of the given names, (N, len(names)); raises UnknownNameError."""
         index = {name: i for i, name in enumerate(self.names)}

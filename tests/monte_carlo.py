@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from fmu_didim.estimators import Didim
-from fmu_didim.prediction.least_squares import point
+from fmu_didim.prediction.fit import point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.weighting import NoiseOfResidual
 from tests.helpers import ROOT, model_of, with_torque

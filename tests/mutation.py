@@ -31,6 +31,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fmu_didim"
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 TESTS: dict[str, tuple[str, ...]] = {
+    "diagnosis/gap.py": ("diagnosis/test_gap_decisions.py", "discovery/selection/test_decide.py"),
     "discovery/selection/decide.py": ("discovery/selection/test_decide.py",),
     "discovery/selection/rounds.py": ("discovery/selection/test_rounds.py",),
     "discovery/selection/contenders.py": ("discovery/selection/test_contenders.py",),

@@ -62,7 +62,8 @@ def agreement(model: LoopModel, torque: Array, jacobian: Array, deviation: Array
     # Residuals with a colour of their own hold fewer independent samples.
     residual = model.measured - torque
     weight = {label: np.sqrt(effective_fraction(residual[part])) / deviation for label, part in rows.items()}
-    tables = {label: _flat(jacobian[part], weight[label]) for label, part in rows.items()}
+    count = jacobian.shape[2]
+    tables = {label: (jacobian[part] * weight[label][:, None]).reshape(-1, count) for label, part in rows.items()}
     scale = np.maximum(np.sqrt(sum((t**2).sum(axis=0) for t in tables.values())), TINY)
     grams = {label: (t / scale).T @ (t / scale) for label, t in tables.items()}
     inverse = np.linalg.pinv(np.asarray(sum(grams.values())), hermitian=True)
@@ -87,7 +88,3 @@ def _judged(label: str, names: tuple[str, ...], score: Array, bracket: Array, co
     most = int(np.argmax(np.abs(change) / spread))
     agrees = p_value >= limits.SIGNIFICANCE / count
     return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))
-
-
-def _flat(table: Array, weight: Array) -> Array:
-    return np.asarray((table * weight[:, None]).reshape(-1, table.shape[2]))

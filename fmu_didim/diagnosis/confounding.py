@@ -56,6 +56,3 @@ def refuse_confounded(columns: Array, values: Array, names: Sequence[str], *, to
             next_step="Leave one of them out (its value is then taken as known), or add an experiment that separates "
             "them, with another payload, gain or motion.",
         )  # fmt: skip
-
-
-__all__ = ["confounded", "refuse_confounded"]

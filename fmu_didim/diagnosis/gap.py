@@ -13,6 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
 from fmu_didim.signals import Array
 from fmu_didim.statistics import CONFIDENCE
@@ -26,6 +28,17 @@ def joint_gaps(residual: Array, noise: Noise) -> Array:
 def total_gap(residual: Array, noise: Noise) -> float:
     """Gap over all joints: root of the mean square, each joint in units of its noise."""
     return float(np.sqrt(max(float(np.mean((residual / noise.deviation) ** 2)) - 1, 0.0)))
+
+
+def gaps(fit: Fit) -> dict[str, Array]:
+    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
+    result = {}
+    for label in fit.model.experiments:
+        try:
+            result[label] = joint_gaps(fit.model.residual(fit.values, label), fit.noise)
+        except SimulationError:
+            result[label] = np.full(fit.model.joint_count, np.inf)
+    return result
 
 
 def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
@@ -77,6 +90,20 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
     value = float(np.sqrt(second.sum() / max(float(first.sum()), TINY)))
     outside = (1 - CONFIDENCE) / 2
     return Ratio(value, float(np.quantile(ratios, outside)), float(np.quantile(ratios, 1 - outside)))
+
+
+def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
+    """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
+    labels = before.model.validation_labels
+    if not labels:
+        return None
+    try:
+        second = np.concatenate([after.model.residual(after.values, label) for label in labels])
+    except SimulationError:
+        return Ratio(np.inf, np.inf, np.inf)
+    first = np.concatenate([before.model.residual(before.values, label) for label in labels])
+    rate = before.model.experiments[labels[0]].rate_hz
+    return rms_ratio(first, second, before.noise, block=max(round(limits.BLOCK_S * rate), 1), seed=seed)
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:

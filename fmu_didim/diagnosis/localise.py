@@ -26,7 +26,7 @@ class Region:
     Attributes:
         joint: from 1; quantity, unit: what is binned; low, high: the range.
         mean: of the residual there, N.m or N; p_value: of a mean as large by noise alone.
-        share: part of the model error of the joint that the means of all bins of this quantity make up.
+        share_of_gap: part of the model error of the joint that the means of all bins of this quantity make up.
     """
 
     joint: int
@@ -36,7 +36,7 @@ class Region:
     high: float
     mean: float
     p_value: float
-    share: float
+    share_of_gap: float
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def regions(
             ]
     adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
     kept = (r for r, p in zip(found, adjusted, strict=True) if p <= limits.FALSE_DISCOVERIES)
-    return sorted(kept, key=lambda r: (-r.share, r.p_value))
+    return sorted(kept, key=lambda r: (-r.share_of_gap, r.p_value))
 
 
 def _quantities(motion: Motion, j: int, turn: str) -> Mapping[str, tuple[str, Array]]:

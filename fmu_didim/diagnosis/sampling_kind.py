@@ -19,9 +19,9 @@ from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
 from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.prediction.base_projection import BaseProjection
-from fmu_didim.prediction.least_squares import Fit, minimise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
 
 WAYS: tuple[tuple[Kind, Window], ...] = (
     ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
@@ -57,7 +57,7 @@ class Way:
         )
 
 
-def other_sampling(fit: Fit, model: LoopModel, noise: Noise, *, saved: float, threshold: float) -> Way | None:
+def other_sampling(fit: Fit, model: LoopModel, *, saved: float, threshold: float) -> Way | None:
     """A way of sampling that explains the log better than the model that was found, or as well and without its shift.
 
     Args:
@@ -66,29 +66,29 @@ def other_sampling(fit: Fit, model: LoopModel, noise: Noise, *, saved: float, th
     """
     instead = model is not fit.model
     try:
-        ways = _sampled(model, fit, noise, limits.NEARLY if instead else 1.0)
+        ways = _sampled(model, fit, limits.NEARLY if instead else 1.0)
         if not ways:
             return None
         way, operators = min(ways, key=lambda one: one[0])[1:]
         other = model.on(*model.estimation_labels)  # held-out data are not looked at
         for label, operator in operators.items():
             other = other.with_experiment(label, replace(other.experiments[label], operator=operator))
-        found = minimise(other, noise)
+        found = minimise(other, fit.noise)
     except SimulationError:
         return None
-    gain = delta_bic(fit.residual, found.residual, -saved, noise)
+    gain = delta_bic(fit.residual, found.residual, -saved, fit.noise)
     return Way(*way, gain, instead) if gain >= (0.0 if instead else threshold) else None
 
 
 def _sampled(
-    model: LoopModel, fit: Fit, noise: Noise, most: float
+    model: LoopModel, fit: Fit, most: float
 ) -> list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]]:
     """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operators."""
     start, labels = model.start, model.estimation_labels
     commands = {
         label: model.logged_torque(model.record(start, label, all_ticks=True), start, label) for label in labels
     }
-    base = BaseProjection.of_fit(fit, noise)
+    base = BaseProjection.of_fit(fit)
     limit = most * float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
     found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
     for kind, window in WAYS:

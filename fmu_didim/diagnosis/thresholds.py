@@ -9,10 +9,7 @@ TABLE = Table("diagnosis")
 # The torque log ------------------------------------------------------------------------------------------------------
 AGAINST = TABLE("AGAINST", -0.7, "1", "Correlation below which a torque counts as turned round.")
 FOLLOWS = TABLE(
-    "FOLLOWS",
-    0.7,
-    "1",
-    "Correlation above which a torque follows the simulated one, so that their ratio counts.",
+    "FOLLOWS", 0.7, "1", "Correlation above which a torque follows the simulated one, so that their ratio counts."
 )
 OTHER_ORDER = TABLE(
     "OTHER_ORDER", 0.1, "1", "Fraction of the error to which another order of the joints must bring it down."

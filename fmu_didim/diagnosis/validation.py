@@ -38,12 +38,8 @@ def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques."""
     experiment, measured = model.experiments[label], model.measured_in(label)
     try:
-        simulated = model.torque(values, label)
+        simulated, failure = model.torque(values, label), ""
     except SimulationError as error:
-        nothing = np.full_like(measured, np.nan)
-        joints = np.full(measured.shape[1], np.nan)
-        return Validation(
-            label, experiment.role, experiment.time, measured, nothing, float("nan"), joints, str(error)
-        )  # fmt: skip
+        simulated, failure = np.full_like(measured, np.nan), str(error)
     total, per_joint = relative_error_percent(measured, simulated)
-    return Validation(label, experiment.role, experiment.time, measured, simulated, total, per_joint)
+    return Validation(label, experiment.role, experiment.time, measured, simulated, total, per_joint, failure)

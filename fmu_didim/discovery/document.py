@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,10 @@ from fmu_didim.discovery.findings import (
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, relative_error_percent
@@ -41,7 +43,6 @@ def findings_document(
     name: str,
     discovery: Discovery,
     builder: LoopModelBuilder,
-    noise: Noise,
     *,
     ratio: Ratio | None,
     outside: Sequence[FindingResult] = (),
@@ -53,34 +54,28 @@ def findings_document(
     """Everything that was found, with intervals and gaps.
 
     Args:
-        name: of the case; discovery: base, final model and the steps between; noise: of the data.
+        name: of the case; discovery: base, final model and the steps between.
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
         found_regions: where the base model disagrees; notes: further remarks.
     """
     residuals = _residuals(discovery)
-    verdict = _verdict(discovery, noise)
+    verdict = _verdict(discovery)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
-        findings=[*outside, *(_finding(step, discovery, builder, noise) for step in discovery.steps)],
+        findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in discovery.base.model.experiments.items()},
-        gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
+        gap={label: gap_pair(before, after, discovery.base.noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
-        noise=_noise(noise),
-        regions=[
-            RegionResult(
-                joint=r.joint, quantity=r.quantity, unit=r.unit, low=r.low, high=r.high, mean=r.mean,
-                share_of_gap=r.share, p_value=r.p_value,
-            )
-            for r in found_regions
-        ],
-        windows=[*windows, *_windows(discovery, residuals, noise)],
+        noise=_noise(discovery.base.noise),
+        regions=[RegionResult(**asdict(region)) for region in found_regions],
+        windows=[*windows, *_windows(discovery, residuals)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
-        base_parameters=values_found(discovery.final, noise, lambda parameter: parameter.effect is None),
+        base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
         torque_unit=list(units),
         seconds=0.0,
         notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
@@ -89,8 +84,8 @@ def findings_document(
     )  # fmt: skip
 
 
-def _verdict(discovery: Discovery, noise: Noise) -> Verdict:
-    remains = bool((joint_gaps(discovery.final.residual, noise) > limits.REMAINDER).any())
+def _verdict(discovery: Discovery) -> Verdict:
+    remains = bool((joint_gaps(discovery.final.residual, discovery.final.noise) > limits.REMAINDER).any())
     if discovery.steps or has_external_torques(discovery.final.model):
         return "named_with_remainder" if remains else "named"
     return "unknown" if remains else "nothing"
@@ -101,7 +96,7 @@ def has_external_torques(model: LoopModel) -> bool:
     return any(model.experiments[label].external_torques for label in model.estimation_labels)
 
 
-def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder, noise: Noise) -> FindingResult:
+def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> FindingResult:
     effect = builder.effect(step.effect_at)
     index = discovery.final.model.added_effects.index(step.effect_at)
     return FindingResult(
@@ -111,22 +106,20 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder, noise:
         joint=step.effect_at.joint,
         place=effect.place,
         equation=effect.equation,
-        parameters=values_found(discovery.final, noise, lambda parameter: parameter.effect == index),
+        parameters=values_found(discovery.final, lambda parameter: parameter.effect == index),
         share_of_gap=step.share,
         delta_bic=step.delta_bic,
         ambiguous=[_rival(a, behind, builder) for a, behind in step.ambiguous],
         experiment=effect.experiment,
         gap={
             label: GapPair(
-                before=_norm(step.before[label]),
-                after=_norm(step.after[label]),
-                before_per_joint=step.before[label].tolist(),
-                after_per_joint=step.after[label].tolist(),
+                before=_norm(before), after=_norm(step.after[label]),
+                before_per_joint=before.tolist(), after_per_joint=step.after[label].tolist(),
             )
-            for label in step.before
+            for label, before in step.before.items()
         },
         ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
-    )
+    )  # fmt: skip
 
 
 def _rival(effect_at: EffectAtJoint, behind: float, builder: LoopModelBuilder) -> Rival:
@@ -144,10 +137,10 @@ def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
     )
 
 
-def values_found(fit: Fit, noise: Noise, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
+def values_found(fit: Fit, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
     """The wanted free parameters of a fit with their standard deviations and 95 % intervals."""
-    deviation = np.sqrt(np.maximum(np.diag(fit.covariance(noise)), 0.0))
-    samples = fit.residual.shape[0] * float(noise.factor.sum())  # those that count as independent
+    deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    samples = fit.residual.shape[0] * float(fit.noise.factor.sum())  # those that count as independent
     intervals = confidence_interval(fit.values, deviation, samples - fit.values.size)
     return [
         ValueFound(
@@ -184,18 +177,14 @@ def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float
     return result
 
 
-def _windows(discovery: Discovery, residuals: Residuals, noise: Noise) -> list[WindowResult]:
+def _windows(discovery: Discovery, residuals: Residuals) -> list[WindowResult]:
     """Intervals with a force of their own, in what the final model leaves: the drive must make up for it."""
     result = []
     for label, (_, residual) in residuals.items():
         if not np.isfinite(residual).all():
             continue
-        for w in force_windows(residual, discovery.final.model.experiments[label].time, noise):
-            result.append(
-                WindowResult(
-                    joint=w.joint, begin_s=w.begin_s, end_s=w.end_s, torque=-w.torque, score=w.score, experiment=label
-                )
-            )
+        for w in force_windows(residual, discovery.final.model.experiments[label].time, discovery.final.noise):
+            result.append(WindowResult(**asdict(replace(w, torque=-w.torque)), experiment=label))
     return result
 
 
@@ -211,6 +200,3 @@ def _noise(noise: Noise) -> NoiseResult:
 
 def _norm(gaps: Array) -> float:
     return float(np.sqrt(np.mean(gaps**2)))
-
-
-__all__ = ["findings_document", "gap_pair", "values_found"]

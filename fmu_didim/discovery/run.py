@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import Ratio, joint_gaps
+from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
 from fmu_didim.discovery import thresholds as limits
@@ -20,20 +20,16 @@ from fmu_didim.discovery.document import findings_document, has_external_torques
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
-from fmu_didim.discovery.findings import (
-    FindingResult,
-    FindingsDocument,
-    WindowResult,
-)
-from fmu_didim.discovery.screening.catalogue import simulated_motion
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, held_out_ratio
+from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit, integrated
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import integrated
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.motion import simulated_motion
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
@@ -48,13 +44,12 @@ class Found:
 
     Attributes:
         document: the content of ``findings.json``.
-        discovery: base and final fit with the steps between; builder: builds what was found; noise: of the data.
+        discovery: base and final fit with the steps between; builder: builds what was found.
     """
 
     document: FindingsDocument
     discovery: Discovery
     builder: LoopModelBuilder
-    noise: Noise
 
 
 def discover(
@@ -108,38 +103,36 @@ def _prepared(model: LoopModel, say: Say) -> Prepared:
 def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     """Pushes, rounds and what is written down of them."""
     options, effects, say = ask.options, ask.effects, ask.say
-    noise, base = prepared.noise, prepared.fit
-    say(f"gap of the base model: {_list(joint_gaps(base.residual, noise))} of the noise")
+    base = prepared.fit
+    say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
     start = base
     builder = LoopModelBuilder(start.model, ask.description, effects)
     external = external_effect(effects, options.forbid)
-    fitted_torques = None if external is None else find_external_torques(start, noise, say=say)
-    if fitted_torques is not None and rivalled(fitted_torques, start, noise, builder, forbid=options.forbid, say=say):
+    fitted_torques = None if external is None else find_external_torques(start, say=say)
+    if fitted_torques is not None and rivalled(fitted_torques, start, builder, forbid=options.forbid, say=say):
         fitted_torques = None
     if fitted_torques is not None:
-        start, noise, builder = (
-            fitted_torques.fit,
-            fitted_torques.noise,
-            LoopModelBuilder(fitted_torques.fit.model, ask.description, effects),
-        )
-    disagreement = _regions(builder, base, noise)
-    discovery = run_rounds(builder, start, noise, options, say)
+        start = fitted_torques.fit
+        base = replace(base, noise=start.noise)
+        builder = LoopModelBuilder(start.model, ask.description, effects)
+    disagreement = _regions(builder, base)
+    discovery = run_rounds(builder, start, options, say)
     outside: list[FindingResult] = []
     windows: list[WindowResult] = []
     if external is not None and fitted_torques is not None:
-        final, free = refitted(fitted_torques, discovery.final, noise)
+        final, free = refitted(fitted_torques, discovery.final)
         discovery = replace(discovery, final=final)
-        outside = [external_torque_finding(fitted_torques, base, free, noise, external)]
-        windows = external_torque_windows(free, noise, fitted_torques.label)
-    discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery, noise))
-    ratio = held_out_ratio(discovery.base, discovery.final, noise, options) if discovery.steps else None
+        outside = [external_torque_finding(fitted_torques, base, free, external)]
+        windows = external_torque_windows(free, fitted_torques.label)
+    discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
+    ratio = held_out_ratio(discovery.base, discovery.final, seed=options.seed) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
     if ratio is not None and ratio.high >= HELD_OUT and fitted_torques is None and not remarked:
         discovery, ratio = _withdrawn(discovery, ratio), None
     unshifted, saved = _without_shift(discovery.final.model, builder)
-    way = other_sampling(discovery.final, unshifted, noise, saved=saved, threshold=options.threshold)
+    way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
     document = findings_document(
-        ask.name, discovery, builder, noise,
+        ask.name, discovery, builder,
         ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
         notes=[
             *ask.notes, *prepared.notes, *([] if model.validation_labels else [NO_HELD_OUT]),
@@ -147,7 +140,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         ],
         provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
     )  # fmt: skip
-    return Found(document, discovery, builder, noise)
+    return Found(document, discovery, builder)
 
 
 def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopModel, float]:
@@ -175,7 +168,7 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     """
     prepared = _prepared(model, ask.say)
     without, whole = found.discovery.base, prepared.fit
-    more = joint_gaps(whole.residual, prepared.noise) ** 2 - joint_gaps(without.residual, found.noise) ** 2
+    more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
         return found
     ask.say(f"the first {limits.FIRST_S:g} s disagree: gears in them")
@@ -192,26 +185,26 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
 
 
-def _fully_integrated(base: Fit, discovery: Discovery, noise: Noise) -> Fit:
+def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
     """The final model, as finely integrated as its effects and the noise ask for; the base where nothing was added."""
     final = discovery.final
     if not discovery.steps and not has_external_torques(final.model):
         return base
     try:
-        return integrated(final, noise)
+        return integrated(final)
     except SimulationError:
         return final
 
 
-def _regions(builder: LoopModelBuilder, base: Fit, noise: Noise) -> list[Region]:
+def _regions(builder: LoopModelBuilder, base: Fit) -> list[Region]:
     """Where the base model disagrees; nothing if the plant does not tell its motion."""
     model, motions = base.model, []
     for label in model.estimation_labels:
-        motion = simulated_motion(builder, base, label)
+        motion = simulated_motion(model, base.values, label, builder.description)
         if motion is None:
             return []
         motions.append((motion, _nearest_ticks(model, label)))
-    return regions(base.residual, motions, noise, model.parameters.torque_units)
+    return regions(base.residual, motions, base.noise, model.parameters.torque_units)
 
 
 def _nearest_ticks(model: LoopModel, label: str) -> Array:
@@ -223,6 +216,3 @@ def _nearest_ticks(model: LoopModel, label: str) -> Array:
 
 def _list(values: Sequence[float] | Array) -> str:
     return ", ".join(f"{v:.2f}" for v in values)
-
-
-__all__ = ["Found", "Options", "Say", "discover"]

@@ -20,9 +20,9 @@ from fmu_didim.identification.conclude import efficient_finish, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
+from fmu_didim.prediction.fit import point
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.weighting import NoiseOfResidual
 
@@ -74,12 +74,10 @@ class Clie(Estimator):
         reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
-                "The identified model is not physical.",
-                iterations=list(minimum.iterations),
-                got=reason,
+                "The identified model is not physical.", iterations=list(minimum.iterations), got=reason,
                 next_step=ADVICE,
-            )
+            )  # fmt: skip
         return torque_estimate(
-            fit, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(fit.values, sigma)}, error=minimum.integration_error, remarks=minimum.remarks,
+            minimum, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
+            stages={self.name: Stage(fit.values, sigma)},
         )  # fmt: skip

@@ -20,25 +20,20 @@ import numpy as np
 
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import efficient_finish, integration_error, torque_estimate
+from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import Start, start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import (
-    covariance_efficient,
-    covariance_paper,
-    covariance_sandwich,
-    relative_error_percent,
-)
+from fmu_didim.statistics import covariance_efficient, covariance_paper, covariance_sandwich, relative_error_percent
 
 MAXIMUM_HALVINGS = 6
 GROWTH = 1.5
@@ -210,16 +205,14 @@ class Didim(Estimator):
         """Statistics, the efficient finish, the check of what is physical."""
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         stages = {"didim": self._stage(fit)}
-        remarks: tuple[str, ...] = ()
         if self.finish or fit.values.size > model.linear_count:
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, settled and minimum.fit.settled
-            error, remarks = minimum.integration_error, minimum.remarks
             covariance = fit.bound
             stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
         else:
-            error = integration_error(fit)
+            minimum = Minimum(fit, integration_error(fit))
             covariance = covariance_sandwich(
                 whitened(_inverse(prediction)[0], fit.deviation), whitened(fit.jacobian, fit.deviation)
             )
@@ -228,9 +221,8 @@ class Didim(Estimator):
         if reason:
             raise _NonPhysicalError(fit.values, reason)
         return torque_estimate(
-            fit, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages,
-            error=error, remarks=remarks,
-        )  # fmt: skip
+            minimum, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages
+        )
 
     def _stage(self, fit: Fit) -> Stage:
         """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""

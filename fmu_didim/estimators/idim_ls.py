@@ -52,16 +52,15 @@ class IdimLs(Estimator):
         self.base_alone(model)
         rows = [self._rows(model, label) for label in model.estimation_labels]
         time, columns, target, known = (np.concatenate([row[i] for row in rows]) for i in range(4))
-        names, units = model.names, model.units
-        solution, deviation = weighted_solution(model, columns, target, names)
+        solution, deviation = weighted_solution(model, columns, target, model.names)
         value = solution.solution
-        simulated = columns @ value
-        scaled = whitened(columns, deviation)
+        residual = target - columns @ value
         freedom = float(target.size - value.size)
-        spread = float(np.sum(whitened(target - simulated, deviation) ** 2)) / freedom
-        covariance = spread * covariance_paper(scaled)
+        spread = float(np.sum(whitened(residual, deviation) ** 2)) / freedom
+        covariance = spread * covariance_paper(whitened(columns, deviation))
         measured = target + known
-        error = relative_error_percent(measured, measured - (target - simulated))[0]
+        simulated = measured - residual
+        error = relative_error_percent(measured, simulated)[0]
         iteration = Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number)
         progress(iteration)
         sigma = np.sqrt(np.diag(covariance))
@@ -73,16 +72,15 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return Estimate(
             estimator=self.name,
-            names=names,
-            units=units,
+            names=model.names,
+            units=model.units,
             value=value,
-            standard_deviation=sigma,
             covariance=covariance,
             freedom=freedom,
             time=time,
             measured=measured,
-            simulated=measured - (target - simulated),
-            noise=np.sqrt(((target - simulated) ** 2).mean(axis=0)),
+            simulated=simulated,
+            noise=np.sqrt((residual**2).mean(axis=0)),
             condition_number=solution.condition_number,
             status=Status.CONVERGED,
             iterations=(iteration,),

@@ -109,7 +109,6 @@ class OutputError(Estimator):
             names=model.names,
             units=model.units,
             value=value,
-            standard_deviation=sigma,
             covariance=covariance,
             freedom=freedom,
             time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),

@@ -18,8 +18,9 @@ from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
@@ -37,9 +38,9 @@ class Minimum:
     """
 
     fit: Fit
-    iterations: tuple[Iteration, ...]
     integration_error: IntegrationError
-    remarks: tuple[str, ...]
+    iterations: tuple[Iteration, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def efficient_finish(
@@ -78,7 +79,7 @@ def efficient_finish(
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, torque=model.torque(fit.values))
-    return Minimum(fit, tuple(iterations), error, tuple(remarks))
+    return Minimum(fit, error, tuple(iterations), tuple(remarks))
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
@@ -139,24 +140,21 @@ def degrees_of_freedom(model: LoopModel, count: int) -> float:
 
 
 def torque_estimate(
-    fit: Fit,
+    minimum: Minimum,
     covariance: Array,
     *,
     estimator: str,
     settled: bool,
     iterations: Sequence[Iteration],
     stages: Mapping[str, Stage],
-    error: IntegrationError,
-    remarks: Sequence[str] = (),
 ) -> Estimate:
-    """The estimate at a point of the closed loop, with covariance (p, p)."""
-    model = fit.model
+    """The estimate at a minimum, or at another point of the closed loop, with covariance (p, p)."""
+    fit, model = minimum.fit, minimum.fit.model
     return Estimate(
         estimator=estimator,
         names=model.names,
         units=model.units,
         value=fit.values,
-        standard_deviation=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         freedom=degrees_of_freedom(model, fit.values.size),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
@@ -168,9 +166,9 @@ def torque_estimate(
         iterations=tuple(iterations),
         stages=stages,
         base_count=model.parameters.count,
-        integration_error=error.relative,
-        integration_shift=error.shift,
+        integration_error=minimum.integration_error.relative,
+        integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
         agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
-        remarks=tuple(remarks),
+        remarks=minimum.remarks,
     )

@@ -39,10 +39,7 @@ def consistency_result(found: Consistency) -> ConsistencyResult:
         worst=found.worst,
         points=found.points,
         torque_difference=list(found.torque),
-        columns={
-            name: ColumnResult(difference=c.difference, cosine=c.cosine, size=c.size, joint=c.joint)
-            for name, c in (found.columns or {}).items()
-        },
+        columns={name: ColumnResult(**asdict(column)) for name, column in (found.columns or {}).items()},
         method=found.method,
         acceleration="difference of velocities" if found.by_differences else "output of the plant",
         warnings=warnings,
@@ -69,12 +66,7 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
 
 
 def result_document(
-    name: str,
-    model: LoopModel,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    description: str = "",
+    name: str, model: LoopModel, estimate: Estimate, validations: Sequence[Validation], *, description: str = ""
 ) -> ResultDocument:
     """The document of an estimate and its validations."""
     notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]

@@ -47,7 +47,7 @@ class Estimate:
     Attributes:
         estimator: its name.
         names, units: (p,) of the parameters; those of the loop, such as ``delay``, come last.
-        value, standard_deviation: (p,); covariance: (p, p).
+        value: (p,); covariance: (p, p).
         freedom: degrees of freedom of the residual.
         time: (N,); measured, simulated: (N, n) torque at the samples of all fitted experiments (filtered if asked for).
         noise: (n,) standard deviation of the torque residual of each joint.
@@ -66,7 +66,6 @@ class Estimate:
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: Array
-    standard_deviation: Array
     covariance: Array
     freedom: float
     time: Array
@@ -84,6 +83,11 @@ class Estimate:
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def standard_deviation(self) -> Array:
+        """(p,) of the values."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def residual(self) -> Array:

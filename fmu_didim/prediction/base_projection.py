@@ -8,8 +8,8 @@ import numpy as np
 from scipy import linalg
 
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.signals import Array
 
 UNWEIGHTED = np.ones(1)
@@ -43,10 +43,10 @@ class BaseProjection:
         return cls(weight, linalg.orth(table[:, kept] / size[kept], rcond=tolerance))
 
     @classmethod
-    def of_fit(cls, fit: Fit, noise: Noise) -> BaseProjection:
+    def of_fit(cls, fit: Fit) -> BaseProjection:
         """The projection by the sensitivities of a fit."""
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        size = np.maximum(noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * limits.HALF_OF_RESIDUAL)
+        size = np.maximum(fit.noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * limits.HALF_OF_RESIDUAL)
         return cls.of(fit.jacobian, np.sqrt(effective_fraction(fit.residual)) / size)
 
     def weighted(self, values: Array) -> Array:

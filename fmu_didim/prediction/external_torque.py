@@ -43,7 +43,7 @@ def with_external_torques(reference: Trajectory, external_torques: Sequence[Exte
     """The reference with a column ``external_torque<j>`` for each joint on which one acts."""
     if not external_torques:
         return reference
-    columns = {name: reference.select([name])[:, 0] for name in reference.names}
+    columns = {name: reference.column(name) for name in reference.names}
     for external in external_torques:
         name = f"{EXTERNAL_TORQUE}{external.joint}"
         columns[name] = columns.get(name, np.zeros(reference.time.size)) + external.along(reference.time)
@@ -52,6 +52,6 @@ def with_external_torques(reference: Trajectory, external_torques: Sequence[Exte
 
 def held(reference: Trajectory, count: int) -> Trajectory:
     """A reference with ``count`` rows for each, held."""
-    step = float(reference.time[1] - reference.time[0]) / count
+    step = reference.step / count
     time = reference.time[0] + step * np.arange(reference.time.size * count)
     return replace(reference, time=time, values=np.repeat(reference.values, count, axis=0))

@@ -23,6 +23,7 @@ class Fit:
 
     Attributes:
         model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        noise: of the data, as it was known or as the weights stand for it.
         deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
         settled: whether the steps became small, by the tolerance; given_up: whether they ended early, at no minimum,
             because nothing good enough was in reach.
@@ -34,6 +35,7 @@ class Fit:
     values: Array
     torque: Array
     jacobian: Array
+    noise: Noise
     deviation: Array
     chi_square: float
     settled: bool = False
@@ -47,9 +49,10 @@ class Fit:
         """(N, n) measured minus simulated torque."""
         return self.model.measured - self.torque
 
-    def covariance(self, noise: Noise) -> Array:
+    @property
+    def covariance(self) -> Array:
         """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
-        weighted = (self.jacobian * noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
+        weighted = (self.jacobian * self.noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
         scale = np.linalg.norm(weighted, axis=0)
         scale[scale == 0] = np.inf
         return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
@@ -85,6 +88,7 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
         values,
         prediction.torque,
         jacobian,
+        weighting.noise(deviation),
         deviation,
         sum_of_squares(residual, deviation),
         prediction=prediction,

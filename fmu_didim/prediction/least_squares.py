@@ -22,7 +22,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.equations import Equations
-from fmu_didim.prediction.fit import Fit, point, sum_of_squares
+from fmu_didim.prediction.fit import Fit, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -86,12 +86,12 @@ def minimise(
     return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
 
 
-def integrated(fit: Fit, noise: Noise) -> Fit:
+def integrated(fit: Fit) -> Fit:
     """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
-    model = with_fitting_substeps(fit.model, fit.values, noise.deviation)
+    model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
     if model.substeps == fit.model.substeps:
         return fit
-    return minimise(model, noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
+    return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 @dataclass
@@ -284,9 +284,9 @@ class _Solver:
         deviation = self._deviation(at)
         cost = sum_of_squares(self._measured - at.torque, deviation)
         model = self._model.with_values(at.values)
-        history = tuple(self._history)
+        noise, history = self._weighting.noise(deviation), tuple(self._history)
         return Fit(
-            model, at.values, at.torque, at.jacobian, deviation, cost, settled, given_up, history, at.simulations
+            model, at.values, at.torque, at.jacobian, noise, deviation, cost, settled, given_up, history, at.simulations
         )
 
 
@@ -342,6 +342,3 @@ class _Step:
             size,
             equations.condition,
         )
-
-
-__all__ = ["Fit", "Stopping", "integrated", "minimise", "point"]

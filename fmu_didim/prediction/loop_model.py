@@ -18,20 +18,12 @@ from numpy.typing import NDArray
 
 from fmu_didim.components import Component
 from fmu_didim.errors import DivergedError
-from fmu_didim.master import (
-    Connection,
-    Observer,
-    Recording,
-    SampleOperator,
-    System,
-    logged_torque,
-    simulate,
-)
+from fmu_didim.master import Connection, Observer, Recording, SampleOperator, System, logged_torque, simulate
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.prediction.free_parameter import DELAY, LOG, PLANT, joint_parameter
 from fmu_didim.prediction.integration import Integration, divided, integration, refined, searched
-from fmu_didim.prediction.loop_description import EffectAtJoint, LoopDescription
+from fmu_didim.prediction.loop_description import LoopDescription
 from fmu_didim.prediction.workers import may_run_side_by_side
 from fmu_didim.signals import Array
 
@@ -54,7 +46,8 @@ class LoopModel(LoopDescription):
         if self.substeps is not None:
             plant = searched(plant, self.substeps, factor, step, self.joint_count)
         else:
-            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if self._refines else None
+            refines = self.plant.stated_substeps is not None or self.substep_factor != 1
+            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if refines else None
             plant = refined(plant, own, factor, step)
         system = system.replace(self.plant_name, plant)
         self._share_shapes(by_owner, plant, label)
@@ -97,10 +90,6 @@ class LoopModel(LoopDescription):
         return result
 
     @property
-    def _refines(self) -> bool:
-        return self.plant.stated_substeps is not None or self.substep_factor != 1
-
-    @property
     def can_refine(self) -> bool:
         """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
         theta, label = self.parameters.nominal(), self.first
@@ -113,6 +102,12 @@ class LoopModel(LoopDescription):
         known = self.plant.equations()
         is_continuous = known is not None and known[0].rate_bound is not None
         return is_continuous and self.plant.stated_substeps is None and self.plant.with_substeps(2) is not None
+
+    @property
+    def has_own_states(self) -> bool:
+        """Whether the plant has states beyond the motion of its joints: bristles, gears, time."""
+        known = self.plant.equations()
+        return known is not None and len(known[0].states) > 2 * self.joint_count
 
     def fewest_substeps(self, values: Array) -> int:
         """The fewest substeps of the plant that are stable in all fitted experiments."""
@@ -267,6 +262,3 @@ class LoopModel(LoopDescription):
         if self.workers == 1 or not may_run_side_by_side(self.systems[self.first]):
             return 1
         return self.workers if self.record(values, ticks=np.zeros(1, dtype=np.int64)).compiled else 1
-
-
-__all__ = ["EffectAtJoint", "LoopModel"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import RobotModel
+from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import following_links
 from fmu_didim.signals import Array
 
@@ -53,7 +53,26 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
 
 
-def motion_from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
+def simulated_motion(
+    model: LoopModel, values: Array, label: str, description: RobotDescription | None
+) -> Motion | None:
+    """The simulated motion of an experiment at all ticks; None if the plant does not give it.
+
+    Args:
+        description: the robot, whose equations give the loads; None for a plant that is a black box.
+    """
+    if description is None:
+        return _from_outputs(model, values, label)
+    robot = RobotModel(description)
+    recording = model.record(values, label, all_ticks=True)
+    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.logged])
+    known = model.parameters.values(model.theta(values, label))
+    chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
+    return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
+
+
+def _from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
     """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack q or dq.
 
     Loads and payloads are unknown and given as zero.

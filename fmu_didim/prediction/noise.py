@@ -32,6 +32,7 @@ class Noise:
         correlation: (n,) correlation rho of neighbouring samples, as of a first-order autoregression.
         period_s: period of the motion, None if it does not repeat; periods: how many are compared.
         source: ``periods`` or ``residual``.
+        samples: of the log it was taken from.
         slow: (n,) correlation of what differs between periods at samples ``SLOW_S`` apart; None without periods.
     """
 
@@ -40,6 +41,7 @@ class Noise:
     source: str
     period_s: float | None = None
     periods: int = 1
+    samples: int = 1
     slow: Array | None = None
 
     @property
@@ -110,7 +112,8 @@ def noise_from_periods(
         # A simulated log may repeat exactly; its weight must stay finite.
         deviation[j] = max(spread, limits.LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
     periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
-    return Noise(deviation, correlation, "periods", periods=periods, slow=slow)
+    count = int(np.isfinite(torque).all(axis=1).sum())
+    return Noise(deviation, correlation, "periods", periods=periods, samples=count, slow=slow)
 
 
 def _without_events(
@@ -139,11 +142,12 @@ def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: 
     return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, TINY))
 
 
-def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
+def pooled(noises: Sequence[Noise]) -> Noise:
     """The noise of several logs as one: the drives and the logger are the same. Variances and correlations are means
     by the number of samples; the period is that of the first."""
     if len(noises) == 1:
         return noises[0]
+    samples = [n.samples for n in noises]
     weights = np.array(samples, dtype=float)
 
     def mean(values: Sequence[Array]) -> Array:
@@ -155,6 +159,7 @@ def pooled(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
         deviation=np.sqrt(mean([n.deviation**2 for n in noises])),
         correlation=mean([n.correlation for n in noises]),
         periods=sum(n.periods for n in noises),
+        samples=sum(samples),
         slow=slow,
     )
 
@@ -188,7 +193,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         rho, level = trials[least], fits[least][1]
         deviation[j] = np.sqrt(max(level, TINY) * rate_hz / 2 / (1 - rho**2))
         correlation[j] = rho
-    return Noise(deviation, correlation, "residual")
+    return Noise(deviation, correlation, "residual", samples=residual.shape[0])
 
 
 def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
@@ -206,17 +211,25 @@ def effective_fraction(residual: Array) -> Array:
     return np.asarray((1 - rho) / (1 + rho))
 
 
+def joint_speed(reference: Trajectory, joint: int) -> Array:
+    """(K,) velocity of a joint, counted from 1, as the reference gives it or as that of its position; raises
+    UnknownNameError where it has neither."""
+    given = f"dq{joint}"
+    return (
+        reference.column(given)
+        if given in reference.names
+        else np.gradient(reference.column(f"q{joint}"), reference.step)
+    )
+
+
 def motion_frequency(reference: Trajectory, joints: int) -> float:
     """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies."""
     highest = 0.0
-    step = float(reference.time[1] - reference.time[0])
     for j in range(1, joints + 1):
-        name = f"dq{j}"
-        if name in reference.names:
-            speed = reference.select([name])[:, 0]
-        else:
-            speed = np.gradient(reference.select([f"q{j}"])[:, 0], step)
+        speed = joint_speed(reference, j)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
         total = np.cumsum(power) / max(float(power.sum()), TINY)
-        highest = max(highest, float(np.fft.rfftfreq(speed.size, step)[np.searchsorted(total, limits.MOTION_POWER)]))
+        highest = max(
+            highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, limits.MOTION_POWER)])
+        )
     return highest

@@ -54,10 +54,8 @@ class RegressorProbe:
             self._compare(instance, here)
 
     def _regressor(self, instance: Instance, theta: Array) -> Array:
-        names = self._parameters.plant_names
-        values = dict(zip(names, (float(v) for v in theta), strict=True))
         accelerations, torques = self._places(instance)
-        by_torque, by_parameter = instance.derivatives(accelerations, torques, values)
+        by_torque, by_parameter = instance.derivatives(accelerations, torques, self._named(theta))
         try:
             return np.asarray(-np.linalg.solve(by_torque, by_parameter))
         except np.linalg.LinAlgError as error:
@@ -65,6 +63,9 @@ class RegressorProbe:
                 "The plant's acceleration does not follow its torque at once.", where=self._plant,
                 next_step="Use the estimator clie, or a plant whose accelerations are outputs with feed-through.",
             ) from error  # fmt: skip
+
+    def _named(self, theta: Array) -> dict[str, float]:
+        return dict(zip(self._parameters.plant_names, map(float, theta), strict=True))
 
     def _places(self, instance: Instance) -> tuple[list[int], list[int]]:
         joints = range(1, self._parameters.joint_count + 1)
@@ -74,20 +75,18 @@ class RegressorProbe:
     def _compare(self, instance: Instance, here: Array) -> None:
         """The regressor for theta changed by CHANGE, the torque adjusted so that the acceleration stays."""
         accelerations, torques = self._places(instance)
-        names = self._parameters.plant_names
         before, wanted = instance.inputs.copy(), instance.outputs[accelerations].copy()
         other = self._theta * (1 + CHANGE)
-        instance.set_parameters(dict(zip(names, (float(v) for v in other), strict=True)))
+        instance.set_parameters(self._named(other))
         instance.get()
-        values = dict(zip(names, (float(v) for v in other), strict=True))
-        by_torque, _ = instance.derivatives(accelerations, torques, values)
+        by_torque, _ = instance.derivatives(accelerations, torques, self._named(other))
         instance.inputs[torques] = before[torques] + np.linalg.solve(
             by_torque, wanted - instance.outputs[accelerations]
         )
         instance.set()
         instance.get()
         there = self._regressor(instance, other)
-        instance.set_parameters(dict(zip(names, (float(v) for v in self._theta), strict=True)))
+        instance.set_parameters(self._named(self._theta))
         instance.inputs[:] = before
         instance.set()
         instance.get()

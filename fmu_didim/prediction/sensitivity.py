@@ -160,9 +160,7 @@ class _Experiment:
         """What simulates the column (N, n) of a parameter."""
         parameter = self._model.free_parameters[i]
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
-        if self._smooth and (timed or not self._exact or parameter.owner == BASE):
-            return lambda: self._forward(i, parameter)
-        if timed:
+        if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
             return lambda: self._forward(i, parameter)
         size = self._sizes[i] if self._sizes is not None and i < self._sizes.size else parameter.scale
         return lambda: central(self._model, self._values, self._label, self._torque, i, float(size))
@@ -183,6 +181,3 @@ class _Experiment:
             except SimulationError:
                 continue
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
-
-
-__all__ = ["by_variation", "parameter_sizes", "sensitivity"]

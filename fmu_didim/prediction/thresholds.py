@@ -81,10 +81,7 @@ MARGIN = TABLE(
 )
 REPEATS_COLUMN = TABLE("REPEATS_COLUMN", 1e-3, "1", "The same for columns of sensitivities, which are differences.")
 OVERLAP = TABLE(
-    "OVERLAP",
-    0.1,
-    "1",
-    "Fraction of a period simulated twice, to see whether a column repeats like the torque.",
+    "OVERLAP", 0.1, "1", "Fraction of a period simulated twice, to see whether a column repeats like the torque."
 )
 WHOLE_SAMPLES = TABLE(
     "WHOLE_SAMPLES", 1e-6, "samples", "A period that is farther from a whole number of samples is not continued."
@@ -101,10 +98,7 @@ STEP = TABLE(
     "truncation rules.",
 )  # fmt: skip
 SHORTER_STEP = TABLE(
-    "SHORTER_STEP",
-    30.0,
-    "1",
-    "Where neither that step nor its opposite can be simulated, one so many times shorter.",
+    "SHORTER_STEP", 30.0, "1", "Where neither that step nor its opposite can be simulated, one so many times shorter."
 )
 SMOOTH_STEP = TABLE(
     "SMOOTH_STEP", 3e-7, "1",

@@ -32,15 +32,22 @@ class Weighting(ABC):
     def deviation(self, residual: Array, columns: Array) -> Array:
         """(n,) deviations to divide by, for a residual (N, n) left by columns (N, n, p)."""
 
+    @abstractmethod
+    def noise(self, deviation: Array) -> Noise:
+        """The noise of the data that these deviations (n,) stand for."""
+
 
 @dataclass(frozen=True)
 class KnownNoise(Weighting):
     """The noise is known: sigma / sqrt(f) with the part f of the samples that count as independent."""
 
-    noise: Noise
+    known: Noise
 
     def deviation(self, residual: Array, columns: Array) -> Array:
-        return np.asarray(1 / self.noise.weight)
+        return np.asarray(1 / self.known.weight)
+
+    def noise(self, deviation: Array) -> Noise:
+        return self.known
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,9 @@ class NoiseOfResidual(Weighting):
 
     def deviation(self, residual: Array, columns: Array) -> Array:
         return joint_deviation(self.model, residual, columns)
+
+    def noise(self, deviation: Array) -> Noise:
+        return Noise(deviation, np.zeros(deviation.size), "residual")
 
 
 def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:

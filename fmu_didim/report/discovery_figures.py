@@ -110,10 +110,10 @@ def drawn_joints(signals: Trajectory, joints: int) -> list[int]:
 
 def _residuals(signals: Trajectory, joint: int) -> list[tuple[str, str, Array]]:
     """Name, colour and measured - simulated torque of each model that the table holds."""
-    known = {c: signals.select([f"{c}{joint}"])[:, 0] for _, c, _ in STAGES if f"{c}{joint}" in signals.names}
+    known = {c: signals.column(f"{c}{joint}") for _, c, _ in STAGES if f"{c}{joint}" in signals.names}
     if len(known) > 1 and np.array_equal(known["base"], known["final"]):
         del known["final"]  # nothing was added: one line says it all
-    measured = signals.select([f"measured{joint}"])[:, 0]
+    measured = signals.column(f"measured{joint}")
     return [(name, colour, measured - known[column]) for name, column, colour in STAGES if column in known]
 
 
@@ -154,7 +154,7 @@ def binned_figure(signals: Trajectory, joint: int, quantity: str, torque_unit: s
     independent; model error and coloured noise make the true one larger.
     """
     kind, unit = QUANTITIES[quantity], pretty_unit(torque_unit)
-    at = signals.select([f"{kind.column}{joint}"])[:, 0]
+    at = signals.column(f"{kind.column}{joint}")
     figure = go.Figure()
     for name, colour, values in _residuals(signals, joint):
         centre, mean, error = binned(at, values)

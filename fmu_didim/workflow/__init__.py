@@ -8,14 +8,4 @@ from fmu_didim.workflow.identify import ROBOT_FILE, identify
 from fmu_didim.workflow.outcome import Outcome
 from fmu_didim.workflow.simulate import simulate
 
-__all__ = [
-    "ROBOT_FILE",
-    "Checked",
-    "Discovered",
-    "Outcome",
-    "check",
-    "discover",
-    "export_ssp",
-    "identify",
-    "simulate",
-]
+__all__ = ["ROBOT_FILE", "Checked", "Discovered", "Outcome", "check", "discover", "export_ssp", "identify", "simulate"]

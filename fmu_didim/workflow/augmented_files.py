@@ -17,8 +17,8 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.run import Found
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export import build_fmu
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
-from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.signals import trajectory, write_csv
@@ -154,7 +154,7 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
         effect = builder.part(effect_at)
         if effect is None:
             continue
-        block = effect.block(builder.joint_type(effect_at.joint), step)  # type: ignore[arg-type]
+        block = effect.block(builder.joint_type(effect_at.joint), step)
         values = {
             k.key: float(v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True) if k.effect == index
         }
@@ -211,6 +211,3 @@ def without_external_torques(model: LoopModel) -> LoopModel:
     for label in model.experiments:
         model = model.pushed(label, ())
     return model
-
-
-__all__ = ["augmented_robot", "write_augmented", "write_signals"]

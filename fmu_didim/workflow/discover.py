@@ -125,7 +125,7 @@ def _with_experiment(
                 step.members[:2],  # the nearest rival: with more of them the worst pair decides
                 reference=experiment.reference,
                 rate_hz=experiment.rate_hz,
-                noise=found.noise,
+                noise=final.noise,
                 effects=found.builder.effects,
             )
         except InputError:
@@ -139,6 +139,3 @@ def _with_experiment(
             return document, {}
         return document, {"reference_next": plan.save(out / NEXT_FILE).name}
     return document, {}
-
-
-__all__ = ["discover"]

@@ -33,7 +33,7 @@ class Discovered:
 
     Attributes:
         document: the content of ``findings.json``.
-        found: the fits behind it: base and final model, the steps between, the noise.
+        found: the fits behind it: base and final model with the noise, the steps between.
     """
 
     document: FindingsDocument

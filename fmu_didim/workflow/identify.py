@@ -30,10 +30,7 @@ OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
 
 
 def identify(
-    case: Case | Path | str | Mapping[str, Any],
-    out: Path | str | None = None,
-    *,
-    progress: Progress | None = None,
+    case: Case | Path | str | Mapping[str, Any], out: Path | str | None = None, *, progress: Progress | None = None
 ) -> Outcome:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 

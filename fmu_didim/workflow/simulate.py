@@ -61,8 +61,9 @@ def model_without_data(case: Case, label: str | None) -> LoopModel:
     label = label or next(iter(case.document.runs))
     reference = case.reference(label)
     nothing = np.zeros((1, case.parameters.joint_count))
-    step = float(reference.time[1] - reference.time[0])
-    every = sample_operator(reference.time, start=float(reference.time[0]), step=step, tick_count=reference.time.size)
+    every = sample_operator(
+        reference.time, start=float(reference.time[0]), step=reference.step, tick_count=reference.time.size
+    )
     return case.model_on({label: Experiment(reference, reference.time[:1], nothing, every, label=label)})
 
 

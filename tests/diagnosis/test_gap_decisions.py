@@ -105,6 +105,12 @@ def test_ratio_of_two_residuals() -> None:
     assert rms_ratio(np.zeros((400, 2)), np.zeros((400, 2)), TWO, block=1000).value == 0.0
 
 
+def test_what_is_shorter_than_two_blocks_is_one() -> None:
+    uneven = residual(1.0) * np.where(np.arange(400) < 200, 0.2, 1.3)[:, None]
+    found = rms_ratio(residual(1.0), uneven, noise(), block=300)
+    assert found.low == pytest.approx(found.value) == found.high
+
+
 def test_interval_of_a_ratio_against_the_normal_one() -> None:
     rng = np.random.default_rng(3)
     before, after = rng.normal(size=(4000, 1)), 0.8 * rng.normal(size=(4000, 1))
@@ -118,8 +124,8 @@ def test_intervals_of_values_that_were_found(correlation: float, freedom: float)
     parameters = tuple(FreeParameter(n, "N", "plant", n, v, 1.0) for n, v in (("a", 2.0), ("b", 3.0)))
     slopes = np.stack([np.tile(SIGNS[:, None], (1, 2)), np.ones((400, 2))], axis=2)
     white = noise([1.0, 2.0], correlation=correlation)
-    fit = fit_of(TableModel(residual(1.0, 4.0), {}, (), parameters), values=[2.0, 3.0], jacobian=slopes)
-    (one,) = values_found(fit, white, lambda parameter: parameter.name == "b")
+    fit = fit_of(TableModel(residual(1.0, 4.0), {}, (), parameters), values=[2.0, 3.0], jacobian=slopes, white=white)
+    (one,) = values_found(fit, lambda parameter: parameter.name == "b")
     std = 1 / np.sqrt(400 * 1.25 * white.factor[0])
     assert (one.name, one.unit, one.value, one.std) == ("b", "N", 3.0, pytest.approx(std))
     wanted: Array = confidence_interval(np.array([3.0]), np.array([std]), freedom)[0]

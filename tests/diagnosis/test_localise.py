@@ -75,7 +75,7 @@ def test_planted_region_is_found(quantity: str, of, low: float, high: float, joi
     for r in whole:
         assert r.mean == pytest.approx(2 * SIGMA[joint - 1], rel=0.3)
         assert r.p_value < 1e-4
-        assert r.share > 0.6
+        assert r.share_of_gap > 0.6
 
 
 def test_units_of_the_regions_are_those_of_the_joint() -> None:

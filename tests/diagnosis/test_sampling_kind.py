@@ -12,8 +12,10 @@ from fmu_didim.diagnosis.sampling_kind import Way, other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.effects import EFFECTS
 from fmu_didim.master import SampleOperator, sample_operator
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import read_robot
 from tests.discovery.helpers import arm_model, data, known_noise, with_torque
 
@@ -52,11 +54,11 @@ def asked(folder: Path, model: LoopModel, *, shifted: bool = False) -> Way | Non
     noise = known_noise(SIGMA)
     fit: Fit = minimise(model, noise)
     if not shifted:
-        return other_sampling(fit, fit.model, noise, saved=0.0, threshold=10.0)
+        return other_sampling(fit, fit.model, saved=0.0, threshold=10.0)
     builder = LoopModelBuilder(model, read_robot(folder / "robot.yaml"), EFFECTS)
     fit = minimise(builder.build(fit.model, [Proposal(SHIFT, {"log_shift": 0.005})]), noise)
     unshifted = builder.without(fit.model, 0)
-    return other_sampling(fit, unshifted, noise, saved=builder.cost(SHIFT), threshold=10.0)
+    return other_sampling(fit, unshifted, saved=builder.cost(SHIFT), threshold=10.0)
 
 
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])

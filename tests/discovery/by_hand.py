@@ -11,9 +11,9 @@ import numpy as np
 
 from fmu_didim.discovery.selection.contenders import Contender
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 
@@ -74,12 +74,15 @@ class TableModel:
         return table
 
 
-def fit_of(model: TableModel, *, values: Sequence[float] = (), jacobian: Array | None = None) -> Fit:
-    """A fit that leaves the model's table."""
+def fit_of(
+    model: TableModel, *, values: Sequence[float] = (), jacobian: Array | None = None, white: Noise | None = None
+) -> Fit:
+    """A fit that leaves the model's table, with white noise of size one unless another is given."""
     table = model.own
+    known = noise(np.ones(table.shape[1])) if white is None else white
     slopes = np.zeros((*table.shape, 0)) if jacobian is None else jacobian
     square = float(np.sum(table**2))
-    return Fit(model, np.array(values), np.zeros_like(table), slopes, np.ones(table.shape[1]), square)
+    return Fit(model, np.array(values), np.zeros_like(table), slopes, known, np.ones(table.shape[1]), square)
 
 
 def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None = None, **more: Any) -> Fit:

@@ -18,7 +18,7 @@ from fmu_didim.effects import JointType, Surroundings, TorqueEffect
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
@@ -219,12 +219,11 @@ def arm_experiments(
     return folder / "case.yaml"
 
 
-def base_of(case: Path | str) -> tuple[Fit, Noise]:
-    """The base model of a case, fitted, and the noise of its data."""
+def base_of(case: Path | str) -> Fit:
+    """The base model of a case, fitted with the noise of its data."""
     model = load_case(case).model
     assert model is not None
-    prepared = prepare(model)
-    return prepared.fit, prepared.noise
+    return prepare(model).fit
 
 
 def data(model: LoopModel) -> Experiment:

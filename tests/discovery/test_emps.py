@@ -43,7 +43,8 @@ def check_pulses(external_torques: list[tuple[float, float, float]], tolerance: 
 @needs_emps
 def test_noise_comes_from_the_laps() -> None:
     """The file holds measured columns beside the reference; they do not hide that the motion repeats."""
-    fit, noise = base_of(LACKS)
+    fit = base_of(LACKS)
+    noise = fit.noise
     assert noise.period_s == pytest.approx(6.24)
     assert noise.deviation[0] == pytest.approx(0.0056 * np.sqrt(np.mean(fit.model.measured**2)), rel=0.2)
 
@@ -82,8 +83,8 @@ def test_what_the_usual_model_lacks() -> None:
 
 @needs_emps
 def test_pulses_are_found() -> None:
-    fit, noise = base_of(PULSES)
-    fitted_torques = find_external_torques(fit, noise)
+    fit = base_of(PULSES)
+    fitted_torques = find_external_torques(fit)
     assert fitted_torques is not None
     assert fitted_torques.share > 0.9
     assert all(external.is_logged for external in fitted_torques.external_torques)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.discovery.selection.decide import Options, held_out_ratio
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
 from fmu_didim.signals import read_trajectory
 from fmu_didim.workflow import discover
 from tests.discovery.helpers import TRUTH, Run, arm_experiments, base_of, sines
@@ -65,7 +65,7 @@ def test_files_hold_every_experiment(found: tuple[Path, FindingsDocument]) -> No
         rest = table.select(["measured1"]) - table.select(["final1"])
         assert np.std(rest) == pytest.approx(0.1, rel=0.15), label
     (note,) = [n for n in document.notes if "augmented case" in n]
-    assert float(note.split(" of its peak")[0].split()[-1]) < 1e-6
+    assert float(note.split(" of its peak")[0].split()[-1]) < 2e-3
     again = discover(folder / "out" / document.files["case"])
     assert again.verdict == "nothing"
     assert again.roles == document.roles
@@ -86,10 +86,10 @@ def test_regions_are_those_of_all_experiments_together(found: tuple[Path, Findin
 
 def test_the_ratio_of_the_held_out_data_is_that_of_all_of_them(tmp_path: Path) -> None:
     """The root of the mean square over the samples of both, so that the longer one counts more."""
-    before, noise = base_of(arm_experiments(tmp_path, FAST, FRICTION))
+    before = base_of(arm_experiments(tmp_path, FAST, FRICTION))
     values = before.values * 1.05
-    after = Fit(before.model.with_values(values), values, before.torque, before.jacobian, before.deviation, 0.0)
-    ratio = held_out_ratio(before, after, noise, Options())
+    after = replace(before, model=before.model.with_values(values), values=values)
+    ratio = held_out_ratio(before, after)
     squares = [
         sum(float(np.sum(before.model.residual(v, label) ** 2)) for label in ("slow_held", "fast_held"))
         for v in (values, before.values)
@@ -136,12 +136,12 @@ def test_a_push_is_found_in_its_experiment(tmp_path: Path, pushed: str) -> None:
 def test_pushes_are_told_apart_by_their_experiment(tmp_path: Path) -> None:
     """To first order a push explains nothing of an experiment in which it does not act, where there is no gap."""
     push = ExternalTorque(1, 2.3, 2.9, 4.0)
-    fit, noise = base_of(arm_experiments(tmp_path, {"one": Run(4.0), "other": Run(5.0, pushes=(push,))}))
+    fit = base_of(arm_experiments(tmp_path, {"one": Run(4.0), "other": Run(5.0, pushes=(push,))}))
     shares = {}
     for label in ("one", "other"):
         response = step_response(fit, label, 1)
         assert response is not None
-        found = linear_external_torques(fit, noise, label, 1, response, False)
+        found = linear_external_torques(fit, label, 1, response, False)
         shares[label] = 0.0 if found is None else found[0]
     assert shares["other"] == pytest.approx(1.0, abs=0.02)
     assert 0.0 <= shares["one"] < 0.5
@@ -150,12 +150,12 @@ def test_pushes_are_told_apart_by_their_experiment(tmp_path: Path) -> None:
 def test_noise_beside_a_push_is_that_of_all_experiments(tmp_path: Path) -> None:
     """Each experiment repeats with a period of its own, by which it is compared."""
     push = ExternalTorque(1, 2.3137, 2.9512, 4.0)
-    fit, noise = base_of(arm_experiments(tmp_path, {"one": Run(4.0, 4), "other": Run(5.0, 4, pushes=(push,))}))
-    torques = find_external_torques(fit, noise)
+    fit = base_of(arm_experiments(tmp_path, {"one": Run(4.0, 4), "other": Run(5.0, 4, pushes=(push,))}))
+    torques = find_external_torques(fit)
     assert torques is not None
     assert torques.label == "other"
-    assert torques.noise.periods == 8
-    assert torques.noise.deviation == pytest.approx([0.1], rel=0.05)
+    assert torques.fit.noise.periods == 8
+    assert torques.fit.noise.deviation == pytest.approx([0.1], rel=0.05)
 
 
 @pytest.mark.parametrize("label", ["one", "other"])
@@ -164,8 +164,8 @@ def test_a_torque_that_comes_back_with_the_motion_of_its_experiment_is_no_push(t
     periods = {"one": 4.0, "other": 5.0}
     again = tuple(ExternalTorque(1, 2.3 + periods[label] * k, 2.9 + periods[label] * k, 4.0) for k in range(3))
     runs = {name: Run(period, 3, pushes=again if name == label else ()) for name, period in periods.items()}
-    fit, noise = base_of(arm_experiments(tmp_path, runs))
-    assert find_external_torques(fit, noise) is None
+    fit = base_of(arm_experiments(tmp_path, runs))
+    assert find_external_torques(fit) is None
 
 
 # ---- parameters of one experiment ------------------------------------------------------------------

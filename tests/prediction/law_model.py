@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.signals import Array
 
 Law = Callable[[Mapping[str, float], str], Array]

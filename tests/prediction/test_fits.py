@@ -13,7 +13,8 @@ from fmu_didim.components import ModelComponent
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import with_fitting_substeps
-from fmu_didim.prediction.least_squares import Fit, Stopping, integrated, minimise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import Stopping, integrated, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import sensitivity
@@ -79,7 +80,7 @@ def test_noisy_log_gives_the_parameters_within_their_deviation(tmp_path: Path) -
     noise = coloured(np.random.default_rng(0), arm.measured.shape, 0.3, np.array(sigma))
     model = with_torque(arm, arm.measured + noise)
     fit = minimise(model.with_values(np.tile(START, 2) * truth), known_noise(sigma, 0.3))
-    deviation = np.sqrt(np.diag(fit.covariance(known_noise(sigma, 0.3))))
+    deviation = np.sqrt(np.diag(fit.covariance))
     assert (np.abs(fit.values - truth) < 3.5 * deviation).all()
     assert (deviation < 0.3 * np.abs(truth)).all(), "intervals that say something"
     independent = fit.residual.size * known_noise(sigma, 0.3).factor[0]
@@ -92,7 +93,7 @@ def test_it_is_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
     fit = minimise(model.with_values(truth * START), known_noise(SIGMA))
     assert fit.chi_square == pytest.approx(chi_square(model, fit.values))
     assert fit.residual == pytest.approx(model.residual(fit.values), abs=1e-12)
-    root = np.linalg.cholesky(fit.covariance(known_noise(SIGMA)))
+    root = np.linalg.cholesky(fit.covariance)
     for direction in (*np.eye(5), *-np.eye(5)):
         # A step of 0.2 deviations costs 0.04; the minimum itself is known to 0.02.
         assert chi_square(model, fit.values + 0.2 * root @ direction) > fit.chi_square
@@ -106,7 +107,7 @@ def test_intervals_cover_the_truth(arm: LoopModel, truth: np.ndarray, slopes: np
     for seed in range(60):
         model = model_with(arm, coloured(np.random.default_rng(seed), arm.measured.shape, rho, SIGMA))
         fit = minimise(model.with_values(truth), noise, jacobian=slopes, stopping=Stopping(updates=0))
-        scores.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance(noise))))
+        scores.append((fit.values - truth) / np.sqrt(np.diag(fit.covariance)))
     table = np.array(scores)
     assert 0.88 <= np.mean(np.abs(table) < 1.96) <= 0.99
     assert np.sqrt(np.mean(table**2)) == pytest.approx(1, abs=0.15)
@@ -135,7 +136,7 @@ def test_limits_hold_and_the_others_are_best_within_them(
     wanted = least_squares(
         lambda x: model.residual(x).ravel() / SIGMA, np.clip(truth, *bounds), bounds=bounds, xtol=1e-12, ftol=1e-12
     )  # fmt: skip
-    deviation = np.sqrt(np.diag(fit.covariance(known_noise(SIGMA))))
+    deviation = np.sqrt(np.diag(fit.covariance))
     assert np.abs(fit.values - wanted.x).max() <= (0.1 * deviation).max()
     assert fit.chi_square == pytest.approx(2 * wanted.cost, abs=0.05)
 
@@ -168,7 +169,7 @@ def test_values_stay_inside_at_every_step(arm: LoopModel, truth: np.ndarray) -> 
 
 def same_minimum(fit: Fit, other: Fit) -> None:
     assert fit.chi_square == pytest.approx(other.chi_square, abs=0.05)
-    deviation = np.sqrt(np.diag(other.covariance(known_noise(SIGMA))))
+    deviation = np.sqrt(np.diag(other.covariance))
     assert np.abs((fit.values - other.values) / deviation).max() < 0.2
 
 
@@ -232,9 +233,9 @@ def test_knob_without_effect_stays(arm: LoopModel, truth: np.ndarray) -> None:
     plain = minimise(model, known_noise(SIGMA))
     assert fit.values[-1] == 3.0
     assert fit.values[:-1] == pytest.approx(plain.values)
-    covariance = fit.covariance(known_noise(SIGMA))
+    covariance = fit.covariance
     assert np.isfinite(covariance).all()
-    assert covariance[:-1, :-1] == pytest.approx(plain.covariance(known_noise(SIGMA)), rel=1e-6, abs=1e-12)
+    assert covariance[:-1, :-1] == pytest.approx(plain.covariance, rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.parametrize("exact", [False, True])
@@ -245,9 +246,9 @@ def test_a_parameter_that_is_held_is_known(arm: LoopModel, truth: np.ndarray, ex
     fit = minimise(model, noise, stopping=Stopping(exact=exact))
     alone = minimise(model_with(arm), noise, stopping=Stopping(exact=exact))
     assert fit.values[-1] == 0.02
-    covariance = fit.covariance(noise)
+    covariance = fit.covariance
     assert covariance[-1, -1] == 0.0
-    assert covariance[:-1, :-1] == pytest.approx(alone.covariance(noise), rel=1e-6, abs=1e-12)
+    assert covariance[:-1, :-1] == pytest.approx(alone.covariance, rel=1e-6, abs=1e-12)
 
 
 # ---- sensitivities ---------------------------------------------------------------------------------
@@ -341,11 +342,11 @@ def test_sensitivities_do_not_change_the_steps(arm: LoopModel, truth: np.ndarray
 
 def test_a_minimum_is_integrated_finer_where_its_noise_asks(arm: LoopModel, truth: np.ndarray) -> None:
     found = minimise(replace(model_with(arm).with_values(truth * START), substeps=1), known_noise([SIGMA]))
-    exact = integrated(found, known_noise([1e-9]))
+    exact = integrated(replace(found, noise=known_noise([1e-9])))
     assert exact.model.substeps is None
     assert exact.values == pytest.approx(truth, rel=1e-6)
     assert np.abs(found.values / truth - 1).max() > 1e-6
-    assert integrated(exact, known_noise([1e-9])) is exact
+    assert integrated(exact) is exact
 
 
 def test_an_exact_jacobian_belongs_to_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:

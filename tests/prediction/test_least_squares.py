@@ -13,8 +13,9 @@ import yaml
 from fmu_didim.errors import DivergedError
 from fmu_didim.identification.conclude import Minimum, efficient_finish
 from fmu_didim.prediction import least_squares
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise, point
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
@@ -150,7 +151,7 @@ def test_a_gain_that_noise_nearly_hides_settles(tmp_path: Path) -> None:
     fit = minimise(start, known, stopping=replace(SETTLE, iterations=10), progress=seen.append)
     assert fit.settled
     assert any(it.note == "step shortened" for it in seen)
-    sigma = np.sqrt(np.diag(fit.covariance(known)))
+    sigma = np.sqrt(np.diag(fit.covariance))
     for i in range(fit.values.size):
         step = np.zeros(fit.values.size)
         step[i] = 0.1 * sigma[i]

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.base_model import friction_columns, prepare
+from fmu_didim.discovery.base_model import prepare
+from fmu_didim.discovery.log_noise import friction_columns
 from fmu_didim.errors import InputError
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.noise import (
@@ -161,9 +162,9 @@ def test_correlation_is_capped() -> None:
 def test_exact_repetition_gives_finite_weights(tmp_path: Path) -> None:
     """A simulated log without noise is data, too: nothing becomes infinite."""
     prepared = prepare(arm_model(tmp_path))
-    assert np.isfinite(prepared.noise.weight).all()
+    assert np.isfinite(prepared.fit.noise.weight).all()
     assert np.isfinite(prepared.fit.values).all()
-    assert np.isfinite(prepared.fit.covariance(prepared.noise)).all()
+    assert np.isfinite(prepared.fit.covariance).all()
 
 
 # ---- period ----------------------------------------------------------------------------------------
@@ -262,11 +263,11 @@ def test_prepared_from_periods(tmp_path: Path) -> None:
     model = arm_model(tmp_path, seconds=12.0)
     noise = coloured(np.random.default_rng(5), model.measured.shape, 0.5, 0.1)
     prepared = prepare(with_torque(model, model.measured + noise))
-    assert prepared.noise.source == "periods"
-    assert prepared.noise.period_s == pytest.approx(4.0)
-    assert prepared.noise.periods == 3
-    assert prepared.noise.deviation == pytest.approx([0.1], rel=0.1)
-    assert prepared.noise.correlation == pytest.approx([0.5], abs=0.1)
+    assert prepared.fit.noise.source == "periods"
+    assert prepared.fit.noise.period_s == pytest.approx(4.0)
+    assert prepared.fit.noise.periods == 3
+    assert prepared.fit.noise.deviation == pytest.approx([0.1], rel=0.1)
+    assert prepared.fit.noise.correlation == pytest.approx([0.5], abs=0.1)
     assert not prepared.notes
 
 
@@ -283,12 +284,12 @@ def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> N
     less = replace(whole, time=whole.time[kept], torque=whole.torque[kept], operator=operator)
     assert less.rate_hz == pytest.approx(whole.rate_hz)
     prepared = prepare(model.with_experiment(model.first, less))
-    everything = prepare(model.with_experiment(model.first, whole)).noise
-    assert prepared.noise.source == "periods"
-    assert prepared.noise.period_s == pytest.approx(4.0)
-    assert prepared.noise.deviation == pytest.approx(everything.deviation, rel=0.03)
-    assert prepared.noise.correlation == pytest.approx(everything.correlation, abs=0.03)
-    assert prepared.noise.slow == pytest.approx(everything.slow, abs=0.03)
+    everything = prepare(model.with_experiment(model.first, whole)).fit.noise
+    assert prepared.fit.noise.source == "periods"
+    assert prepared.fit.noise.period_s == pytest.approx(4.0)
+    assert prepared.fit.noise.deviation == pytest.approx(everything.deviation, rel=0.03)
+    assert prepared.fit.noise.correlation == pytest.approx(everything.correlation, abs=0.03)
+    assert prepared.fit.noise.slow == pytest.approx(everything.slow, abs=0.03)
     (note,) = prepared.notes
     assert "6 of 1200 torque samples are missing, the first of them after t = 1.49 s" in note
 
@@ -305,8 +306,8 @@ def test_prepared_without_repetition_says_so(tmp_path: Path) -> None:
     model = arm_model(tmp_path, seconds=5.0)
     noise = coloured(np.random.default_rng(6), model.measured.shape, 0.0, 0.1)
     prepared = prepare(with_torque(model, model.measured + noise))
-    assert prepared.noise.source == "residual"
-    assert 0.08 < prepared.noise.deviation[0] < 0.15
+    assert prepared.fit.noise.source == "residual"
+    assert 0.08 < prepared.fit.noise.deviation[0] < 0.15
     assert any("does not repeat" in note for note in prepared.notes)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -168,14 +169,17 @@ def test_slow_changes_along_given_columns_are_no_noise() -> None:
 
 def test_logs_are_pooled_by_their_samples() -> None:
     one, other = noise([1.0], correlation=0.2, period_s=3.0), noise([3.0], correlation=0.6)
-    found = pooled([one, other], [300, 100])
+    found = pooled([replace(one, samples=300), replace(other, samples=100)])
     assert found.deviation.tolist() == [pytest.approx(np.sqrt((3 * 1 + 9) / 4))]
     assert found.correlation.tolist() == [pytest.approx(0.3)]
-    assert (found.period_s, found.periods, found.slow) == (3.0, 2, None)
-    assert pooled([one], [5]) is one
-    slow = [Noise(np.ones(1), np.zeros(1), "periods", slow=np.array([v])) for v in (0.1, 0.5)]
-    assert pooled(slow, [100, 300]).slow.tolist() == [pytest.approx(0.4)]
-    assert pooled([slow[0], one], [1, 1]).slow is None
+    assert (found.period_s, found.periods, found.samples, found.slow) == (3.0, 2, 400, None)
+    assert pooled([one]) is one
+    slow = [
+        Noise(np.ones(1), np.zeros(1), "periods", samples=count, slow=np.array([v]))
+        for count, v in ((100, 0.1), (300, 0.5))
+    ]
+    assert pooled(slow).slow.tolist() == [pytest.approx(0.4)]
+    assert pooled([slow[0], one]).slow is None
 
 
 def test_weights_of_noise() -> None:

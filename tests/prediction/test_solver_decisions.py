@@ -13,18 +13,9 @@ import pytest
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import least_squares
 from fmu_didim.prediction.equations import Equations
+from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import (
-    Fit,
-    Stopping,
-    _Found,
-    _Solver,
-    _State,
-    _Step,
-    integrated,
-    minimise,
-    point,
-)
+from fmu_didim.prediction.least_squares import Stopping, _Found, _Solver, _State, _Step, integrated, minimise
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
@@ -39,6 +30,9 @@ class FromResidual(Weighting):
 
     def deviation(self, residual: Array, columns: Array) -> Array:
         return np.asarray(np.sqrt((residual**2).mean(axis=0)) + 1e-6)
+
+    def noise(self, deviation: Array) -> Noise:
+        return Noise(deviation, np.zeros(deviation.size), "residual")
 
 
 def line(values: Mapping[str, float], label: str) -> Array:
@@ -600,24 +594,24 @@ def test_a_point_is_a_fit_without_steps() -> None:
 
 def test_covariances_and_condition_of_a_fit() -> None:
     table = np.dstack([2 * np.ones_like(T), T - 0.5])
-    one = Fit(model(), np.zeros(2), np.zeros_like(T), table, np.array([0.5]), 0.0)
-    square = float(np.sum((T - 0.5) ** 2))
     noise = Noise(np.array([3.0]), np.array([0.5]), "periods")  # a third of the samples count
-    np.testing.assert_allclose(one.covariance(noise), np.diag([9 * 3 / 84, 9 * 3 / square]), atol=1e-12)
+    one = Fit(model(), np.zeros(2), np.zeros_like(T), table, noise, np.array([0.5]), 0.0)
+    square = float(np.sum((T - 0.5) ** 2))
+    np.testing.assert_allclose(one.covariance, np.diag([9 * 3 / 84, 9 * 3 / square]), atol=1e-12)
     np.testing.assert_allclose(one.bound, np.diag([0.25 / 84, 0.25 / square]), atol=1e-12)
     assert one.condition_number == pytest.approx(1.0)
     idle = replace(one, jacobian=np.dstack([table, np.zeros_like(T)]))
-    assert idle.covariance(noise)[2, 2] == 0.0 and idle.covariance(noise)[0, 0] == pytest.approx(27 / 84)
+    assert idle.covariance[2, 2] == 0.0 and idle.covariance[0, 0] == pytest.approx(27 / 84)
 
 
 def test_a_minimum_is_polished_where_its_steps_change(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(least_squares, "minimise", lambda m, n, **more: asked.append((m.substeps, more)) or "fine")
-    fit = Fit(replace(model(), substeps=2), np.zeros(2), T, np.ones((21, 1, 2)), np.ones(1), 0.0)
+    fit = Fit(replace(model(), substeps=2), np.zeros(2), T, np.ones((21, 1, 2)), UNIT, np.ones(1), 0.0)
     monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=2))
-    assert integrated(fit, UNIT) is fit
+    assert integrated(fit) is fit
     monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=8))
-    assert integrated(fit, UNIT) == "fine"
+    assert integrated(fit) == "fine"
     assert asked == [(8, {"stopping": Stopping(2, updates=0), "jacobian": fit.jacobian})]
 
 

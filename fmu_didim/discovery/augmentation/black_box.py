@@ -195,13 +195,3 @@ def subdivision(model: LoopModel) -> int:
 
 def _rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
-
-
-__all__ = [
-    "TorquePart",
-    "acts_on_own_joint",
-    "can_be_added",
-    "splice_part",
-    "subdivision",
-    "torque_part",
-]

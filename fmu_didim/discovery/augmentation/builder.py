@@ -17,11 +17,12 @@ from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
-from fmu_didim.effects import EFFECTS, Effect, Search, SplicedEffect, TorqueEffect
+from fmu_didim.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import System, splice_effect
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
 
@@ -31,7 +32,7 @@ class Proposal:
     """An effect with the values from which it is fitted.
 
     Attributes:
-        addition: effect and joint.
+        effect_at: effect and joint.
         values: start value of each of its free parameters, by the plain name (``Fs``, ``vs``).
         scales: size of a noticeable change of them; the value itself where absent.
     """
@@ -51,10 +52,7 @@ class LoopModelBuilder:
     """
 
     def __init__(
-        self,
-        base: LoopModel,
-        description: RobotDescription | None,
-        effects: Mapping[str, Effect] = EFFECTS,
+        self, base: LoopModel, description: RobotDescription | None, effects: Mapping[str, Effect] = EFFECTS
     ) -> None:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)
@@ -66,7 +64,7 @@ class LoopModelBuilder:
         self._ranges = [travelled(base, j) for j in range(1, base.joint_count + 1)]
 
     def effect(self, effect_at: EffectAtJoint) -> Effect:
-        """The effect of an addition."""
+        """The effect itself, from the catalogue."""
         return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:
@@ -79,7 +77,7 @@ class LoopModelBuilder:
         """Whether an effect changes the log as a whole, and not the loop."""
         return self.effects[name].is_of_log
 
-    def joint_type(self, joint: int) -> str:
+    def joint_type(self, joint: int) -> JointType:
         """Type of a joint, counted from 1."""
         if self.description is not None:
             return self.description.joints[joint - 1].type
@@ -90,11 +88,10 @@ class LoopModelBuilder:
         """The searched parameters of an effect, their grids moved to where the reference goes and the data can tell."""
         if effect_at not in self._searches:
             effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
-            units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}  # type: ignore[arg-type]
+            units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}
             within = self._ranges[effect_at.joint - 1]
             self._searches[effect_at] = {
-                name: within.adapted(s, units[name])
-                for name, s in effect.search(kind).items()  # type: ignore[arg-type]
+                name: within.adapted(s, units[name]) for name, s in effect.search(kind).items()
             }
         return self._searches[effect_at]
 
@@ -102,8 +99,8 @@ class LoopModelBuilder:
         """Amplitudes and searched shapes of an effect, by their plain names."""
         effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
         searched = self.search(effect_at)
-        shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)  # type: ignore[arg-type]
-        amplitudes = effect.parameters(kind)  # type: ignore[arg-type]
+        shapes = tuple(v for v in effect.shapes(kind) if v.name in searched)
+        amplitudes = effect.parameters(kind)
         if not effect.is_linear:
             amplitudes = tuple(v for v in amplitudes if v.name in searched)
         return amplitudes, shapes
@@ -111,8 +108,7 @@ class LoopModelBuilder:
     def cost(self, effect_at: EffectAtJoint) -> float:
         """Parameters that an effect counts as when models are compared."""
         amplitudes, _ = self.parameters_of(effect_at)
-        search = self.search(effect_at)
-        return sum(1.0 for v in amplitudes if v.name not in search) + sum(s.cost for s in search.values())
+        return parameter_cost([v.name for v in amplitudes], self.search(effect_at))
 
     def build(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
         """``model`` with further effects, which start at the values proposed.
@@ -121,26 +117,27 @@ class LoopModelBuilder:
             InputError: an effect cannot be added to this plant.
         """
         with self._lock:
-            return self._built(model, proposals)
+            added_effects = (*model.added_effects, *(p.effect_at for p in proposals))
+            free_parameters = list(model.free_parameters)
+            for index, proposal in enumerate(proposals, start=len(model.added_effects)):
+                known = {parameter.name for parameter in free_parameters}
+                free_parameters += [k for k in self._free_parameters_of(proposal, index) if k.name not in known]
+            built = self._with(added_effects, model)
+            offered = {v.name for v in built.plant.parameters}
+            kept = tuple(k for k in free_parameters if k.owner != PLANT or k.key in offered)
+            return replace(built, free_parameters=kept)
 
-    def _built(self, model: LoopModel, proposals: Sequence[Proposal]) -> LoopModel:
-        added_effects = (*model.added_effects, *(p.effect_at for p in proposals))
-        free_parameters = list(model.free_parameters)
-        for index, proposal in enumerate(proposals, start=len(model.added_effects)):
-            known = {parameter.name for parameter in free_parameters}
-            free_parameters += [k for k in self._free_parameters_of(proposal, index) if k.name not in known]
-        plant = self._plant(added_effects)
-        offered = {v.name for v in plant.parameters}
-        free_parameters = [k for k in free_parameters if k.owner != PLANT or k.key in offered]
-        return replace(
-            model,
-            plant=plant,
-            systems=self._wired(added_effects),
-            free_parameters=tuple(free_parameters),
-            added_effects=added_effects,
-            added_components=self._components(added_effects),
-            subdivision=self._subdivision(added_effects),
-        )
+    def _with(self, added_effects: tuple[EffectAtJoint, ...], model: LoopModel) -> LoopModel:
+        """The model with these effects in plant and wiring instead of those that it has."""
+        with self._lock:
+            return replace(
+                model,
+                plant=self._plant(added_effects),
+                systems=self._wired(added_effects),
+                added_effects=added_effects,
+                added_components=self._components(added_effects),
+                subdivision=self._subdivision(added_effects),
+            )
 
     def _subdivision(self, added_effects: Sequence[EffectAtJoint]) -> int:
         """Ticks in a control period: more than one where a torque of the plant stands in the wiring."""
@@ -172,8 +169,8 @@ class LoopModelBuilder:
         kind, plant = self.joint_type(joint), self.base.plant_name
         if isinstance(part, TorquePart):
             begin = float(self.base.experiments[label].reference.time[0])
-            return splice_part(system, part.effect, joint, kind, start_time=begin, plant=plant)  # type: ignore[arg-type]
-        return splice_effect(system, part, joint, kind, plant=plant)  # type: ignore[arg-type]
+            return splice_part(system, part.effect, joint, kind, start_time=begin, plant=plant)
+        return splice_effect(system, part, joint, kind, plant=plant)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other free parameters keep their values."""
@@ -183,16 +180,7 @@ class LoopModelBuilder:
             for k in model.free_parameters
             if k.effect != index
         )
-        with self._lock:
-            return replace(
-                model,
-                plant=self._plant(added_effects),
-                systems=self._wired(added_effects),
-                free_parameters=free_parameters,
-                added_effects=added_effects,
-                added_components=self._components(added_effects),
-                subdivision=self._subdivision(added_effects),
-            )
+        return self._with(added_effects, replace(model, free_parameters=free_parameters))
 
     def described(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription | None:
         """The robot description with all effects, wherever they act."""
@@ -253,7 +241,7 @@ class LoopModelBuilder:
         effect = self.effect(effect_at)
         if isinstance(effect, TorqueEffect) and self.description is None:
             kind = self.joint_type(effect_at.joint)
-            if can_be_added(self.base, effect, effect_at.joint, kind):  # type: ignore[arg-type]
+            if can_be_added(self.base, effect, effect_at.joint, kind):
                 return torque_part(effect)
         return effect if isinstance(effect, SplicedEffect) else None
 
@@ -300,6 +288,11 @@ def _chosen_substeps(plant: Component) -> int | None:
     """Integration substeps that the user chose for the plant; the augmented plants take over the choice."""
     chosen = getattr(plant, "substeps", None) or getattr(plant, "options", {}).get("substeps")
     return int(chosen) if chosen else None
+
+
+def parameter_cost(amplitudes: Sequence[str], search: Mapping[str, Search]) -> float:
+    """Parameters that amplitudes and searched shapes count as when models are compared."""
+    return sum(1.0 for name in amplitudes if name not in search) + sum(s.cost for s in search.values())
 
 
 def shape_limits(search: Search, signed: bool) -> tuple[float, float]:

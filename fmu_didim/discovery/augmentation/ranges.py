@@ -42,13 +42,12 @@ def travelled(base: LoopModel, joint: int) -> Range:
     positions, speeds, ends = [], [], []
     for label in base.estimation_labels:
         reference = base.experiments[label].reference
-        step = float(reference.time[1] - reference.time[0])
         name = f"q{joint}"
-        q = reference.select([name])[:, 0] if name in reference.names else np.zeros(reference.time.size)
+        q = reference.column(name) if name in reference.names else np.zeros(reference.time.size)
         positions.append(q)
-        speeds.append(np.abs(np.gradient(q, step)))
+        speeds.append(np.abs(np.gradient(q, reference.step)))
         ends.append((float(reference.time[0]), float(reference.time[-1])))
     q, speed = np.concatenate(positions), np.concatenate(speeds)
-    way = float(np.sqrt(np.mean(speed**2))) * step
+    way = float(np.sqrt(np.mean(speed**2))) * reference.step
     begin, end = min(low for low, _ in ends), max(high for _, high in ends)
     return Range(float(q.min()), float(q.max()), float(speed.max()), way, begin, end)

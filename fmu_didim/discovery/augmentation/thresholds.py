@@ -23,17 +23,9 @@ LIKELY_SIZE = TABLE(
 SMALLEST_SCALE = TABLE("SMALLEST_SCALE", 1e-3, "SI", "Noticeable change of a parameter that is proposed as zero.")
 WINDOW_EDGES = TABLE("WINDOW_EDGES", 24, "instants", "Edges of a force window that are tried.")
 SHORTEST_WAY = TABLE(
-    "SHORTEST_WAY",
-    0.1,
-    "1",
-    "Smallest length of a shape, as a fraction of the way of one control period.",
+    "SHORTEST_WAY", 0.1, "1", "Smallest length of a shape, as a fraction of the way of one control period."
 )
-LOWEST_SPEED = TABLE(
-    "LOWEST_SPEED",
-    0.003,
-    "1",
-    "Smallest speed of a shape, as a fraction of the joint's largest.",
-)
+LOWEST_SPEED = TABLE("LOWEST_SPEED", 0.003, "1", "Smallest speed of a shape, as a fraction of the joint's largest.")
 WIDEST = TABLE("WIDEST", 2.0, "1", "A logarithmic range ends at least at so many times its lowest value.")
 MARGIN = TABLE("MARGIN", 0.02, "1", "Fraction of the positions at each end where no place of an effect is tried.")
 BEYOND_GRID = TABLE("BEYOND_GRID", 3.0, "1", "By which factor a fit may take a shape beyond its logarithmic grid,")

@@ -14,19 +14,19 @@ from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFou
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.statistics import confidence_interval
 
 
-def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) -> tuple[Fit, Fit]:
+def refitted(fitted_torques: FittedExternalTorques, final: Fit) -> tuple[Fit, Fit]:
     """The final model with the external torques fitted once more, and the same with them as its last parameters."""
     model, label = final.model, fitted_torques.label
     count = len(model.free_parameters)
     try:
         further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-        free = minimise(model.with_free(further), noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
+        free = minimise(model.with_free(further), final.noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
     except SimulationError:
         return final, fitted_torques.free
     held = model.pushed(label, free.model.external_torques(free.values, label)).with_values(free.values[:count])
@@ -35,7 +35,7 @@ def refitted(fitted_torques: FittedExternalTorques, final: Fit, noise: Noise) ->
 
 
 def external_torque_finding(
-    fitted_torques: FittedExternalTorques, base: Fit, free: Fit, noise: Noise, effect: Effect
+    fitted_torques: FittedExternalTorques, base: Fit, free: Fit, effect: Effect
 ) -> FindingResult:
     """The finding: times and torques of the external torques with their intervals, named by the effect."""
     external_torques = free.model.experiments[fitted_torques.label].external_torques
@@ -48,7 +48,7 @@ def external_torque_finding(
         joint=first.joint,
         place="command" if first.is_logged else effect.place,
         equation=f"F[i] from t_on[i] to t_off[i], i = 1 to {count}, positive along the joint. {where}".strip(),
-        parameters=_summary(free, noise),
+        parameters=_summary(free),
         share_of_gap=fitted_torques.share,
         delta_bic=fitted_torques.delta_bic,
         ambiguous=[
@@ -56,34 +56,30 @@ def external_torque_finding(
             for name in effect.confounded_with
         ],
         experiment=effect.experiment,
-        gap=_gaps(base, fitted_torques.fit, noise),
+        gap=_gaps(base, fitted_torques.fit),
         ratio_interval=None,
     )
 
 
-def external_torque_windows(free: Fit, noise: Noise, label: str) -> list[WindowResult]:
+def external_torque_windows(free: Fit, label: str) -> list[WindowResult]:
     """One window for each external torque; its score is its torque in standard deviations."""
-    deviation = {v.name: v.std for v in values_found(free, noise, _is_external_torque)}
+    deviation = {v.name: v.std for v in values_found(free, _is_external_torque)}
     return [
         WindowResult(
-            joint=p.joint,
-            begin_s=p.begin_s,
-            end_s=p.end_s,
-            torque=p.torque,
+            joint=p.joint, begin_s=p.begin_s, end_s=p.end_s, torque=p.torque, experiment=label,
             score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, limits.SMALLEST_DEVIATION),
-            experiment=label,
         )
         for i, p in enumerate(free.model.external_torques(free.values, label), start=1)
-    ]
+    ]  # fmt: skip
 
 
 def _is_external_torque(parameter: FreeParameter) -> bool:
     return parameter.owner == EXTERNAL_TORQUE
 
 
-def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
+def _summary(free: Fit) -> list[ValueFound]:
     """All of a few external torques; of many their mean, with its spread, and the times of the first."""
-    values = values_found(free, noise, _is_external_torque)
+    values = values_found(free, _is_external_torque)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
     if torques.size <= limits.LISTED:
         return values
@@ -94,7 +90,7 @@ def _summary(free: Fit, noise: Noise) -> list[ValueFound]:
     return [both, *(v for v in values if v.name in ("t_on[1]", "t_off[1]"))]
 
 
-def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:
+def _gaps(before: Fit, after: Fit) -> Mapping[str, GapPair]:
     """On the data of the fit, and on the held-out ones, which the better base parameters help too."""
     result = {}
     for label in before.model.experiments:
@@ -102,8 +98,5 @@ def _gaps(before: Fit, after: Fit, noise: Noise) -> Mapping[str, GapPair]:
             pair = [f.model.residual(f.values, label) for f in (before, after)]
         except SimulationError:
             continue
-        result[label] = gap_pair(pair[0], pair[1], noise)
+        result[label] = gap_pair(pair[0], pair[1], after.noise)
     return result
-
-
-__all__ = ["external_torque_finding", "external_torque_windows", "refitted"]

@@ -16,17 +16,16 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.discovery.base_model import motion_period, residual_noise
 from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
-from fmu_didim.discovery.thresholds import WHOLE_SAMPLES
+from fmu_didim.discovery.log_noise import motion_period, noise_beside_fit
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise, noise_from_periods, pooled
 from fmu_didim.prediction.thresholds import STEP
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -39,15 +38,15 @@ class FittedExternalTorques:
     Attributes:
         fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
         the loop
-            and the times and torques of the external torques as its last free parameters.
-        label: of the experiment in which they act; noise: of the data, without the external torques.
+            and the times and torques of the external torques as its last free parameters. Both with the noise of the
+            data without the external torques.
+        label: of the experiment in which they act.
         delta_bic: over the model without; share: of the gap.
     """
 
     fit: Fit
     free: Fit
     label: str
-    noise: Noise
     delta_bic: float
     share: float
 
@@ -57,16 +56,14 @@ class FittedExternalTorques:
         return self.fit.model.experiments[self.label].external_torques
 
 
-def find_external_torques(
-    fit: Fit, noise: Noise, *, say: Callable[[str], None] = lambda text: None
-) -> FittedExternalTorques | None:
+def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text: None) -> FittedExternalTorques | None:
     """The external torques that explain most of what a model leaves, or None if none do.
 
     A torque that comes back with each period of the motion belongs to the machine and is not taken for an external
     torque.
 
     Args:
-        fit: of the model; noise: of the data.
+        fit: of the model.
     """
     best: tuple[float, str, list[ExternalTorque]] | None = None
     for label in fit.model.estimation_labels:
@@ -76,17 +73,18 @@ def find_external_torques(
                 continue
             for is_logged in (False, True):
                 answer = response + 1.0 if is_logged else response
-                found = linear_external_torques(fit, noise, label, joint, answer, is_logged)
+                found = linear_external_torques(fit, label, joint, answer, is_logged)
                 if found is not None and (best is None or found[0] > best[0]):
                     best = (found[0], label, found[1])
     if best is None or best[0] < limits.LINEAR_SHARE:
         return None
     _, label, torques = best
-    time = fit.model.experiments[label].reference.time
-    if _is_staircase(torques) or _comes_back(torques, motion_period(fit.model, label)) or _is_lasting(torques, time):
+    time, period = fit.model.experiments[label].reference.time, motion_period(fit.model, label)
+    if _is_staircase(torques) or _comes_back(torques, period) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
-    return _fitted(fit, noise, label, torques)
+    fitted = _fitted(fit, label, torques)
+    return None if fitted is None or _comes_back(fitted.external_torques, period) else fitted
 
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
@@ -113,7 +111,7 @@ def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None
     return bool(np.average(alike, weights=impulses) >= limits.COMES_BACK)
 
 
-def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
+def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
     """Times and torques fitted in the closed loop, with all free parameters of the model."""
     model = fit.model
     count = len(model.free_parameters)
@@ -130,11 +128,11 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
         acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
-        noise = updated_noise(noise, free)  # until now external torques that do not repeat counted as noise
+        free = minimise(acting, fit.noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
+        noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(limits.FURTHER_STEPS, updates=limits.UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)
-        moved = _edges_moved(free, noise, label)
+        moved = _edges_moved(free, label)
         if moved is not None:
             better = minimise(moved, noise, stopping=Stopping(limits.FIRST_STEPS))
             free = better if better.chi_square < free.chi_square else free
@@ -142,22 +140,19 @@ def _fitted(fit: Fit, noise: Noise, label: str, external_torques: list[ExternalT
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    if _comes_back(held.experiments[label].external_torques, motion_period(held, label)):
-        return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
     explains = worth > 0 and share >= limits.SHARE
-    return FittedExternalTorques(fixed, free, label, noise, worth, share) if explains else None
+    return FittedExternalTorques(fixed, free, label, worth, share) if explains else None
 
 
-def _edges_moved(free: Fit, noise: Noise, label: str) -> LoopModel | None:
+def _edges_moved(free: Fit, label: str) -> LoopModel | None:
     """The model with edges moved into a neighbouring control period where the data fit better there; None if nowhere.
 
     An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
     """
-    model, weight = free.model, noise.weight
-    time = model.experiments[label].reference.time
-    step = float(time[1] - time[0])
+    model, weight = free.model, free.noise.weight
+    step = model.experiments[label].reference.step
     edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
     table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
     measured = model.measured
@@ -183,7 +178,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     """Times and torques of external torques as free parameters of an experiment."""
     model, experiment = fit.model, fit.model.experiments[label]
     time, rate = experiment.reference.time, experiment.rate_hz
-    step, size = float(time[1] - time[0]), max(abs(p.torque) for p in external_torques)
+    step, size = experiment.reference.step, max(abs(p.torque) for p in external_torques)
     unit = model.parameters.torque_units[external_torques[0].joint - 1]
     room = max(limits.EDGE_ROOM / rate, limits.EDGE_ROOM * step)
     found: list[FreeParameter] = []
@@ -204,24 +199,3 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
                     )
                 )  # fmt: skip
     return found
-
-
-def updated_noise(noise: Noise, fit: Fit) -> Noise:
-    """Noise from the differences of periods, of what a fit leaves instead of the logs themselves."""
-    if noise.source != "periods":
-        return residual_noise(fit)
-    found, samples = [], []
-    for label, rows in fit.model.rows.items():
-        period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
-        rate = experiment.rate_hz
-        if period is None or abs(period * rate - round(period * rate)) > WHOLE_SAMPLES:
-            continue
-        residual = experiment.with_gaps(fit.residual[rows])
-        updated = noise_from_periods(residual, round(period * rate), rate_hz=rate, skip=0)
-        if updated is not None:
-            found.append(replace(updated, period_s=period))
-            samples.append(int(experiment.time.size))
-    return pooled(found, samples) if found else noise
-
-
-__all__ = ["FittedExternalTorques", "external_torque_parameters", "find_external_torques", "updated_noise"]

@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Screened, contend, screen
+from fmu_didim.discovery.selection.contenders import Competition, Screened
 from fmu_didim.effects import Effect
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
 def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
@@ -22,7 +21,6 @@ def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Ef
 def rivalled(
     fitted_torques: FittedExternalTorques,
     base: Fit,
-    noise: Noise,
     builder: LoopModelBuilder,
     *,
     forbid: frozenset[str] = frozenset(),
@@ -31,18 +29,14 @@ def rivalled(
     """Whether one effect of the machine explains the data better than all the external torques.
 
     Args:
-        base: the fit without the external torques; noise: of the data, with which the external torques were looked
-        for; builder: builds
-            on the base; forbid: effects that are not proposed.
+        base: the fit without the external torques; builder: builds on it; forbid: effects that are not proposed.
     """
     names = [name for name, effect in builder.effects.items() if effect.rivals_external_torque and name not in forbid]
     candidates = [EffectAtJoint(name, j) for name in names for j in builder.joints(name)]
     catalogue = SignatureCatalogue(builder, base, candidates=candidates)
+    competition = Competition(builder, base)
     first: dict[str, Screened] = {}  # the best joint of each
-    for candidate in screen(catalogue, builder, base, noise):
+    for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
-    best = contend(list(first.values()), builder, base, noise, progress=say)
+    best = competition.contend(list(first.values()), progress=say)
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic
-
-
-__all__ = ["external_effect", "rivalled"]

@@ -25,8 +25,8 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.signals import Array
 
@@ -79,13 +79,13 @@ def _shifted(operator: SampleOperator, response: Array, ticks: int) -> _Shifted:
 
 
 def linear_external_torques(
-    fit: Fit, noise: Noise, label: str, joint: int, response: Array, is_logged: bool
+    fit: Fit, label: str, joint: int, response: Array, is_logged: bool
 ) -> tuple[float, list[ExternalTorque]] | None:
     """Share of the gap of the joint, over all experiments, that external torques explain to first order, and the
     external torques."""
     experiment, rows = fit.model.experiments[label], fit.model.rows[label]
     time = experiment.reference.time
-    weight = 1 / noise.deviation[joint - 1]
+    weight = 1 / fit.noise.deviation[joint - 1]
     shifted = _shifted(experiment.operator, response, time.size)
     problem = _Problem.of(fit.jacobian[:, joint - 1] * weight, fit.residual[:, joint - 1] * weight, rows)
     chosen: list[int] = []
@@ -107,7 +107,7 @@ def linear_external_torques(
     if not chosen:
         return None
     chosen.sort()
-    step = float(time[1] - time[0])
+    step = experiment.reference.step
     settled = np.abs(response - response[-1]) > limits.UNSETTLED * np.abs(response).max()
     near = round(limits.NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):

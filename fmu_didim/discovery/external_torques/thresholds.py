@@ -61,10 +61,7 @@ SAME_PHASE_S = TABLE("SAME_PHASE_S", 0.1, "s", "but no longer than this.")
 
 # The fit in the closed loop ------------------------------------------------------------------------------------------
 SHARE = TABLE(
-    "SHARE",
-    0.6,
-    "1",
-    "Fraction of the gap that external torques must explain to be taken for what is missing.",
+    "SHARE", 0.6, "1", "Fraction of the gap that external torques must explain to be taken for what is missing."
 )
 DELAY_START = TABLE("DELAY_START", 0.1, "control periods", "Added to the known delay of the loop where its fit starts.")
 DELAY_ROOM = TABLE("DELAY_ROOM", 3.0, "control periods", "By which the delay of the loop may be longer than known.")
@@ -78,10 +75,7 @@ EDGE_MOVES = TABLE(
 )  # fmt: skip
 EDGE_GAIN = TABLE("EDGE_GAIN", 1.0, "chi-square", "That such a move must gain.")
 EDGE_ROOM = TABLE(
-    "EDGE_ROOM",
-    4.0,
-    "samples or control periods",
-    "How far a fit may take an edge; the longer of the two.",
+    "EDGE_ROOM", 4.0, "samples or control periods", "How far a fit may take an edge; the longer of the two."
 )
 EDGE_SLOPE = TABLE(
     "EDGE_SLOPE", 0.5, "control periods", "Over which slopes of edges are taken: at an instant they change abruptly."

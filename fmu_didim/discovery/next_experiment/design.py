@@ -16,15 +16,14 @@ import yaml
 
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
-from fmu_didim.discovery.next_experiment.motions import Limits, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
-from fmu_didim.discovery.next_experiment.separation import Table
+from fmu_didim.discovery.next_experiment.separation import Pair, Table
 from fmu_didim.discovery.selection.thresholds import BIC
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Array, Trajectory, write_csv
@@ -158,9 +157,7 @@ def _sorted_out(
     return shown, hidden
 
 
-def _pairs(
-    members: Sequence[AmbiguousEffect], now: Table, then: Table, same: set[tuple[int, int]]
-) -> tuple[PairSeparation, ...]:
+def _pairs(members: Sequence[AmbiguousEffect], now: Table, then: Table, same: set[Pair]) -> tuple[PairSeparation, ...]:
     return tuple(
         PairSeparation(
             members[a].effect_at,
@@ -176,8 +173,7 @@ def _pairs(
 
 
 def _proposal(
-    evaluator: MotionEvaluator, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[tuple[int,
-    int]],
+    evaluator: MotionEvaluator, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[Pair],
     hidden: Sequence[Effect],
 ) -> SplittingExperiment:  # fmt: skip
     pairs = _pairs(evaluator.members, evaluator.now, table, same)
@@ -193,7 +189,7 @@ def _proposal(
     lines += _same_lines(pairs)
     if any(not p.same for p in weak):
         lines.append("That is too little to be sure: move for longer, faster or further, if the robot can.")
-    lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
+    lines += _hidden_lines(hidden)
     lines.append(
         "It is assumed that the robot follows the reference." if evaluator.context.follow is None
         else "The figures hold for the simulated motion of the base model."
@@ -224,6 +220,10 @@ def _same_lines(pairs: Sequence[PairSeparation]) -> list[str]:
     return [f"{first} and {second}: {SAME_TEXT}" for first, second in both]
 
 
+def _hidden_lines(hidden: Sequence[Effect]) -> list[str]:
+    return [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
+
+
 def _named(effect_at: EffectAtJoint) -> str:
     return f"{effect_at.effect} on joint {effect_at.joint}"
 
@@ -241,12 +241,8 @@ def _textual(
 ) -> SplittingExperiment:
     """No motion is proposed, only what the catalogue advises."""
     advice = _advice([effects[m.effect_at.effect] for m in members])
-    lines = [*([why] if why else []), *_same_lines(pairs)]
-    lines += [f"{e.title} shows in closed-loop simulations only; no figure is given for it." for e in hidden]
+    lines = [*([why] if why else []), *_same_lines(pairs), *_hidden_lines(hidden)]
     nothing = float("nan")
     return SplittingExperiment(
         " ".join([*lines, *advice]), None, None, nothing, nothing, nothing, nothing, pairs, advice, False
     )
-
-
-__all__ = ["Limits", "PairSeparation", "Search", "SplittingExperiment", "design_experiment", "limits_of"]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.builder import Proposal, parameter_cost
 from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
@@ -211,5 +211,4 @@ class AmbiguousEffect:
     @property
     def cost(self) -> float:
         """Parameters that it counts as when models are compared."""
-        search = self.effect.search(self._kind)
-        return sum(1.0 for n in self.amplitudes if n not in search) + sum(s.cost for s in search.values())
+        return parameter_cost(self.amplitudes, self.effect.search(self._kind))

@@ -11,7 +11,7 @@ from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import Candidate, candidates
-from fmu_didim.discovery.next_experiment.separation import Table, amplitudes, separations
+from fmu_didim.discovery.next_experiment.separation import Pair, Table, amplitudes, separations
 from fmu_didim.excitation import Fourier
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Trajectory
@@ -94,7 +94,7 @@ def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
     return result
 
 
-def same_pairs(tables: Sequence[Table]) -> set[tuple[int, int]]:
+def same_pairs(tables: Sequence[Table]) -> set[Pair]:
     """Pairs of which nothing is left on any motion: the same to first order."""
     found = set(tables[0])
     for table in tables:

@@ -44,7 +44,9 @@ class Separation:
         return float(np.sqrt(self.chi_square.sum()))
 
 
-Table = dict[tuple[int, int], Separation]
+Pair = tuple[int, int]
+"""Places of two members: the truth, and what it is told from."""
+Table = dict[Pair, Separation]
 
 
 def separations(

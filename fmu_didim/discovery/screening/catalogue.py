@@ -14,13 +14,12 @@ from fmu_didim.discovery.screening.load_response import LoadResponse, load_respo
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.motion import Motion, motion_from_outputs, motion_of
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.sensitivity import by_variation
 from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Variable
 
 
@@ -29,7 +28,7 @@ class Signature:
     """What an effect would add to the torque at the samples.
 
     Attributes:
-        addition: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
+        effect_at: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
         columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
         neutral: value of each amplitude with which nothing is there.
         inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
@@ -92,7 +91,7 @@ class SignatureCatalogue:
         kind = kinds[joint]
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
-        names = tuple(v.name for v in effect.parameters(kind))  # type: ignore[arg-type]
+        names = tuple(v.name for v in effect.parameters(kind))
         tried = _thinned(effect, self.builder.search(effect_at), defaults)
         for first in range(0, len(tried), limits.TOGETHER):
             kept, loads = [], []
@@ -116,8 +115,7 @@ class SignatureCatalogue:
         robot = self.builder.description
         own = robot.joints[effect_at.joint - 1].parameters if robot is not None else {}
         return {
-            v.name: present.get(f"{v.name}_{effect_at.joint}", own.get(v.name, v.start))
-            for v in effect.shapes(kind)  # type: ignore[arg-type]
+            v.name: present.get(f"{v.name}_{effect_at.joint}", own.get(v.name, v.start)) for v in effect.shapes(kind)
         }
 
     def _by_simulation(self, effect_at: EffectAtJoint, effect: Effect) -> Iterator[Signature]:
@@ -238,7 +236,10 @@ class _Along:
 
     @staticmethod
     def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
-        response, motion = load_response(fit, label), simulated_motion(builder, fit, label)
+        response, motion = (
+            load_response(fit, label),
+            simulated_motion(fit.model, fit.values, label, builder.description),
+        )
         return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
@@ -302,26 +303,3 @@ def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
         load=motion.load[ticks],
         links={j: table[ticks] for j, table in motion.links.items()},
     )
-
-
-def _chi(builder: LoopModelBuilder, fit: Fit, label: str) -> Array:
-    """Standard parameters of the base robot at the values of a fit."""
-    assert builder.description is not None
-    model = RobotModel(builder.description)
-    values = fit.model.parameters.values(fit.model.theta(fit.values, label))
-    return np.array([values.get(v.name, v.start) for v in model.parameters])
-
-
-def simulated_motion(builder: LoopModelBuilder, fit: Fit, label: str) -> Motion | None:
-    """The simulated motion of an experiment at all ticks; None if the plant does not give it."""
-    model = fit.model
-    if builder.description is None:
-        return motion_from_outputs(model, fit.values, label)
-    recording = model.record(fit.values, label, all_ticks=True)
-    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in model.logged])
-    chi = _chi(builder, fit, label)
-    return motion_of(RobotModel(builder.description), chi, recording.time, q, dq, ddq, torque)
-
-
-__all__ = ["Signature", "SignatureCatalogue"]

@@ -22,7 +22,7 @@ from scipy.linalg import toeplitz
 from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -72,8 +72,8 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
         seed: of the telegraph signal.
     """
     model = fit.model
-    time = model.experiments[label].reference.time
-    step = float(time[1] - time[0])
+    reference = model.experiments[label].reference
+    time, step = reference.time, reference.step
     every = max(round(limits.SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
     length = min(max(round(limits.MEMORY_S / (every * step)), 1), limits.MOST_TAPS, ticks.size // limits.MOST_OF_LOG)
@@ -138,6 +138,3 @@ def _sampling(fit: Fit, label: str, every: int, count: int) -> sparse.csr_array:
         shape=(place.size, count),
     )
     return sparse.csr_array(operator.matrix @ between)
-
-
-__all__ = ["LoadResponse", "load_response"]

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.discovery.screening.vectorised import Vectorised
-from fmu_didim.effects import PAYLOAD, Search, Surroundings, TorqueEffect
+from fmu_didim.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect
 from fmu_didim.prediction.motion import Motion
 from fmu_didim.robot.along import states_along
 from fmu_didim.signals import Array
@@ -36,17 +36,19 @@ def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> 
 class TorqueSignature:
     """Columns of one torque effect at one joint on a motion, for any shapes."""
 
-    def __init__(self, effect: TorqueEffect, joint: int, joint_types: tuple[str, ...], shape_names: tuple[str, ...]):
+    def __init__(
+        self, effect: TorqueEffect, joint: int, joint_types: tuple[JointType, ...], shape_names: tuple[str, ...]
+    ):
         self.effect, self.joint, self._shape_names = effect, joint, shape_names
         n, kind = len(joint_types), joint_types[joint]
-        self._states = effect.states(kind)  # type: ignore[arg-type]
+        self._states = effect.states(kind)
         q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
         load, time = ca.SX.sym("load"), ca.SX.sym("t")
         z = ca.SX.sym("z", len(self._states))
         link = ca.SX.sym("link", n, len(PAYLOAD))
         shapes = ca.SX.sym("s", len(shape_names))
         at = Surroundings(
-            joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, load=load, time=time,  # type: ignore[arg-type]
+            joint=joint, joint_type=kind, all_q=q, all_dq=dq, all_ddq=ddq, load=load, time=time,
             state=tuple(ca.vertsplit(z)) if self._states else (),
             link={name: link[:, i] for i, name in enumerate(PAYLOAD)},
         )  # fmt: skip

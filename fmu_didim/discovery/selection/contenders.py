@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,11 +18,14 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, plain_name
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
-from fmu_didim.prediction.noise import Noise, effective_fraction
+from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
@@ -55,7 +58,7 @@ class Contender:
     """A candidate fitted in the closed loop.
 
     Attributes:
-        addition: effect and joint; fit: of the model with it; delta_bic: over the model without.
+        effect_at: effect and joint; fit: of the model with it; delta_bic: over the model without.
         size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
         torque_change: how much it changes the torque when it is switched off and nothing else changes, in the same
         units.
@@ -71,38 +74,206 @@ class Contender:
     cost: float
 
 
-def screen(catalogue: SignatureCatalogue, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> list[Screened]:
-    """All candidates that are not in the model yet, each at its best shapes, the best first."""
-    base = BaseProjection.of_fit(fit, noise)
-    residual = base.rest_of(base.weighted(fit.residual))
-    count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
-    found: dict[EffectAtJoint, list[Screened]] = {}
-    # A class is named once on a joint: a second member of it would only mend the form of the first.
-    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
-    for signature in catalogue:
-        if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
-            continue
-        table = base.weighted(signature.columns)
-        rest = base.rest_of(table)
-        size = float(np.linalg.norm(table))
-        surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
-        if surviving < limits.SURVIVING:
-            continue
-        coefficients = _coefficients(rest, residual)
-        cost = builder.cost(signature.effect_at) - _idle(table)
-        gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
-        found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
-    return sorted((_best(shapes, builder) for shapes in found.values()), key=lambda s: -s.gain)
+@dataclass(frozen=True)
+class Competition:
+    """The candidates for the next effect beside the present model.
 
+    Attributes:
+        builder: builds the loops with them; fit: of the present model.
+    """
 
-def _best(shapes: Sequence[Screened], builder: LoopModelBuilder) -> Screened:
-    """A candidate at its best shapes; one outside the torque balance with others."""
-    ordered = sorted(shapes, key=lambda s: -s.gain)
-    best = ordered[0]
-    if builder.effect(best.effect_at).is_linear:
-        return best
-    near = [s for s in ordered[1 : 1 + limits.FURTHER] if s.gain > limits.LEADING * best.gain]
-    return replace(best, others=tuple(near))
+    builder: LoopModelBuilder
+    fit: Fit
+
+    @cached_property
+    def base(self) -> BaseProjection:
+        """What the present model can absorb."""
+        return BaseProjection.of_fit(self.fit)
+
+    def screen(self, catalogue: SignatureCatalogue) -> list[Screened]:
+        """All candidates that are not in the model yet, each at its best shapes, the best first."""
+        builder, fit, base = self.builder, self.fit, self.base
+        residual = base.rest_of(base.weighted(fit.residual))
+        count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
+        found: dict[EffectAtJoint, list[Screened]] = {}
+        # A class is named once on a joint: a second member of it would only mend the form of the first.
+        named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+        for signature in catalogue:
+            if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
+                continue
+            table = base.weighted(signature.columns)
+            rest = base.rest_of(table)
+            size = float(np.linalg.norm(table))
+            surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
+            if surviving < limits.SURVIVING:
+                continue
+            coefficients = _coefficients(rest, residual)
+            cost = builder.cost(signature.effect_at) - _idle(table)
+            gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
+            found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+        return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
+
+    def _best(self, shapes: Sequence[Screened]) -> Screened:
+        """A candidate at its best shapes; one outside the torque balance with others."""
+        ordered = sorted(shapes, key=lambda s: -s.gain)
+        best = ordered[0]
+        if self.builder.effect(best.effect_at).is_linear:
+            return best
+        near = [s for s in ordered[1 : 1 + limits.FURTHER] if s.gain > limits.LEADING * best.gain]
+        return replace(best, others=tuple(near))
+
+    def shortlist(self, screened: Sequence[Screened], *, size: int = limits.SHORTLIST) -> list[Screened]:
+        """The candidates worth a closed-loop fit: the best, the best of each class near them, a gear on all joints."""
+        worth = [s for s in screened if s.gain > max(limits.WORTH * screened[0].gain, 0.0)]
+        if not worth:
+            return []
+        chosen = worth[:size]
+        classes = {(self.builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
+        for s in worth[size:]:
+            key = (self.builder.effect(s.effect_at).class_name, s.effect_at.joint)
+            if key not in classes:
+                chosen.append(s)
+                classes.add(key)
+        # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
+        gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
+        return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
+
+    def contend(self, chosen: Sequence[Screened], *, progress: Callable[[str], None]) -> list[Contender]:
+        """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
+        fit = self.fit
+        best = [fit.chi_square - limits.LEAST]
+        leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+
+        def one(candidate: Screened) -> Contender | None:
+            found = None
+            starts = [candidate.signature.proposal(candidate.coefficients)]
+            if candidate.others is not None and candidate.gain >= leading:
+                starts = self._scanned(candidate)
+            for start in starts:
+                fitted = self.refit(start, give_up_above=best[0])
+                if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                    found = fitted
+                    best[0] = min(best[0], found.chi_square)
+            if found is None:
+                return None
+            result = self.contender(candidate.effect_at, found)
+            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
+            progress(f"{named}: BIC difference {result.delta_bic:.0f}")
+            return result
+
+        results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
+        return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
+
+    def finished(self, candidate: Contender) -> Contender:
+        """A contender whose fit was given up, because another one was better, once more to its minimum: only there
+        can it be judged on held-out data."""
+        if not candidate.fit.given_up:
+            return candidate
+        found = minimise(
+            candidate.fit.model, self.fit.noise, stopping=Stopping(updates=1, check_all=False),
+            jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
+        )  # fmt: skip
+        return self.contender(candidate.effect_at, found)
+
+    def with_shapes_held(self, candidate: Screened) -> Iterator[Contender]:
+        """A candidate outside the torque balance once more, its shapes held at those screened, the best first.
+
+        Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
+        """
+        for screened in (candidate, *(candidate.others or ())):
+            proposal = screened.signature.proposal(screened.coefficients)
+            fitted = self.refit(proposal, hold=True)
+            if fitted is not None:
+                yield self.contender(candidate.effect_at, fitted)
+
+    def _scanned(self, candidate: Screened) -> list[Proposal]:
+        """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted
+        to first order, the best ones first."""
+        tried: list[tuple[float, int, Proposal]] = []
+        for screened in (candidate, *(candidate.others or ())):
+            for size in limits.SIZES:
+                proposal = screened.signature.proposal(size * screened.coefficients)
+                model = self.builder.build(self.fit.model, [proposal])
+                low, high = model.limits
+                try:
+                    residual = model.residual(np.clip(model.start, low, high))
+                except SimulationError:
+                    continue
+                cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
+                tried.append((cost, len(tried), proposal))
+        found = [proposal for _, _, proposal in sorted(tried)[: limits.STARTS]]
+        return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+
+    def contender(self, effect_at: EffectAtJoint, found: Fit) -> Contender:
+        """What a fit with one more effect is worth."""
+        builder, fit = self.builder, self.fit
+        index = found.model.added_effects.index(effect_at)
+        own = [
+            i
+            for i, parameter in enumerate(found.model.free_parameters)
+            if parameter.effect == index and not parameter.is_shape
+        ]
+        absent = len(builder.parameters_of(effect_at)[0]) - len(own)
+        cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
+        gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
+        size, share = explained(fit.residual, found.residual, fit.noise)
+        raw = self.torque_change_without(effect_at, found)
+        whole = replace(found, model=replace(found.model, workers=fit.model.workers))
+        return Contender(effect_at, whole, gain, size, share, raw, cost)
+
+    def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
+        """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out
+        and nothing else changes; infinite if the loop cannot be run."""
+        without = self.builder.without(found.model, found.model.added_effects.index(effect_at))
+        try:
+            if held_out:
+                labels = found.model.validation_labels
+                torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
+                change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
+            else:
+                change = found.torque - without.torque(without.start)
+        except SimulationError:
+            return np.inf
+        return float(np.sqrt(np.mean((change / found.noise.deviation) ** 2, axis=0)).max())
+
+    def refit(self, proposal: Proposal, *, give_up_above: float = np.inf, hold: bool = False) -> Fit | None:
+        """The present model with one more effect, fitted; None if no start of it can be simulated.
+
+        Args:
+            give_up_above: see :func:`~fmu_didim.prediction.least_squares.minimise`.
+            hold: whether its shapes stay as they are proposed.
+        """
+        builder, fit = self.builder, self.fit
+        neutral = builder.effect(proposal.effect_at).neutral
+        for part in limits.SMALLER:
+            values = dict(proposal.values)
+            for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
+                off = neutral.get(name, 0.0)
+                if np.isfinite(off):
+                    values[name] = off + part * (values[name] - off)
+                else:  # a stiffness, with nothing there when it is infinite
+                    values[name] = values[name] / part
+            model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
+            if len(model.free_parameters) == len(fit.model.free_parameters):
+                return None  # all its parameters belong to effects that are there already
+            low, high = model.limits
+            start = np.clip(model.start, low, high)
+            model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
+            model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
+            if model.plant is not fit.model.plant and model.has_own_states:  # faster than what the base resolves
+                model = with_fitting_substeps(model, start, fit.noise.deviation)
+            try:
+                torque = model.torque(start)
+                added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
+                slopes = sensitivity(model, start, torque, only=added, exact=False, whole=False)
+            except SimulationError:
+                continue
+            jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
+            return minimise(
+                model, fit.noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
+                jacobian=jacobian, torque=torque,
+            )  # fmt: skip
+        return None
 
 
 def _coefficients(columns: Array, residual: Array) -> Array:
@@ -120,80 +291,6 @@ def _idle(columns: Array) -> int:
     return int(np.sum(sizes <= limits.IDLE * sizes.max(initial=0.0)))
 
 
-def shortlist(
-    screened: Sequence[Screened], builder: LoopModelBuilder, *, size: int = limits.SHORTLIST
-) -> list[Screened]:
-    """The candidates worth a closed-loop fit: the best ones, the best of each class near them, a gear on all joints."""
-    worth = [s for s in screened if s.gain > max(limits.WORTH * screened[0].gain, 0.0)]
-    if not worth:
-        return []
-    chosen = worth[:size]
-    classes = {(builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
-    for s in worth[size:]:
-        key = (builder.effect(s.effect_at).class_name, s.effect_at.joint)
-        if key not in classes:
-            chosen.append(s)
-            classes.add(key)
-    # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
-    gears = {s.effect_at.effect for s in chosen if builder.effect(s.effect_at).shows_on_neighbours}
-    return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
-
-
-def contend(
-    chosen: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, noise: Noise, *, progress: Callable[[str], None]
-) -> list[Contender]:
-    """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
-
-    best = [fit.chi_square - limits.LEAST]
-    leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
-    base = BaseProjection.of_fit(fit, noise)
-
-    def one(candidate: Screened) -> Contender | None:
-        found = None
-        starts = [candidate.signature.proposal(candidate.coefficients)]
-        if candidate.others is not None and candidate.gain >= leading:
-            starts = _scanned(candidate, builder, fit, base)
-        for start in starts:
-            fitted = refit(start, builder, fit, noise, give_up_above=best[0])
-            if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
-                found = fitted
-                best[0] = min(best[0], found.chi_square)
-        if found is None:
-            return None
-        result = contender(candidate.effect_at, found, builder, fit, noise)
-        progress(
-            f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}: BIC difference {result.delta_bic:.0f}"
-        )
-        return result
-
-    results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
-    return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
-
-
-def finished(candidate: Contender, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
-    """A contender whose fit was given up, because another one was better, once more to its minimum: only there can it
-    be judged on held-out data."""
-    if not candidate.fit.given_up:
-        return candidate
-    found = minimise(
-        candidate.fit.model, noise, stopping=Stopping(updates=1, check_all=False),
-        jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
-    )  # fmt: skip
-    return contender(candidate.effect_at, found, builder, fit, noise)
-
-
-def with_shapes_held(candidate: Screened, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Iterator[Contender]:
-    """A candidate outside the torque balance once more, its shapes held at those that were screened, the best first.
-
-    Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
-    """
-    for screened in (candidate, *(candidate.others or ())):
-        proposal = screened.signature.proposal(screened.coefficients)
-        fitted = refit(proposal, builder, fit, noise, hold=True)
-        if fitted is not None:
-            yield contender(candidate.effect_at, fitted, builder, fit, noise)
-
-
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
     free_parameters = tuple(
         replace(parameter, lowest=parameter.value, highest=parameter.value)
@@ -202,61 +299,6 @@ def _shapes_held(model: LoopModel, first: int) -> LoopModel:
         for i, parameter in enumerate(model.free_parameters)
     )
     return replace(model, free_parameters=free_parameters)
-
-
-def _scanned(candidate: Screened, builder: LoopModelBuilder, fit: Fit, base: BaseProjection) -> list[Proposal]:
-    """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted to
-    first order, the best ones first."""
-    tried: list[tuple[float, int, Proposal]] = []
-    for screened in (candidate, *(candidate.others or ())):
-        for size in limits.SIZES:
-            proposal = screened.signature.proposal(size * screened.coefficients)
-            model = builder.build(fit.model, [proposal])
-            low, high = model.limits
-            try:
-                residual = model.residual(np.clip(model.start, low, high))
-            except SimulationError:
-                continue
-            cost = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
-            tried.append((cost, len(tried), proposal))
-    found = [proposal for _, _, proposal in sorted(tried)[: limits.STARTS]]
-    return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
-
-
-def contender(effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, fit: Fit, noise: Noise) -> Contender:
-    """What a fit with one more effect is worth."""
-    index = found.model.added_effects.index(effect_at)
-    own = [
-        i
-        for i, parameter in enumerate(found.model.free_parameters)
-        if parameter.effect == index and not parameter.is_shape
-    ]
-    absent = len(builder.parameters_of(effect_at)[0]) - len(own)
-    cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
-    gain = delta_bic(fit.residual, found.residual, cost, noise)
-    size, share = explained(fit.residual, found.residual, noise)
-    raw = torque_change_without(effect_at, found, builder, noise)
-    return Contender(
-        effect_at, replace(found, model=replace(found.model, workers=fit.model.workers)), gain, size, share, raw, cost
-    )
-
-
-def torque_change_without(
-    effect_at: EffectAtJoint, found: Fit, builder: LoopModelBuilder, noise: Noise, *, held_out: bool = False
-) -> float:
-    """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out and
-    nothing else changes; infinite if the loop cannot be run."""
-    without = builder.without(found.model, found.model.added_effects.index(effect_at))
-    try:
-        if held_out:
-            labels = found.model.validation_labels
-            torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
-            change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
-        else:
-            change = found.torque - without.torque(without.start)
-    except SimulationError:
-        return np.inf
-    return float(np.sqrt(np.mean((change / noise.deviation) ** 2, axis=0)).max())
 
 
 def proposal_of(found: Contender) -> Proposal:
@@ -269,48 +311,3 @@ def proposal_of(found: Contender) -> Proposal:
         if parameter.effect == index
     }
     return Proposal(found.effect_at, values)
-
-
-def refit(
-    proposal: Proposal,
-    builder: LoopModelBuilder,
-    fit: Fit,
-    noise: Noise,
-    *,
-    give_up_above: float = np.inf,
-    hold: bool = False,
-) -> Fit | None:
-    """The model of a fit with one more effect, fitted; None if no start of it can be simulated.
-
-    Args:
-        give_up_above: see :func:`~fmu_didim.prediction.least_squares.minimise`.
-        hold: whether its shapes stay as they are proposed.
-    """
-    neutral = builder.effect(proposal.effect_at).neutral
-    for part in limits.SMALLER:
-        values = dict(proposal.values)
-        for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
-            off = neutral.get(name, 0.0)
-            if np.isfinite(off):
-                values[name] = off + part * (values[name] - off)
-            else:  # a stiffness, with nothing there when it is infinite
-                values[name] = values[name] / part
-        model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
-        if len(model.free_parameters) == len(fit.model.free_parameters):
-            return None  # all its parameters belong to effects that are there already
-        low, high = model.limits
-        start = np.clip(model.start, low, high)
-        model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
-        model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
-        try:
-            torque = model.torque(start)
-            added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
-            slopes = sensitivity(model, start, torque, only=added, exact=False, whole=False)
-        except SimulationError:
-            continue
-        jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
-        return minimise(
-            model, noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
-            jacobian=jacobian, torque=torque,
-        )  # fmt: skip
-    return None

@@ -6,17 +6,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from fmu_didim.diagnosis.gap import Ratio, joint_gaps, part_of_first, rms_ratio
-from fmu_didim.diagnosis.thresholds import BLOCK_S
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, part_of_first
+from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Contender, proposal_of
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.signals import Array
 
 FAILS_HELD_OUT = "held-out RMS ratio"
@@ -59,7 +54,7 @@ class Step:
     """One effect that was added.
 
     Attributes:
-        addition, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
+        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
         ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
             other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
@@ -81,9 +76,7 @@ class Step:
 
 def decide(
     contenders: Sequence[Contender],
-    builder: LoopModelBuilder,
     fit: Fit,
-    noise: Noise,
     options: Options,
     *,
     base: Fit,
@@ -99,11 +92,11 @@ def decide(
     """
 
     def judged(candidate: Contender) -> tuple[Contender, str]:
-        reason = objection(candidate, fit, noise, options, base=base)
+        reason = objection(candidate, fit, options, base=base)
         if reason or not candidate.fit.given_up:
             return candidate, reason
         candidate = finished(candidate)
-        return candidate, objection(candidate, fit, noise, options, base=base)
+        return candidate, objection(candidate, fit, options, base=base)
 
     reasons: list[tuple[EffectAtJoint, str]] = []
     for first in contenders:
@@ -115,13 +108,13 @@ def decide(
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.effect_at):
-                if not objection(other, fit, noise, options, base=base):
+                if not objection(other, fit, options, base=base):
                     return other
         reasons.append((candidate.effect_at, reason))
     return tuple(reasons)
 
 
-def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *, base: Fit) -> str:
+def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) -> str:
     """Why a contender is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
@@ -131,11 +124,11 @@ def objection(candidate: Contender, fit: Fit, noise: Noise, options: Options, *,
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
-    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, noise)
+    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, fit.noise)
     if part < options.smallest_part:
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
-    ratio = held_out_ratio(fit, candidate.fit, noise, options)
+    ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
     if ratio is not None and ratio.high >= limits.HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     return ""
@@ -156,44 +149,13 @@ def _nearness(winner: Contender, options: Options) -> float:
     return max(options.threshold, limits.NEAR * winner.delta_bic)
 
 
-def held_out_ratio(before: Fit, after: Fit, noise: Noise, options: Options) -> Ratio | None:
-    """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    labels = before.model.validation_labels
-    if not labels:
-        return None
-    try:
-        second = np.concatenate([after.model.residual(after.values, label) for label in labels])
-    except SimulationError:
-        return Ratio(np.inf, np.inf, np.inf)
-    first = np.concatenate([before.model.residual(before.values, label) for label in labels])
-    rate = before.model.experiments[labels[0]].rate_hz
-    return rms_ratio(first, second, noise, block=max(round(BLOCK_S * rate), 1), seed=options.seed)
-
-
-def gaps(fit: Fit, noise: Noise) -> dict[str, Array]:
-    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
-    result = {}
-    for label in fit.model.experiments:
-        try:
-            result[label] = joint_gaps(fit.model.residual(fit.values, label), noise)
-        except SimulationError:
-            result[label] = np.full(fit.model.joint_count, np.inf)
-    return result
-
-
-def step_of(
-    accepted: Contender,
-    contenders: Sequence[Contender],
-    builder: LoopModelBuilder,
-    fit: Fit,
-    noise: Noise,
-    options: Options,
-) -> Step:
+def step_of(accepted: Contender, contenders: Sequence[Contender], competition: Competition, options: Options) -> Step:
     """A contender that is added, and which others are as good.
 
     Args:
-        contenders: all, the best first; fit: of the model without them.
+        contenders: all of the competition, the best first.
     """
+    builder, fit = competition.builder, competition.fit
     best = contenders[0].delta_bic
     near = [
         (c.effect_at, best - c.delta_bic)
@@ -215,8 +177,8 @@ def step_of(
         size=accepted.size,
         share=accepted.share,
         ambiguous=tuple(near),
-        before=gaps(fit, noise),
-        after=gaps(accepted.fit, noise),
-        ratio=held_out_ratio(fit, accepted.fit, noise, options),
+        before=gaps(fit),
+        after=gaps(accepted.fit),
+        ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
     )

@@ -7,26 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Contender, contender, refit, torque_change_without
-from fmu_didim.discovery.selection.decide import (
-    FAILS_HELD_OUT,
-    Options,
-    Step,
-    held_out_ratio,
-    objection,
-    step_of,
-)
+from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
 def pre_check(
-    builder: LoopModelBuilder, base: Fit, noise: Noise, options: Options, say: Callable[[str], None]
+    builder: LoopModelBuilder, base: Fit, options: Options, say: Callable[[str], None]
 ) -> tuple[Fit, list[Step]]:
     """The base model with the effects that are found before all others, and one step for each of them.
 
@@ -37,7 +30,7 @@ def pre_check(
         if effect.pre_check is None or name in options.forbid:
             continue
         say(f"pre-check: {effect.class_name}")
-        found = _checked(name, effect.pre_check, builder, fit, noise, options, say)
+        found = _checked(name, effect.pre_check, Competition(builder, fit), options, say)
         if found is not None:
             step, fit = found
             steps.append(step)
@@ -45,32 +38,27 @@ def pre_check(
 
 
 def _checked(
-    name: str,
-    check: PreCheck,
-    builder: LoopModelBuilder,
-    fit: Fit,
-    noise: Noise,
-    options: Options,
-    say: Callable[[str], None],
+    name: str, check: PreCheck, competition: Competition, options: Options, say: Callable[[str], None]
 ) -> tuple[Step, Fit] | None:
     """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
-    tried = _tried(name, check, builder, fit, noise)
-    cost = float(np.sum((fit.residual * noise.weight) ** 2))
+    fit = competition.fit
+    tried = _tried(name, check, competition)
+    cost = float(np.sum((fit.residual * fit.noise.weight) ** 2))
     if not tried or tried[0][0] > limits.PROMISING * cost:
         return None
     found: list[Contender] = []
     for effect_at in dict.fromkeys(a for _, a, _ in tried[: limits.FITTED]):
         value = next(v for _, a, v in tried if a == effect_at)
         start = {check.parameter: value}
-        fitted = refit(Proposal(effect_at, start, start), builder, fit, noise)
+        fitted = competition.refit(Proposal(effect_at, start, start))
         if fitted is not None:
-            found.append(contender(effect_at, fitted, builder, fit, noise))
+            found.append(competition.contender(effect_at, fitted))
     if not found:
         return None
     found.sort(key=lambda c: -c.delta_bic)
     best = found[0]
-    reason, remark = objection(best, fit, noise, options, base=fit), ""
-    if reason.startswith(FAILS_HELD_OUT) and not _held_out_tells(best, builder, fit, noise, options):
+    reason, remark = objection(best, fit, options, base=fit), ""
+    if reason.startswith(FAILS_HELD_OUT) and not _held_out_tells(best, competition, options):
         reason = ""
         remark = (
             f"{name} on joint {best.effect_at.joint}: the held-out experiment hardly reaches the {check.parameter} and "
@@ -79,13 +67,12 @@ def _checked(
     if reason:
         return None
     say(f"added: {name} on joint {best.effect_at.joint}")
-    return replace(step_of(best, found, builder, fit, noise, options), remark=remark), best.fit
+    return replace(step_of(best, found, competition, options), remark=remark), best.fit
 
 
-def _tried(
-    name: str, check: PreCheck, builder: LoopModelBuilder, fit: Fit, noise: Noise
-) -> list[tuple[float, EffectAtJoint, float]]:
+def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[float, EffectAtJoint, float]]:
     """Sum of squares, joint and value of each trial, the best first."""
+    builder, fit = competition.builder, competition.fit
     measured = fit.model.measured
     tried: list[tuple[float, EffectAtJoint, float]] = []
     for effect_at in (EffectAtJoint(name, joint) for joint in builder.joints(name)):
@@ -95,19 +82,17 @@ def _tried(
             value = float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), part))
             model = builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})])
             try:
-                reached = float(np.sum((model.residual(model.start) * noise.weight) ** 2))
+                reached = float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
             except SimulationError:
                 continue
             tried.append((reached, effect_at, value))
     return sorted(tried, key=lambda t: t[0])
 
 
-def _held_out_tells(candidate: Contender, builder: LoopModelBuilder, fit: Fit, noise: Noise, options: Options) -> bool:
+def _held_out_tells(candidate: Contender, competition: Competition, options: Options) -> bool:
     """Whether the held-out experiment reaches the value, so that it would be seen there, or speaks against it."""
-    if (
-        torque_change_without(candidate.effect_at, candidate.fit, builder, noise, held_out=True)
-        >= options.smallest_size
-    ):
+    change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
+    if change >= options.smallest_size:
         return True
-    ratio = held_out_ratio(fit, candidate.fit, noise, options)
+    ratio = held_out_ratio(competition.fit, candidate.fit, seed=options.seed)
     return ratio is None or ratio.low > limits.WORSE

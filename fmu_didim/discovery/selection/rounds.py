@@ -10,22 +10,14 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import (
-    Contender,
-    Screened,
-    contend,
-    finished,
-    screen,
-    shortlist,
-    with_shapes_held,
-)
+from fmu_didim.discovery.selection.contenders import Competition, Contender, Screened
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG
-from fmu_didim.prediction.least_squares import Fit, Stopping, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
 
 Say = Callable[[str], None]
 
@@ -45,29 +37,29 @@ class Discovery:
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
 
 
-def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Options, say: Say) -> Discovery:
+def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say) -> Discovery:
     """Add effects to the base model as long as the data ask for them."""
-    fit, steps = pre_check(builder, base, noise, options, say)
+    fit, steps = pre_check(builder, base, options, say)
     candidates = _candidates(builder, options)
     say(f"signatures of {len(candidates)} candidates")
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
     say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     while len(steps) < options.rounds:
-        screened = screen(catalogue, builder, fit, noise)
-        contenders = contend(shortlist(screened, builder), builder, fit, noise, progress=say)
-        held = partial(_with_shapes_held, screened, builder, fit, noise)
-        to_the_end = partial(finished, builder=builder, fit=fit, noise=noise)
-        accepted = decide(contenders, builder, fit, noise, options, base=base, held=held, finished=to_the_end)
+        competition = Competition(builder, fit)
+        screened = competition.screen(catalogue)
+        contenders = competition.contend(competition.shortlist(screened), progress=say)
+        held = partial(_with_shapes_held, competition, screened)
+        accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(
-                accepted, fit=minimise(accepted.fit.model, noise, stopping=Stopping(updates=1, exact=True))
+                accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
-            step = step_of(accepted, contenders, builder, fit, noise, options)
+            step = step_of(accepted, contenders, competition, options)
             say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, noise, steps, options, say)
+            fit, steps = _backward(builder, accepted.fit, steps, options, say)
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
                 catalogue = SignatureCatalogue(builder, fit, candidates=left)
@@ -78,11 +70,11 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, noise: Noise, options: Opti
 
 
 def _with_shapes_held(
-    screened: Sequence[Screened], builder: LoopModelBuilder, fit: Fit, noise: Noise, effect_at: EffectAtJoint
+    competition: Competition, screened: Sequence[Screened], effect_at: EffectAtJoint
 ) -> Iterator[Contender]:
     candidate = next(s for s in screened if s.effect_at == effect_at)
-    if candidate.others is not None and builder.parameters_of(effect_at)[1]:
-        yield from with_shapes_held(candidate, builder, fit, noise)
+    if candidate.others is not None and competition.builder.parameters_of(effect_at)[1]:
+        yield from competition.with_shapes_held(candidate)
 
 
 def _shifts_log(fit: Fit) -> bool:
@@ -103,7 +95,7 @@ def _present(builder: LoopModelBuilder) -> set[tuple[str, int]]:
 
 
 def _backward(
-    builder: LoopModelBuilder, fit: Fit, noise: Noise, steps: list[Step], options: Options, say: Say
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, say: Say
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
@@ -111,13 +103,13 @@ def _backward(
         kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
         smaller = builder.without(fit.model, index)
         try:
-            without = minimise(smaller, noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
+            without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
-        worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), noise)
-        size, _ = explained(without.residual, fit.residual, noise)
+        worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
+        size, _ = explained(without.residual, fit.residual, fit.noise)
         if worth < options.threshold or size < limits.KEPT_GAIN * options.smallest_gain:
             say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
-            fit = minimise(without.model, noise)
+            fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
     return fit, steps

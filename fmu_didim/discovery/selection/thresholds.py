@@ -70,10 +70,7 @@ SMALLEST_PART = TABLE(
     "was found is not another effect. On EMPS a lag of 0.30 ms and presliding explain 2 % each.",
 )  # fmt: skip
 HELD_OUT = TABLE(
-    "HELD_OUT",
-    1.0,
-    "1",
-    "The interval of the held-out RMS ratio must lie below: else a model may be worse.",
+    "HELD_OUT", 1.0, "1", "The interval of the held-out RMS ratio must lie below: else a model may be worse."
 )
 NEAR = TABLE(
     "NEAR", 0.02, "1",
@@ -84,10 +81,7 @@ NEAR = TABLE(
 # The pre-check -------------------------------------------------------------------------------------------------------
 FITTED = TABLE("FITTED", 4, "trials", "The best ones, whose joints are fitted.")
 PROMISING = TABLE(
-    "PROMISING",
-    0.9,
-    "1",
-    "Fraction of the chi-square of the base model below which the best trial must come.",
+    "PROMISING", 0.9, "1", "Fraction of the chi-square of the base model below which the best trial must come."
 )
 WORSE = TABLE(
     "WORSE", 1.02, "1",

@@ -21,9 +21,10 @@ from fmu_didim.discovery.external_torques.fit import (
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
 from fmu_didim.discovery.findings import ValueFound
+from fmu_didim.discovery.selection.contenders import Competition
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, effect_of, noise, table_fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, effect_of, table_fit
 
 TIME = np.arange(101) * 0.1
 
@@ -148,6 +149,9 @@ def test_a_torque_that_comes_back_belongs_to_the_machine(
 # ---- the best of all experiments and joints
 
 
+FITTED = SimpleNamespace(external_torques=())
+
+
 class Search:
     """What the search finds by experiment, joint and whether the torque is logged."""
 
@@ -155,18 +159,18 @@ class Search:
         self, monkeypatch: pytest.MonkeyPatch, shares: dict[tuple[str, int, bool], float], **more: Any
     ) -> None:
         self.shares, self.torques = shares, more.get("torques", [torque(1, 2)])
-        self.silent = more.get("silent", ())
+        self.silent, self.answer = more.get("silent", ()), more.get("answer", FITTED)
         self.answers: list[tuple[str, int, bool, float]] = []
         self.fitted: list[Any] = []
         monkeypatch.setattr(fit, "step_response", self.response)
         monkeypatch.setattr(fit, "linear_external_torques", self.linear)
         monkeypatch.setattr(fit, "motion_period", lambda model, label: more.get("period"))
-        monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or "fitted")
+        monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or self.answer)
 
     def response(self, fit: Any, label: str, joint: int) -> Any:
         return None if joint in self.silent else np.array([0.25])
 
-    def linear(self, fit: Any, noise: Any, label: str, joint: int, response: Any, is_logged: bool) -> Any:
+    def linear(self, fit: Any, label: str, joint: int, response: Any, is_logged: bool) -> Any:
         self.answers.append((label, joint, is_logged, float(response[0])))
         share = self.shares.get((label, joint, is_logged))
         return None if share is None else (share, [replace(p, joint=joint) for p in self.torques])
@@ -176,15 +180,15 @@ def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any
     search, said = Search(monkeypatch, shares, **more), []
     reference = SimpleNamespace(reference=SimpleNamespace(time=TIME))
     model = SimpleNamespace(estimation_labels=("x", "y"), joint_count=2, experiments={"x": reference, "y": reference})
-    found = find_external_torques(SimpleNamespace(model=model), noise(), say=said.append)
+    found = find_external_torques(SimpleNamespace(model=model), say=said.append)
     return found, search, said
 
 
 def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = {("x", 1, False): 0.6, ("y", 2, True): 0.9, ("y", 2, False): 0.8}
     found, search, said = find(monkeypatch, shares)
-    assert found == "fitted" and said == ["1 torques from outside on joint 2"]
-    ((_, _, label, torques),) = search.fitted
+    assert found is FITTED and said == ["1 torques from outside on joint 2"]
+    ((_, label, torques),) = search.fitted
     assert label == "y" and torques[0].joint == 2
     # Where the log shows it, the torque itself is in the answer.
     assert search.answers[:2] == [("x", 1, False, 0.25), ("x", 1, True, 1.25)] and len(search.answers) == 8
@@ -192,12 +196,12 @@ def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(("share", "found"), [(0.5, True), (0.499, False)])
 def test_half_of_the_gap_must_be_explained(monkeypatch: pytest.MonkeyPatch, share: float, found: bool) -> None:
-    assert (find(monkeypatch, {("x", 1, False): share})[0] == "fitted") is found
+    assert (find(monkeypatch, {("x", 1, False): share})[0] is FITTED) is found
 
 
 def test_joints_that_cannot_be_moved_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     found, search, _ = find(monkeypatch, {("x", 1, False): 0.9, ("x", 2, False): 0.7}, silent=(1,))
-    assert search.fitted[0][3][0].joint == 2 and found == "fitted"
+    assert search.fitted[0][2][0].joint == 2 and found is FITTED
     assert find(monkeypatch, {}, silent=(1, 2))[0] is None
 
 
@@ -214,6 +218,13 @@ def test_what_is_no_torque_from_outside_is_not_fitted(
 ) -> None:
     found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
     assert (found, search.fitted, said) == (None, [], [])
+
+
+def test_torques_that_come_back_once_they_are_fitted_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = SimpleNamespace(external_torques=(torque(1, 2), torque(4, 5)))
+    found, search, _ = find(monkeypatch, {("x", 1, False): 0.9}, period=3.0, answer=answer)
+    assert found is None and len(search.fitted) == 1
+    assert find(monkeypatch, {("x", 1, False): 0.9}, period=2.0, answer=answer)[0] is answer
 
 
 # ---- against what looks like them
@@ -243,18 +254,18 @@ def test_one_effect_must_explain_more_than_all_torques(
     ]
     seen: list[Any] = []
     monkeypatch.setattr(rivals, "SignatureCatalogue", lambda builder, base, candidates: seen.append(candidates))
-    monkeypatch.setattr(rivals, "screen", lambda *_: screened)
+    monkeypatch.setattr(Competition, "screen", lambda *_: screened)
     monkeypatch.setattr(
-        rivals, "contend",
-        lambda chosen, *_, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
+        Competition, "contend",
+        lambda _, chosen, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
     )  # fmt: skip
-    fitted = FittedExternalTorques(None, None, "x", noise(), 100.0, 0.9)
+    fitted = FittedExternalTorques(None, None, "x", 100.0, 0.9)
     builder = Catalogue(*EFFECTS, joints=2)
-    assert rivalled(fitted, table_fit(5.0), noise(), builder) is better
+    assert rivalled(fitted, table_fit(5.0), builder) is better
     assert [f"{c.effect}{c.joint}" for c in seen[0]] == ["payload1", "payload2", "presliding1", "presliding2"]
     assert seen[1] == [screened[0], screened[2]]  # each at its best joint
     del seen[:]
-    rivalled(fitted, table_fit(5.0), noise(), builder, forbid=frozenset({"payload"}))
+    rivalled(fitted, table_fit(5.0), builder, forbid=frozenset({"payload"}))
     assert [c.effect for c in seen[0]] == ["presliding"] * 2
 
 
@@ -269,13 +280,13 @@ def value(name: str, number: float) -> ValueFound:
 def test_a_few_torques_are_all_listed(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     values = [value(f"{n}[{i}]", float(i)) for i in range(1, count + 1) for n in ("F", "t_on", "t_off")]
     monkeypatch.setattr(findings, "values_found", lambda *_: values)
-    assert _summary(table_fit(1.0), noise()) == values
+    assert _summary(table_fit(1.0)) == values
 
 
 def test_of_many_torques_the_mean_with_its_interval_by_students_t(monkeypatch: pytest.MonkeyPatch) -> None:
     values = [value(f"{n}[{i}]", float(i)) for i in range(1, 5) for n in ("F", "t_on", "t_off")]
     monkeypatch.setattr(findings, "values_found", lambda *_: values)
-    mean, *first = _summary(table_fit(1.0), noise())
+    mean, *first = _summary(table_fit(1.0))
     assert (mean.name, mean.unit, mean.value) == ("F[mean]", "N", 2.5)
     assert mean.std == pytest.approx(np.sqrt(5 / 3) / 2)
     # 3.1824: the 97.5 % quantile of Student's t with three degrees of freedom.

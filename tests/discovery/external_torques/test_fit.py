@@ -10,28 +10,26 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.fit import Fit
 from tests.discovery.helpers import base_of, with_torque
 from tests.discovery.vendor import vendor_case
 
 SAMPLE_S = 0.01
 
 
-def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> tuple[Fit, Noise]:
+def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> Fit:
     """The base fit to data of a complete model that was pushed, with noise."""
     base = load_case(vendor_case(folder)).model
     assert base is not None
     model = prepare(base).fit.model
     change = model.pushed("estimation", external_torques).torque(model.start) - model.torque(model.start)
-    prepared = prepare(with_torque(base, base.measured + change))
-    return prepared.fit, prepared.noise
+    return prepare(with_torque(base, base.measured + change)).fit
 
 
 @pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
 def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
     truth = (ExternalTorque(1, 2.3137, 2.9512, 6.0, is_logged), ExternalTorque(1, 7.0288, 7.4433, -4.0, is_logged))
-    fitted_torques = find_external_torques(*pushed_data(tmp_path, truth))
+    fitted_torques = find_external_torques(pushed_data(tmp_path, truth))
     assert fitted_torques is not None
     assert [(p.joint, p.is_logged) for p in fitted_torques.external_torques] == [(1, is_logged)] * 2
     for got, wanted in zip(fitted_torques.external_torques, truth, strict=True):
@@ -44,9 +42,9 @@ def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bo
     ("hidden", "values"), [("", {}), ("stribeck", {"Fs": 0.4, "vs": 0.2})], ids=["nothing", "friction"]
 )
 def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, values: dict[str, float]) -> None:
-    assert find_external_torques(*base_of(vendor_case(tmp_path, hidden, **values))) is None
+    assert find_external_torques(base_of(vendor_case(tmp_path, hidden, **values))) is None
 
 
 def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
     truth = tuple(ExternalTorque(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
-    assert find_external_torques(*pushed_data(tmp_path, truth)) is None
+    assert find_external_torques(pushed_data(tmp_path, truth)) is None

@@ -19,13 +19,14 @@ from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
-from fmu_didim.discovery.next_experiment.design import Limits, Search, SplittingExperiment, design_experiment, limits_of
+from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
-from fmu_didim.discovery.next_experiment.motions import Space, motion_table
+from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of, motion_table
 from fmu_didim.discovery.next_experiment.programs import candidates
+from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Contender, contend, screen
+from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier, FourierJoint
@@ -34,7 +35,8 @@ from fmu_didim.master.sampling import sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.free_parameter import base_free_parameters
 from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
@@ -118,7 +120,7 @@ def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = contend(screen(catalogue, builder, base, NOISE), builder, base, NOISE, progress=lambda text: None)
+    found = Competition(builder, base).contend(Competition(builder, base).screen(catalogue), progress=lambda text: None)
     return {c.effect_at.effect: c for c in found}
 
 

@@ -11,13 +11,14 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
-from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue, simulated_motion
+from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.effects import EFFECTS, Search, TorqueEffect
-from fmu_didim.prediction.least_squares import Fit, minimise
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from fmu_didim.prediction.motion import Motion
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import minimise
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.motion import Motion, simulated_motion
 from tests.discovery.helpers import arm_model, known_noise
 
 ADDED = [
@@ -202,7 +203,7 @@ def test_states_do_not_look_ahead() -> None:
 
 def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
     """Torque minus load is the friction of the joint."""
-    motion = simulated_motion(bench.builder, bench.fit, "estimation")
+    motion = simulated_motion(bench.fit.model, bench.fit.values, "estimation", bench.builder.description)
     assert motion is not None
     friction = motion.torque - motion.load
     for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
@@ -221,7 +222,7 @@ def test_grid_of_the_shapes() -> None:
 
 def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     """Columns at some ticks are those of all ticks, there."""
-    motion = simulated_motion(bench.builder, bench.fit, "estimation")
+    motion = simulated_motion(bench.fit.model, bench.fit.values, "estimation", bench.builder.description)
     assert motion is not None
     effect = EFFECTS["load_dependent_friction"]
     assert isinstance(effect, TorqueEffect)

@@ -14,25 +14,16 @@ from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
 from fmu_didim.discovery.selection.contenders import (
+    Competition,
     Screened,
-    _best,
     _idle,
-    _scanned,
-    contend,
-    contender,
-    finished,
     proposal_of,
-    refit,
-    screen,
-    shortlist,
-    torque_change_without,
-    with_shapes_held,
 )
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.least_squares import Stopping
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
 from tests.prediction.law_model import LawModel, free
@@ -53,9 +44,9 @@ def signature(name: str, columns: np.ndarray, joint: int = 1, **more: Any) -> Si
     return Signature(EffectAtJoint(name, joint), more.pop("shapes", {}), names, columns, {}, **more)
 
 
-def base_fit(rest: np.ndarray, *effects: EffectAtJoint) -> Fit:
+def base_fit(rest: np.ndarray, *effects: EffectAtJoint, white: Noise = WHITE) -> Fit:
     """A fit with the base column that leaves this residual."""
-    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)))
+    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)), white=white)
 
 
 EFFECTS = Catalogue(
@@ -67,7 +58,7 @@ EFFECTS = Catalogue(
 def screened(
     *signatures: Signature, rest: np.ndarray = 0.5 * OTHER, named: Sequence[EffectAtJoint] = (), white: Noise = WHITE
 ) -> list[Screened]:
-    return screen(signatures, EFFECTS, base_fit(rest, *named), white)
+    return Competition(EFFECTS, base_fit(rest, *named, white=white)).screen(signatures)
 
 
 @pytest.mark.parametrize(("part", "found"), [(1.0, True), (0.00501, True), (0.00499, False), (0.0, False)], ids=str)
@@ -129,16 +120,16 @@ def scored(gain: float, name: str = "gear", joint: int = 1) -> Screened:
 
 def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
     shapes = [scored(g) for g in (100.0, 76.0, 74.0, 90.0, 80.0, 78.0)]
-    best = _best(shapes, EFFECTS)
+    best = Competition(EFFECTS, base_fit(OTHER))._best(shapes)
     assert best.gain == 100.0
     assert [s.gain for s in best.others or ()] == [90.0, 80.0, 78.0]  # three at most
-    alone = _best([scored(100.0), scored(75.0), scored(75.1)], EFFECTS)
+    alone = Competition(EFFECTS, base_fit(OTHER))._best([scored(100.0), scored(75.0), scored(75.1)])
     assert [s.gain for s in alone.others or ()] == [75.1]
-    assert _best([scored(1.0, "a"), scored(9.0, "a")], EFFECTS).others is None
+    assert Competition(EFFECTS, base_fit(OTHER))._best([scored(1.0, "a"), scored(9.0, "a")]).others is None
 
 
 def listed(*gains: tuple[float, str, int], **more: Any) -> list[tuple[str, int]]:
-    found = shortlist([scored(*g) for g in gains], EFFECTS, **more)
+    found = Competition(EFFECTS, base_fit(OTHER)).shortlist([scored(*g) for g in gains], **more)
     return [(s.effect_at.effect, s.effect_at.joint) for s in found]
 
 
@@ -147,7 +138,7 @@ def test_the_shortlist_leaves_out_what_is_worth_little() -> None:
     assert listed((-1.0, "a", 1)) == []
     assert listed((0.0, "a", 1)) == []
     assert listed((1e-9, "a", 1)) == [("a", 1)]
-    assert shortlist([], EFFECTS) == []
+    assert Competition(EFFECTS, base_fit(OTHER)).shortlist([]) == []
 
 
 def test_beyond_the_shortlist_the_best_of_each_class_is_taken() -> None:
@@ -241,12 +232,12 @@ def plant(measured: np.ndarray = DATA, **more: Any) -> LawModel:
 def fitted(model: LawModel) -> Fit:
     residual = model.measured - 2.0 * BASE[:, None]
     square = float(np.sum(residual**2))
-    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), np.ones(1), square)
+    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), WHITE, np.ones(1), square)
 
 
 def test_a_fit_starts_where_it_is_proposed() -> None:
     builder = Builder(effect_of("gear", is_linear=False))
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant(workers=3)), WHITE)
+    found = Competition(builder, fitted(plant(workers=3))).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}))
     assert found is not None
     assert builder.built == 1
     np.testing.assert_allclose(found.values, [2.0, 3.0, 0.5], atol=5e-3)
@@ -255,7 +246,7 @@ def test_a_fit_starts_where_it_is_proposed() -> None:
 
 def test_shapes_may_be_held() -> None:
     builder = Builder(effect_of("gear"))
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), builder, fitted(plant()), WHITE, hold=True)
+    found = Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), hold=True)
     assert found is not None
     assert found.values[2] == 0.1
     assert found.values[1] == pytest.approx(3 * (1 + 0.05) / (1 + 0.01), rel=1e-6)
@@ -273,7 +264,7 @@ def test_smaller_starts_where_the_proposed_one_cannot_be_simulated(
     builder = Builder(effect_of("gear", neutral=neutral), broken=broken)
     build = builder.build
     monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
-    refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}), builder, fitted(plant()), WHITE)
+    Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}))
     assert tried == pytest.approx(starts)
 
 
@@ -282,18 +273,18 @@ def test_a_stiffness_becomes_larger_instead(monkeypatch: pytest.MonkeyPatch) -> 
     builder = Builder(effect_of("gear", neutral={"F": np.inf}), broken=0.0)
     build = builder.build
     monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
-    assert refit(Proposal(GEAR, {"F": 6.0, "v": 0.1}), builder, fitted(plant()), WHITE) is None
+    assert Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 6.0, "v": 0.1})) is None
     assert tried == pytest.approx([6.0, 20.0, 200.0])
 
 
 def test_an_effect_without_parameters_of_its_own_is_not_fitted() -> None:
     builder = Builder(effect_of("gear"), absent=True)
-    assert refit(Proposal(GEAR, {"F": 1.0}), builder, fitted(plant()), WHITE) is None
+    assert Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 1.0})) is None
     assert builder.built == 1
 
 
 def test_a_start_lies_within_the_limits() -> None:
-    found = refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}), Builder(effect_of("gear")), fitted(plant()), WHITE)
+    found = Competition(Builder(effect_of("gear")), fitted(plant())).refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}))
     assert found is not None
     assert found.chi_square < 1e-3
 
@@ -302,22 +293,24 @@ def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
     """A competition gives it up at once where nothing that it can reach is good enough; then it is as it began."""
     builder, before = Builder(effect_of("gear")), fitted(plant())
     proposal = Proposal(GEAR, {"F": 2.0, "v": 0.1})
-    whole = refit(proposal, builder, before, WHITE)
-    short = refit(proposal, builder, before, WHITE, give_up_above=-1e9)
+    whole = Competition(builder, before).refit(proposal)
+    short = Competition(builder, before).refit(proposal, give_up_above=-1e9)
     assert whole is not None and short is not None
     assert short.given_up and not whole.given_up
     assert short.chi_square > 10 * whole.chi_square
-    candidate = contender(GEAR, short, builder, before, WHITE)
-    at_the_end = finished(candidate, builder, before, WHITE)
+    candidate = Competition(builder, before).contender(GEAR, short)
+    at_the_end = Competition(builder, before).finished(candidate)
     assert at_the_end.fit.chi_square == pytest.approx(whole.chi_square, abs=1e-6)
     assert at_the_end.delta_bic > candidate.delta_bic
-    assert finished(at_the_end, builder, before, WHITE) is at_the_end
+    assert Competition(builder, before).finished(at_the_end) is at_the_end
 
 
 def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
     monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more, model=model))
-    refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), Builder(effect_of("gear")), fitted(plant()), WHITE, give_up_above=7.0)
+    Competition(Builder(effect_of("gear")), fitted(plant())).refit(
+        Proposal(GEAR, {"F": 2.0, "v": 0.1}), give_up_above=7.0
+    )
     assert asked["stopping"] == Stopping(updates=1, give_up_above=7.0, check_all=False)
     np.testing.assert_allclose(
         asked["jacobian"][:, 0], np.stack([BASE, OTHER + 0.1 * THIRD, 2.0 * THIRD], axis=1), atol=1e-6
@@ -328,14 +321,14 @@ def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
     """Builder, the fit without and the fit with an effect of amplitude 3."""
     builder, before = Builder(effect_of("gear"), **more), fitted(plant())
-    found = refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}), builder, before, WHITE)
+    found = Competition(builder, before).refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}))
     assert found is not None
     return builder, before, found
 
 
 def test_what_a_contender_is_worth() -> None:
     builder, before, found = one_more(costs={"gear": 1.5})
-    one = contender(GEAR, found, builder, replace(before, model=replace(before.model, workers=3)), WHITE)
+    one = Competition(builder, replace(before, model=replace(before.model, workers=3))).contender(GEAR, found)
     assert one.effect_at == GEAR
     assert one.cost == 1.5
     # Variances 9 * 1.25 before, and the floor of a quarter of the noise after.
@@ -350,14 +343,14 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder, before, found = one_more(costs={"gear": 2.0})
     names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
     builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
-    assert contender(GEAR, found, builder, before, WHITE).cost == 1.0
+    assert Competition(builder, before).contender(GEAR, found).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
     model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
     idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
     whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
     monkey = builder.without
     builder.without = lambda m, i: monkey(found.model, i)
-    assert contender(GEAR, whole, builder, before, WHITE).cost == 1.0
+    assert Competition(builder, before).contender(GEAR, whole).cost == 1.0
 
 
 def test_only_amplitudes_of_its_own_count() -> None:
@@ -368,20 +361,22 @@ def test_only_amplitudes_of_its_own_count() -> None:
     known = builder.without
     builder.without = lambda m, i: known(found.model, i)
     whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
-    assert contender(GEAR, whole, builder, before, WHITE).cost == 4.0
+    assert Competition(builder, before).contender(GEAR, whole).cost == 4.0
 
 
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
     builder, _, found = one_more()
-    assert torque_change_without(GEAR, found, builder, noise([0.5])) == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
+    halved = replace(found, noise=noise([0.5]))
+    change = Competition(builder, halved).torque_change_without(GEAR, halved)
+    assert change == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
     two = np.hstack([DATA, DATA])
     model = replace(
         found.model,
         law=lambda v, label: np.hstack([np.ones((400, 1)) * v["gear.F1"], np.ones((400, 1))]),
         data={"one": two},
     )
-    both = replace(found, model=model, torque=model.torque(found.values))
-    change = torque_change_without(GEAR, both, builder, noise([1.0, 0.1]))
+    both = replace(found, model=model, torque=model.torque(found.values), noise=noise([1.0, 0.1]))
+    change = Competition(builder, both).torque_change_without(GEAR, both)
     assert change == pytest.approx(3.0, rel=1e-4)
 
 
@@ -392,18 +387,20 @@ def test_the_change_of_the_held_out_torque() -> None:
         return np.full((100, 1), values["gear.F1"] * {"x": 1.0, "y": 2.0, "one": 9.0}[label])
 
     held = replace(found, model=replace(found.model, law=law, held_out=("x", "y")), values=np.array([2.0, 3.0, 0.5]))
-    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == pytest.approx(3 * np.sqrt(2.5))
+    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == pytest.approx(
+        3 * np.sqrt(2.5)
+    )
 
 
 def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
     builder, _, found = one_more()
     held = replace(found, model=replace(found.model, held_out=("broken",)))
-    assert torque_change_without(GEAR, held, builder, WHITE, held_out=True) == np.inf
+    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == np.inf
 
 
 def test_a_contender_proposes_its_fitted_values() -> None:
     builder, before, found = one_more()
-    one = contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])), builder, before, WHITE)
+    one = Competition(builder, before).contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])))
     assert proposal_of(one) == Proposal(GEAR, {"F": 3.25, "v": 0.75})
 
 
@@ -417,31 +414,28 @@ def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), 
 def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None:
     before = fitted(plant())
     near = tried(90.0, v=-0.5)
-    found = _scanned(
-        tried(100.0, others=(near,)), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE)
-    )
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, others=(near,)))
     assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
 
 
 def test_further_shapes_are_tried_too() -> None:
     before, good = fitted(plant()), tried(90.0, v=0.5)
-    base = BaseProjection.of_fit(before, WHITE)
-    found = _scanned(tried(100.0, v=-0.9, others=(good,)), Builder(effect_of("gear")), before, base)
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, v=-0.9, others=(good,)))
     assert [p.values["v"] for p in found] == [0.5, 0.5]
 
 
 def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
     before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
-    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    found = Competition(builder, before)._scanned(tried(100.0))
     assert [p.values["F"] for p in found] == [1.5]
     builder.broken = 0.0
-    found = _scanned(tried(100.0), builder, before, BaseProjection.of_fit(before, WHITE))
+    found = Competition(builder, before)._scanned(tried(100.0))
     assert [p.values["F"] for p in found] == [3.0]
 
 
 def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> None:
     before = fitted(plant(DATA + 40.0 * BASE[:, None] + 47.0 * (OTHER + 0.5 * THIRD)[:, None]))
-    found = _scanned(tried(100.0, size=40.0), Builder(effect_of("gear")), before, BaseProjection.of_fit(before, WHITE))
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, size=40.0))
     assert [p.values["F"] for p in found] == [80.0, 40.0]
 
 
@@ -449,11 +443,8 @@ def competing(
     *candidates: Screened, builder: Builder | None = None, before: Fit | None = None
 ) -> tuple[Any, list[str]]:
     said: list[str] = []
-    found = contend(
-        candidates, builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()), WHITE,
-        progress=said.append,
-    )  # fmt: skip
-    return found, said
+    competition = Competition(builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()))
+    return competition.contend(candidates, progress=said.append), said
 
 
 def test_contenders_come_the_best_first() -> None:
@@ -474,7 +465,7 @@ def test_one_that_cannot_be_simulated_is_left_out() -> None:
 def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     scanned: list[float] = []
     monkeypatch.setattr(
-        contenders, "_scanned", lambda c, *_: scanned.append(c.gain) or [c.signature.proposal(c.coefficients)]
+        Competition, "_scanned", lambda self, c: scanned.append(c.gain) or [c.signature.proposal(c.coefficients)]
     )
     competing(tried(100.0), tried(75.0), tried(74.9), tried(90.0, others=None))
     assert scanned == [100.0, 75.0]
@@ -485,18 +476,18 @@ def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.Mon
     squares = iter([900.0, 400.0, 600.0, 300.0])
     before = fitted(plant())
 
-    def one(proposal: Proposal, *_: Any, give_up_above: float) -> Fit | None:
+    def one(self: Any, proposal: Proposal, *, give_up_above: float) -> Fit | None:
         asked.append(give_up_above)
         square = next(squares)
         return None if square == 600.0 else replace(before, chi_square=square)
 
     found: list[float] = []
-    monkeypatch.setattr(contenders, "refit", one)
+    monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
-        contenders, "contender",
-        lambda at, fit, *_: found.append(fit.chi_square) or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square),
+        Competition, "contender",
+        lambda self, at, fit: found.append(fit.chi_square) or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square),
     )  # fmt: skip
-    monkeypatch.setattr(contenders, "_scanned", lambda *_: ["one", "two"])
+    monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     result, _ = competing(
         tried(100.0), tried(60.0, others=None), tried(61.0, others=None), before=replace(before, chi_square=1000.0)
     )
@@ -507,22 +498,18 @@ def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.Mon
 
 def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
     squares, before = iter([400.0, 900.0]), fitted(plant())
-    monkeypatch.setattr(contenders, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
-    monkeypatch.setattr(contenders, "_scanned", lambda *_: ["one", "two"])
+    monkeypatch.setattr(Competition, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
+    monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     monkeypatch.setattr(
-        contenders, "contender", lambda at, fit, *_: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square)
+        Competition, "contender", lambda self, at, fit: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square)
     )
     assert [c.delta_bic for c in competing(tried(100.0))[0]] == [400.0]
 
 
 def test_shapes_held_at_all_that_were_screened() -> None:
     candidate = tried(100.0, v=0.4, others=(tried(90.0, v=0.5),))
-    found = list(with_shapes_held(candidate, Builder(effect_of("gear")), fitted(plant()), WHITE))
+    found = list(Competition(Builder(effect_of("gear")), fitted(plant())).with_shapes_held(candidate))
     assert [c.fit.values[2] for c in found] == [0.4, 0.5]
     assert found[1].fit.chi_square < 1e-6 < found[0].fit.chi_square
-    alone = list(
-        with_shapes_held(
-            replace(candidate, others=None), Builder(effect_of("gear"), broken=0.0), fitted(plant()), WHITE
-        )
-    )
-    assert alone == []
+    diverging = Competition(Builder(effect_of("gear"), broken=0.0), fitted(plant()))
+    assert list(diverging.with_shapes_held(replace(candidate, others=None))) == []

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.diagnosis.gap import gaps, held_out_ratio
+from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import (
     Options,
     _nearness,
     _simplest,
     decide,
-    gaps,
-    held_out_ratio,
     objection,
     step_of,
 )
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from tests.discovery.by_hand import (
     SIGNS,
     Catalogue,
@@ -28,22 +27,20 @@ from tests.discovery.by_hand import (
     contender_of,
     effect_of,
     fit_of,
-    noise,
     residual,
     table_fit,
 )
 
 BEFORE, BASE = table_fit(50.0), table_fit(101.0)
-WHITE = noise()
 
 
 def refused(candidate: Contender, **options: Any) -> str:
-    return objection(candidate, BEFORE, WHITE, Options(**options), base=BASE)
+    return objection(candidate, BEFORE, Options(**options), base=BASE)
 
 
 def verdict(*contenders: Contender, held: Any = lambda effect_at: (), **options: Any) -> Any:
     return decide(
-        contenders, Catalogue(), BEFORE, WHITE, Options(**options), base=BASE, held=held
+        contenders, BEFORE, Options(**options), base=BASE, held=held
     )  # fmt: skip
 
 
@@ -95,7 +92,7 @@ def test_the_smallest_part_is_an_option_too() -> None:
 
 def test_a_part_as_large_as_the_smallest_is_enough() -> None:
     three, one = fit_of(TableModel(3.0 * SIGNS[:, None])), contender_of(fit=fit_of(TableModel(SIGNS[:, None])))
-    assert objection(one, three, WHITE, Options(smallest_part=1.0), base=three) == ""
+    assert objection(one, three, Options(smallest_part=1.0), base=three) == ""
 
 
 @pytest.mark.parametrize(
@@ -108,17 +105,17 @@ def test_a_part_as_large_as_the_smallest_is_enough() -> None:
 )
 def test_held_out_data_must_be_explained_better(second: float, reason: str) -> None:
     before, candidate = held_out(residual(16.0), second * residual(16.0))
-    assert objection(candidate, before, WHITE, Options(), base=BASE) == reason
+    assert objection(candidate, before, Options(), base=BASE) == reason
 
 
 def test_a_mean_below_one_is_not_enough_where_the_interval_reaches_it() -> None:
     second = residual(16.0) * np.where(np.arange(SIGNS.size) < 200, 0.2, 1.3)[:, None]
     before, candidate = held_out(residual(16.0), second)
-    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
+    ratio = held_out_ratio(before, candidate.fit)
     assert ratio is not None
     assert ratio.value == pytest.approx(np.sqrt((0.04 + 1.69) / 2), rel=1e-12)
     assert ratio.low < ratio.value < 1.0 < ratio.high
-    assert objection(candidate, before, WHITE, Options(), base=BASE) == (
+    assert objection(candidate, before, Options(), base=BASE) == (
         f"held-out RMS ratio 0.930, its interval reaches {ratio.high:.3f}"
     )
 
@@ -127,8 +124,8 @@ def test_blocks_of_half_a_second_are_drawn() -> None:
     # Every second block of five samples (0.5 s at 10 Hz) is worse: drawn whole, their number varies.
     worse = np.where(np.arange(SIGNS.size) // 5 % 2 == 0, 0.5, 1.0)[:, None]
     before, candidate = held_out(residual(1.0), residual(1.0) * worse)
-    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
-    again = held_out_ratio(before, candidate.fit, WHITE, Options(seed=1))
+    ratio = held_out_ratio(before, candidate.fit)
+    again = held_out_ratio(before, candidate.fit, seed=1)
     assert ratio is not None and again is not None
     deviation = 0.75 / 2 / np.sqrt(80) / (2 * 0.625**0.5)  # of the mean square over 80 blocks, then of its root
     assert ratio.high - ratio.low == pytest.approx(2 * 1.96 * deviation, rel=0.06)
@@ -148,25 +145,25 @@ def test_a_block_holds_one_sample_at_least(rate: float, blocks: int, monkeypatch
 
     monkeypatch.setattr(np.random, "default_rng", lambda seed: Spy())
     before, candidate = held_out(residual(1.0), residual(0.5), rate_hz=rate)
-    held_out_ratio(before, candidate.fit, WHITE, Options())
+    held_out_ratio(before, candidate.fit)
     assert sizes == [(blocks, 2000, blocks)]
 
 
 def test_without_held_out_data_there_is_no_ratio() -> None:
-    assert held_out_ratio(BEFORE, contender_of().fit, WHITE, Options()) is None
+    assert held_out_ratio(BEFORE, contender_of().fit) is None
 
 
 def test_a_model_that_cannot_be_run_on_held_out_data_is_worse_than_any() -> None:
     before, candidate = held_out(residual(16.0), None)
-    ratio = held_out_ratio(before, candidate.fit, WHITE, Options())
+    ratio = held_out_ratio(before, candidate.fit)
     assert (ratio.value, ratio.low, ratio.high) == (np.inf, np.inf, np.inf)
-    assert objection(candidate, before, WHITE, Options(), base=BASE).startswith("held-out RMS ratio inf")
+    assert objection(candidate, before, Options(), base=BASE).startswith("held-out RMS ratio inf")
 
 
 def test_all_held_out_experiments_count() -> None:
     before = table_fit(50.0, held_out={"a": residual(9.0), "b": residual(1.0)})
     after = table_fit(10.0, held_out={"a": residual(1.0), "b": residual(1.0)})
-    assert held_out_ratio(before, after, WHITE, Options()).value == pytest.approx(np.sqrt(2 / 10))
+    assert held_out_ratio(before, after).value == pytest.approx(np.sqrt(2 / 10))
 
 
 @pytest.mark.parametrize(
@@ -235,10 +232,10 @@ def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
         yield from (worse, better, last)
 
     small = contender_of("b", 2, bic=90.0, share=0.01)
-    found = decide([small, failing], Catalogue(), before, WHITE, Options(), base=BASE, held=held)
+    found = decide([small, failing], before, Options(), base=BASE, held=held)
     assert found is better
     assert asked == [EffectAtJoint("coulomb", 1)]
-    refusal = decide([small, failing], Catalogue(), before, WHITE, Options(), base=BASE)
+    refusal = decide([small, failing], before, Options(), base=BASE)
     assert [a.effect for a, _ in refusal] == ["b", "coulomb"]
 
 
@@ -265,7 +262,7 @@ def test_a_fit_that_was_given_up_is_judged_at_its_minimum(
 
     small = contender_of("b", 2, bic=90.0, share=0.01)
     found = decide(
-        [small, given_up(unfinished)], Catalogue(), BEFORE, WHITE, Options(), base=BASE, finished=finish
+        [small, given_up(unfinished)], BEFORE, Options(), base=BASE, finished=finish
     )  # fmt: skip
     assert (found is to_the_end) is accepted
     assert accepted or isinstance(found, tuple)
@@ -277,15 +274,13 @@ def test_what_is_as_good_as_the_winner_is_finished_too() -> None:
     winner = contender_of("a", bic=100.0, cost=2.0)
     near = given_up(contender_of("b", bic=98.0, cost=1.0))
     for end, name in ((contender_of("b", bic=98.0, size=0.1), "a"), (contender_of("b", bic=98.0, cost=1.0), "b")):
-        found = decide(
-            [winner, near], Catalogue(), BEFORE, WHITE, Options(), base=BASE, finished=lambda c, end=end: end
-        )
+        found = decide([winner, near], BEFORE, Options(), base=BASE, finished=lambda c, end=end: end)
         assert isinstance(found, Contender) and found.effect_at.effect == name
 
 
 def test_gaps_of_all_experiments() -> None:
     fit = fit_of(TableModel(residual(5.0, 1.0), {"other": residual(17.0, 0.5), "broken": None}))
-    found = gaps(fit, noise((1.0, 1.0)))
+    found = gaps(fit)
     assert {label: values.tolist() for label, values in found.items()} == {
         "fitted": [pytest.approx(2.0), pytest.approx(0.0, abs=1e-7)], "other": [4.0, 0.0], "broken": [np.inf, np.inf],
     }  # fmt: skip
@@ -301,7 +296,7 @@ CATALOGUE = Catalogue(
 
 
 def step(accepted: Contender, contenders: list[Contender], before: Any = BEFORE) -> Any:
-    return step_of(accepted, contenders, CATALOGUE, before, WHITE, Options())
+    return step_of(accepted, contenders, Competition(CATALOGUE, before), Options())
 
 
 def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:

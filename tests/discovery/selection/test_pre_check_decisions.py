@@ -13,13 +13,13 @@ import pytest
 from fmu_didim.diagnosis.gap import Ratio
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import pre_check as checking
-from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.least_squares import Fit
-from fmu_didim.prediction.loop_model import EffectAtJoint
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual, table_fit
 
@@ -58,18 +58,18 @@ class Builder(Catalogue):
         return SimpleNamespace(start=np.zeros(0), residual=one)
 
 
-def ramp() -> Fit:
+def ramp(white: Noise = WHITE) -> Fit:
     """Measured torque from -3 to 1 on joint 1, from 0 to 8 on joint 2; what a fit leaves has mean square 1 each."""
     own = np.column_stack([np.linspace(-3, 1, 401), np.linspace(0, 8, 401)])[:400]
     model = TableModel(own)
-    fit = fit_of(model)
+    fit = fit_of(model, white=white)
     return replace(fit, torque=own - residual(1.0, 1.0), chi_square=800.0)
 
 
 def test_limits_are_tried_at_quantiles_of_the_size_of_the_torque() -> None:
     builder, fit = Builder(left={(1, 3.0): 0.7, (1, 1.0): 0.9, (2, 7.98): 0.8, (2, 3.99): 0.6}), ramp()
     builder.left[1, round(float(np.quantile(np.abs(fit.model.measured[:, 0]), 0.5)), 6)] = 0.9
-    found = _tried("limit", CHECK, builder, fit, WHITE)
+    found = _tried("limit", CHECK, Competition(builder, fit))
     assert [(cost, at.joint) for cost, at, _ in found] == [
         (pytest.approx(480.0), 2), (pytest.approx(560.0), 1), (pytest.approx(640.0), 2), (pytest.approx(720.0), 1)
     ]  # fmt: skip
@@ -79,7 +79,7 @@ def test_limits_are_tried_at_quantiles_of_the_size_of_the_torque() -> None:
 
 def test_trials_that_cannot_be_added_or_simulated_are_left_out() -> None:
     left = {(2, 7.98): None, (2, 3.99): 0.5}
-    found = _tried("limit", CHECK, Builder(left=left, refused=[1]), ramp(), noise((1.0, 2.0)))
+    found = _tried("limit", CHECK, Competition(Builder(left=left, refused=[1]), ramp(noise((1.0, 2.0)))))
     assert [(cost, at.joint, value) for cost, at, value in found] == [(pytest.approx(250.0), 2, pytest.approx(3.99))]
 
 
@@ -99,19 +99,19 @@ class Check:
         self.stepped: list[Any] = []
         self.bics, self.reason = bics, objection
         monkeypatch.setattr(checking, "_tried", lambda name, *_: [(c, EffectAtJoint(name, j), v) for c, j, v in trials])
-        monkeypatch.setattr(checking, "refit", self.refit)
+        monkeypatch.setattr(Competition, "refit", lambda _, proposal: self.refit(proposal))
         monkeypatch.setattr(
-            checking, "contender", lambda at, fit, *_: contender_of(at.effect, at.joint, bic=fit, fit=AFTER)
+            Competition, "contender", lambda _, at, fit: contender_of(at.effect, at.joint, bic=fit, fit=AFTER)
         )
         monkeypatch.setattr(checking, "objection", self.objection)
         monkeypatch.setattr(checking, "_held_out_tells", lambda *_: tells)
         monkeypatch.setattr(checking, "step_of", self.step_of)
 
-    def refit(self, proposal: Proposal, *_: Any) -> Any:
+    def refit(self, proposal: Proposal) -> Any:
         self.refitted.append(proposal)
         return self.bics.get(proposal.effect_at.joint)
 
-    def objection(self, candidate: Contender, fit: Any, noise: Any, options: Any, *, base: Any) -> str:
+    def objection(self, candidate: Contender, fit: Any, options: Any, *, base: Any) -> str:
         self.objected.append((candidate.effect_at.joint, base))
         return self.reason
 
@@ -127,8 +127,8 @@ LIMIT = effect_of("limit", class_name="a limit", pre_check=CHECK)
 
 def checked(builder: Any = None, *, white: Noise = WHITE, **options: Any) -> tuple[Any, Any, list[str], Any]:
     said: list[str] = []
-    base = ramp()
-    fit, steps = pre_check(builder or Builder(LIMIT), base, white, Options(**options), said.append)
+    base = ramp(white)
+    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), said.append)
     return fit, steps, said, base
 
 
@@ -202,8 +202,8 @@ def test_whether_held_out_data_tell(
     monkeypatch: pytest.MonkeyPatch, change: float, low: float | None, tells: bool
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(checking, "torque_change_without", lambda *_, **more: asked.append(more) or change)
-    monkeypatch.setattr(checking, "held_out_ratio", lambda *_: None if low is None else Ratio(1.5, low, 2.0))
-    found = _held_out_tells(contender_of(), Builder(), table_fit(5.0), WHITE, Options())
+    monkeypatch.setattr(Competition, "torque_change_without", lambda *_, **more: asked.append(more) or change)
+    monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(1.5, low, 2.0))
+    found = _held_out_tells(contender_of(), Competition(Builder(), table_fit(5.0)), Options())
     assert found is tells
     assert asked == [{"held_out": True}]

@@ -15,12 +15,11 @@ from fmu_didim.discovery.selection.contenders import Contender, Screened
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import _backward, _candidates, _with_shapes_held, run_rounds
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Fit, Stopping
-from fmu_didim.prediction.loop_model import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual
-
-WHITE = noise()
+from fmu_didim.prediction.least_squares import Stopping
+from fmu_didim.prediction.loop_description import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual
 
 
 def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
@@ -37,7 +36,7 @@ def added(names: str | Sequence[str], **more: Any) -> Contender:
     return contender_of(names[-1], fit=with_effects(*names, **more))
 
 
-class Competition:
+class ByHand:
     """What the rounds call, and what it was called with.
 
     Args:
@@ -52,8 +51,9 @@ class Competition:
         self.backward: list[list[Any]] = []
         self.helds: list[Any] = []
         self._outcomes, self._checked = list(outcomes), list(checked)
-        for name in ("pre_check", "screen", "shortlist", "contend", "decide", "minimise", "step_of", "_backward"):
+        for name in ("pre_check", "decide", "minimise", "step_of", "_backward"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
@@ -63,33 +63,34 @@ class Competition:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit)
 
-    def do_screen(self, catalogue: Any, builder: Any, fit: Fit, noise: Any) -> list[Any]:
-        self.screened.append(fit)
-        return ["screened"]
+    def do_competition(self, builder: Any, fit: Fit) -> Any:
+        def screen(catalogue: Any) -> list[Any]:
+            self.screened.append(fit)
+            return ["screened"]
 
-    def do_shortlist(self, screened: Any, builder: Any) -> Any:
-        return [*screened, "shortlisted"]
+        return SimpleNamespace(
+            builder=builder, fit=fit, finished="to the end", screen=screen,
+            shortlist=lambda screened: [*screened, "shortlisted"],
+            contend=lambda chosen, *, progress: [*chosen, "fitted"],
+        )  # fmt: skip
 
-    def do_contend(self, chosen: Any, builder: Any, fit: Fit, noise: Any, *, progress: Any) -> Any:
-        return [*chosen, "fitted"]
-
-    def do_decide(
-        self, contenders: Any, builder: Any, fit: Fit, noise: Any, options: Any, *, base: Fit, held: Any, finished: Any
-    ) -> Any:
+    def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
         assert contenders == ["screened", "shortlisted", "fitted"]
-        assert finished.keywords == {"builder": builder, "fit": fit, "noise": noise}
-        self.helds.append((held.args, fit, base))
+        assert finished == "to the end"
+        competition, screened = held.args
+        assert (competition.builder, competition.fit) == (EFFECTS, fit)
+        self.helds.append((screened, fit, base))
         return self._outcomes.pop(0)
 
     def do_minimise(self, model: Any, noise: Any, **more: Any) -> Fit:
         self.fitted.append((model, more))
         return replace(fit_of(model, values=model.start), simulations=77)
 
-    def do_step_of(self, accepted: Contender, contenders: Any, builder: Any, fit: Fit, *_: Any) -> Any:
-        self.stepped.append((accepted, contenders, fit))
+    def do_step_of(self, accepted: Contender, contenders: Any, competition: Any, options: Any) -> Any:
+        self.stepped.append((accepted, contenders, competition.fit))
         return SimpleNamespace(effect_at=accepted.effect_at)
 
-    def do_backward(self, builder: Any, fit: Fit, noise: Any, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
+    def do_backward(self, builder: Any, fit: Fit, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
         self.backward.append(list(steps))
         return fit, steps
 
@@ -100,21 +101,21 @@ BASE = with_effects()
 
 def run(**options: Any) -> tuple[Any, list[str]]:
     said: list[str] = []
-    return run_rounds(EFFECTS, BASE, WHITE, Options(**options), said.append), said
+    return run_rounds(EFFECTS, BASE, Options(**options), said.append), said
 
 
 def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     reasons = ((EffectAtJoint("a", 1), "too small"),)
-    competition = Competition(monkeypatch, reasons)
+    competition = ByHand(monkeypatch, reasons)
     found, said = run()
     assert (found.base, found.final, found.steps, found.refused) == (BASE, BASE, (), reasons)
     assert said == ["signatures of 3 candidates", "competition of the candidates"]
-    assert competition.helds == [((["screened"], EFFECTS, BASE, WHITE), BASE, BASE)]
+    assert competition.helds == [(["screened"], BASE, BASE)]
 
 
 def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = added("a"), added("ab")
-    competition = Competition(monkeypatch, first, second, ())
+    competition = ByHand(monkeypatch, first, second, ())
     found, said = run()
     assert [s.effect_at.effect for s in found.steps] == ["a", "b"]
     assert said[2:] == ["added: a on joint 1", "added: b on joint 1"]
@@ -135,13 +136,13 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize(("most", "count"), [(0, 0), (1, 1), (2, 2)])
 def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: int, count: int) -> None:
-    Competition(monkeypatch, added("a"), added("ab"), added("abc"))
+    ByHand(monkeypatch, added("a"), added("ab"), added("abc"))
     found, _ = run(rounds=most)
     assert len(found.steps) == count
 
 
 def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    competition = Competition(monkeypatch, added("ab"), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
+    competition = ByHand(monkeypatch, added("ab"), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
     found, _ = run(rounds=2)
     assert [s.effect_at.effect for s in found.steps] == ["limit", "b"]
     assert competition.screened[0].model.added_effects == (EffectAtJoint("limit", 1),)
@@ -150,7 +151,7 @@ def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatc
 
 def test_signatures_are_made_anew_when_the_samples_shift(monkeypatch: pytest.MonkeyPatch) -> None:
     shifted = added(["shift"], owner=LOG)
-    competition = Competition(monkeypatch, shifted, added(["shift", "b"], owner=LOG), ())
+    competition = ByHand(monkeypatch, shifted, added(["shift", "b"], owner=LOG), ())
     run()
     assert [[c.effect for c in candidates] for _, candidates in competition.catalogues] == [
         ["a", "b", "shift"],
@@ -209,7 +210,7 @@ def backward(
     steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
     said: list[str] = []
     fit, left = _backward(
-        Removable(costs=costs), with_effects(*names, square=1.0), WHITE, steps, Options(**options), said.append
+        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), said.append
     )  # fmt: skip
     return fit, [s.effect_at.effect for s in left], calls, said
 
@@ -272,20 +273,18 @@ def test_an_effect_without_which_nothing_runs_stays(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(("others", "shapes", "count"), [((), ("vs",), 2), (None, ("vs",), 0), ((), (), 0)])
-def test_only_shapes_outside_the_torque_balance_are_held(
-    monkeypatch: pytest.MonkeyPatch, others: Any, shapes: tuple[str, ...], count: int
-) -> None:
+def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tuple[str, ...], count: int) -> None:
     asked: list[Any] = []
 
-    def held(candidate: Any, *more: Any) -> Any:
-        asked.append((candidate, *more))
+    def held(candidate: Any) -> Any:
+        asked.append(candidate)
         return iter(["one", "two"])
 
-    monkeypatch.setattr(rounds, "with_shapes_held", held)
     builder = SimpleNamespace(parameters_of=lambda at: (("F",), shapes))
+    competition = SimpleNamespace(builder=builder, with_shapes_held=held)
     wanted, other = (
         Screened(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others) for n in ("b", "a")
     )
-    found = list(_with_shapes_held([other, wanted], builder, BASE, WHITE, EffectAtJoint("b", 1)))
+    found = list(_with_shapes_held(competition, [other, wanted], EffectAtJoint("b", 1)))
     assert len(found) == count
-    assert asked == ([(wanted, builder, BASE, WHITE)] if count else [])
+    assert asked == ([wanted] if count else [])
