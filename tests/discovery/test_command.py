@@ -130,7 +130,7 @@ def test_augmented_case_gives_the_torque_of_the_fitted_model(printed: tuple[Path
         wanted = table.select(["final1"])[:, 0]
         found = simulate(out / document.files["case"], experiment=label)
         at = np.round((table.time - found.time[0]) * 200).astype(int)
-        assert np.abs(found.select(["tau1"])[at, 0] - wanted).max() <= (1.01 * told + 1e-6) * np.abs(wanted).max()
+        assert np.abs(found.select(["tau1"])[at, 0] - wanted).max() <= (1.05 * told + 1e-6) * np.abs(wanted).max()
     content = yaml.safe_load((out / document.files["case"]).read_text(encoding="utf-8"))
     assert content["plant"] == {"kind": "fmu"}
 

@@ -260,7 +260,7 @@ class Competition:
             start = np.clip(model.start, low, high)
             model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
             model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
-            if model.plant is not fit.model.plant and model.has_own_states:  # faster than what the base resolves
+            if model.has_own_states and model.plant is not fit.model.plant:  # faster than what the base resolves
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
                 torque = model.torque(start)
