@@ -10,10 +10,10 @@ from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.errors import InputError
-from fmu_didim.prediction.accuracy import with_fitting_substeps
+from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Stopping, integrated, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise, pooled
 from fmu_didim.signals import Trajectory

@@ -26,8 +26,8 @@ from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.accuracy import integrated
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import integrated
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.motion import simulated_motion
 from fmu_didim.robot import RobotDescription

@@ -8,6 +8,8 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
@@ -34,6 +36,14 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
             return replace(model, substeps=count)
         count, torque = 2 * count, finer
     return automatic
+
+
+def integrated(fit: Fit) -> Fit:
+    """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
+    model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
+    if model.substeps == fit.model.substeps:
+        return fit
+    return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 def integration_change(

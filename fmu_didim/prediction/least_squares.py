@@ -20,7 +20,6 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -84,14 +83,6 @@ def minimise(
     """
     weighting = KnownNoise(noise) if isinstance(noise, Noise) else noise
     return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
-
-
-def integrated(fit: Fit) -> Fit:
-    """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
-    model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
-    if model.substeps == fit.model.substeps:
-        return fit
-    return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 @dataclass

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 from fmu_didim.components import ModelComponent
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.accuracy import with_fitting_substeps
+from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import Stopping, integrated, minimise
+from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.repetition import repetition
 from fmu_didim.prediction.sensitivity import sensitivity

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import least_squares
+from fmu_didim.prediction import accuracy, least_squares
+from fmu_didim.prediction.accuracy import integrated
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Stopping, _Found, _Solver, _State, _Step, integrated, minimise
+from fmu_didim.prediction.least_squares import Stopping, _Found, _Solver, _State, _Step, minimise
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
@@ -606,11 +607,11 @@ def test_covariances_and_condition_of_a_fit() -> None:
 
 def test_a_minimum_is_polished_where_its_steps_change(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(least_squares, "minimise", lambda m, n, **more: asked.append((m.substeps, more)) or "fine")
+    monkeypatch.setattr(accuracy, "minimise", lambda m, n, **more: asked.append((m.substeps, more)) or "fine")
     fit = Fit(replace(model(), substeps=2), np.zeros(2), T, np.ones((21, 1, 2)), UNIT, np.ones(1), 0.0)
-    monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=2))
+    monkeypatch.setattr(accuracy, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=2))
     assert integrated(fit) is fit
-    monkeypatch.setattr(least_squares, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=8))
+    monkeypatch.setattr(accuracy, "with_fitting_substeps", lambda m, values, noise: replace(m, substeps=8))
     assert integrated(fit) == "fine"
     assert asked == [(8, {"stopping": Stopping(2, updates=0), "jacobian": fit.jacobian})]
 
