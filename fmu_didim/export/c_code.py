@@ -91,6 +91,7 @@ def generate_c(block: Block) -> str:
     ``block_update``              (x, u, p) -> dx/dt (nx,), or x[k+1] of a sampled block
     ``block_output``              (x, u, p) -> y (ny,)
     ``block_start``               (u, p) -> x (nx,)
+    ``block_ready``               (x, p) -> the first outputs, if no input reaches them, without the others
     ``block_slopes``              (x, p) -> d (nd,), only of blocks with a linearly implicit stage
     ``block_stage``               (x, c, d, u, p, g) -> k (nx,), likewise
     ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is none
@@ -129,6 +130,7 @@ def generate_config(block: Block, *, guid: str) -> str:
         # The rule of `choose_substeps` is handed over, not repeated.
         f"#define BLOCK_MINIMUM_SUBSTEPS {block.fewest_substeps}",
         f"#define BLOCK_MAXIMUM_SUBSTEPS {MAXIMUM_SUBSTEPS}",
+        f"#define READY_COUNT {ready_count(block)}",
         f"#define BLOCK_IMPLICIT {int(implicit is not None)}",
         f"#define SLOPE_COUNT {implicit.slope_count if implicit is not None else 0}",
         *(f"#define {name} {value!r}" for name, value in ROS2.constants().items()),
@@ -171,6 +173,7 @@ def _exported_functions(block: Block) -> list[ca.Function]:
     # One forward sweep for both results, so that they share what they have in common.
     dots = [ca.densify(dot) for dot in ca.forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
     start_dot = ca.densify(ca.forward([start], [u, q], [[du, dq]])[0][0])
+    ready, still = ready_count(block), column(block.output(x, kind.zeros(nu), q), len(block.outputs))
     return [
         ca.Function("block_update", [x, u, q], [update]),
         ca.Function("block_output", [x, u, q], [output]),
@@ -178,8 +181,18 @@ def _exported_functions(block: Block) -> list[ca.Function]:
         ca.Function("block_rate", [x, q], [rate]),
         ca.Function("block_directional", [x, u, q, dx, du, dq], dots),
         ca.Function("block_start_directional", [u, q, du, dq], [start_dot]),
+        *([ca.Function("block_ready", [x, q], [still[:ready]])] if ready else []),
         *_implicit_functions(block),
     ]
+
+
+def ready_count(block: Block) -> int:
+    """The first outputs of a continuous block that no input reaches: they are computed without the others, such as
+    positions without accelerations; 0 where that spares nothing."""
+    if block.sample_time is not None:
+        return 0
+    reached = {int(row) for row in block.output.jac_sparsity(0, 1).get_triplet()[0]}
+    return min(reached, default=0)
 
 
 def _implicit_functions(block: Block) -> list[ca.Function]:

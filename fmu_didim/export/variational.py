@@ -198,6 +198,8 @@ class _Writer:
         x, a, u, p = self.x, self.a, self.u, self.p
         explicit = self.update if name == "update" else self.output
         value = _column(explicit(x, u, p))
+        if name == "output":
+            value = self._needed(value)
         result = value if self.balance is None else _column(getattr(self.balance, name)(x, a, u, p))
         wanted = result if name == "update" else result[self.outputs]
         product, lines = _Product(own_lanes=self.own_lanes), []
@@ -214,6 +216,14 @@ class _Writer:
         self._write(f"lanes_{name}", (*given, *written), lines)
         solved = None if self.balance is None else (a, self.balance.solution(x, u, p))
         return self._function(f"variational_{name}", [x, u, p], value, product, solved)
+
+    def _needed(self, outputs: ca.SX) -> ca.SX:
+        """The outputs that are followed or cost nothing; the others, such as accelerations, nobody reads here: zero."""
+        result = ca.SX(outputs)
+        for i in range(outputs.numel()):
+            if i not in self.outputs and ca.depends_on(outputs[i], self.u):
+                result[i] = 0
+        return result
 
     def _implicit_step(self, implicit: LinearlyImplicit) -> list[ca.Function]:
         """``slopes`` and ``stage`` of a linearly implicit step."""

@@ -180,18 +180,25 @@ def _wires(run: Run, part: Part) -> Any:
     return wires
 
 
-def _reads(run: Run, index: int) -> tuple[bool, bool]:
-    """Whether a part reads the outputs of this one from its inputs to its step, and from its step to its next inputs.
+def _reads(run: Run, index: int) -> tuple[int, int]:
+    """How many of the first outputs of a part others read from its inputs to its step, and from its step to its next
+    inputs.
 
-    Where none does they need not be computed, but for the recording and the bounds: of the plant, which the
-    controller has asked before, at each tick that is not recorded; of the controller after each step.
+    What nobody reads need not be computed, but for the recording and the bounds: of the plant, which the controller has
+    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
     """
     part = run.parts[index]
+    count = part.place.stop - part.place.start
     if run.delayed or part.after_step or part.every > 1:
-        return True, True
-    own = range(part.place.start, part.place.stop)
-    later = [i > index and not run.system.jacobi for i, p in enumerate(run.parts) if p.wiring.reads(own)]
-    return any(later), not all(later)
+        return count, count
+    own, before, after = range(part.place.start, part.place.stop), 0, 0
+    for i, other in enumerate(run.parts):
+        read = max((int(source) - own.start + 1 for source in other.wiring.sources if source in own), default=0)
+        if i > index and not run.system.jacobi:
+            before = max(before, read)
+        else:
+            after = max(after, read)
+    return before, after
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

@@ -53,7 +53,7 @@ typedef struct {
     double *line;
     int64_t line_capacity, line_count;
     int64_t first_input, first_output, next_row;
-    int64_t read_before, read_after; /* whether another part reads its outputs before or after its step */
+    int64_t read_before, read_after; /* how many of its first outputs other parts read before and after its step */
 } Part;
 
 typedef struct {
@@ -156,17 +156,17 @@ static inline int set_part(Part *p) {
     return ((values3)p->set)(p->self, p->input_references, n, p->own_inputs, n);
 }
 
-static inline int get_part(Part *p) {
+static inline int get_part(Part *p, int64_t count) {
     if (p->kind == LINEAR) {
         if (p->linear->live) outputs_of(p->linear, p->outputs);
         return 0;
     }
     if (!p->get) return 0;
-    size_t n = (size_t)p->output_count;
+    size_t n = (size_t)count;
     int status = p->kind == FMI2 ? ((values2)p->get)(p->self, p->output_references, n, p->own_outputs)
                                  : ((values3)p->get)(p->self, p->output_references, n, p->own_outputs, n);
     if (p->output_factor)
-        for (int64_t i = 0; i < p->output_count; i++)
+        for (int64_t i = 0; i < count; i++)
             p->outputs[i] = p->own_outputs[i] * p->output_factor[i] + p->output_offset[i];
     return status;
 }
@@ -244,7 +244,8 @@ static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick, 
     }
     TRY(set_part(p), CALL_SET);
     if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
-    if (p->read_before || all_are_read(l, row, tick)) TRY(get_part(p), CALL_GET);
+    const int64_t read = all_are_read(l, row, tick) ? p->output_count : p->read_before;
+    if (read) TRY(get_part(p, read), CALL_GET);
     return DONE;
 }
 
@@ -255,7 +256,8 @@ static inline int advance_part(Loop *l, int64_t index, int64_t tick, double time
     double begin = l->start + (double)(tick - p->every + 1) * l->step;
     double piece = p->part > 0 ? (1 - p->part) * size : size;
     TRY(step_part(p, begin + p->part * size, piece), CALL_STEP);
-    if (p->read_after || tick + 1 == l->ticks) TRY(get_part(p), CALL_GET);
+    const int64_t read = tick + 1 == l->ticks ? p->output_count : p->read_after;
+    if (read) TRY(get_part(p, read), CALL_GET);
     return DONE;
 }
 
@@ -357,18 +359,18 @@ static bool is_plain(const Loop *l) {
 typedef struct {
     const Wire *wires, *wires_end;
     void *self;
-    values2 set, get, get_before, get_after; /* NULL: not asked for, but where all are */
+    values2 set, get;
     step2 step;
     const uint32_t *input_references, *output_references;
-    size_t input_count, output_count;
+    size_t input_count, output_count, read_before, read_after;
     double *inputs, *outputs;
 } Plain;
 
 static Plain plain_of(const Part *p) {
-    const values2 get = (values2)p->get;
-    return (Plain){p->wires, p->wires + p->wire_count, p->self, (values2)p->set, get, p->read_before ? get : 0,
-                   p->read_after ? get : 0, (step2)p->step, p->input_references, p->output_references,
-                   (size_t)p->input_count, (size_t)p->output_count, p->inputs, p->outputs};
+    const size_t none = p->get ? 1 : 0;
+    return (Plain){p->wires, p->wires + p->wire_count, p->self, (values2)p->set, (values2)p->get, (step2)p->step,
+                   p->input_references, p->output_references, (size_t)p->input_count, none * (size_t)p->output_count,
+                   none * (size_t)p->read_before, none * (size_t)p->read_after, p->inputs, p->outputs};
 }
 
 /* The same as run_any without asking at each tick what is known before. */
@@ -389,9 +391,9 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
         for (index = 0; index < count; index++) {
             const Plain *p = &plain[index];
             for (const Wire *w = p->wires; w < p->wires_end; w++) *w->input = w->gain * *w->signal;
-            const values2 get = all ? p->get : p->get_before;
+            const size_t read = all ? p->output_count : p->read_before;
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
-            if (get) TRY(get(p->self, p->output_references, p->output_count, p->outputs), CALL_GET);
+            if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }
         if (due) copy(l->applied + l->next_row++ * width, values, width);
         if (checked) {
@@ -400,9 +402,9 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
         }
         for (index = 0; index < count; index++) {
             const Plain *p = &plain[index];
-            const values2 get = ends ? p->get : p->get_after;
+            const size_t read = ends ? p->output_count : p->read_after;
             TRY(p->step(p->self, time, step, 1), CALL_STEP);
-            if (get) TRY(get(p->self, p->output_references, p->output_count, p->outputs), CALL_GET);
+            if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }
     }
     return DONE;

@@ -43,6 +43,9 @@ static Core *core_create(void) {
     grow(size, block_rate_work);
     grow(size, block_directional_work);
     grow(size, block_start_directional_work);
+#if READY_COUNT
+    grow(size, block_ready_work);
+#endif
 #if BLOCK_IMPLICIT
     grow(size, block_slopes_work);
     grow(size, block_stage_work);
@@ -75,7 +78,7 @@ static void core_reset(Core *core) {
     memset(s, 0, sizeof(*s)); /* padding too: equal states are equal bytes */
     memcpy(s->values, block_start_values, VALUE_COUNT * sizeof(double));
     s->mode = MODE_INSTANTIATED;
-    s->start_stale = s->outputs_stale = s->derivatives_stale = s->rate_stale = 1;
+    s->start_stale = s->outputs_stale = s->ready_stale = s->derivatives_stale = s->rate_stale = 1;
 }
 
 static int core_fail(Core *core, const char *format, ...) {
@@ -154,9 +157,24 @@ APART static int refresh_outputs(Core *core) {
     } else {
         memcpy(s->values + OUTPUT_FIRST, s->held, OUTPUT_COUNT * sizeof(double));
     }
-    s->outputs_stale = 0;
+    s->outputs_stale = s->ready_stale = 0;
     return CORE_OK;
 }
+
+#if READY_COUNT
+/* The first outputs, which no input reaches, without the others: what a controller reads at each tick. */
+APART static int refresh_ready(Core *core) {
+    CoreState *s = &core->state;
+    if (refresh_start(core)) return CORE_ERROR;
+    if (!s->ready_stale) return CORE_OK;
+    core->arguments[0] = s->values + STATE_FIRST;
+    core->arguments[1] = s->values + PARAMETER_FIRST;
+    core->results[0] = s->values + OUTPUT_FIRST;
+    if (evaluate(core, block_ready, "output")) return CORE_ERROR;
+    s->ready_stale = 0;
+    return CORE_OK;
+}
+#endif
 
 APART static int refresh_derivatives(Core *core) {
     CoreState *s = &core->state;
@@ -178,7 +196,15 @@ APART static int refresh_rate(Core *core) {
     return CORE_OK;
 }
 
-static void values_changed(CoreState *s) { s->outputs_stale = s->derivatives_stale = 1; }
+static void values_changed(CoreState *s) { s->outputs_stale = s->ready_stale = s->derivatives_stale = 1; }
+
+/* What the last step has led to, before anybody takes it. */
+APART static int refresh_after_step(Core *core) {
+    CoreState *s = &core->state;
+    if (refresh_outputs(core)) return CORE_ERROR;
+    if (BLOCK_SAMPLED || s->mode != MODE_STEP) return CORE_OK;
+    return check_finite(core, OUTPUT_FIRST, OUTPUT_COUNT, s->values + OUTPUT_FIRST, "the output", s->time);
+}
 
 /* ---- variables ----------------------------------------------------------------------------- */
 
@@ -190,8 +216,13 @@ static int core_get(Core *core, const unsigned int references[], size_t count, d
         if (reference >= VALUE_COUNT)
             return core_fail(core, "there is no floating-point variable with value reference %u; the largest is %d",
                              reference, VALUE_COUNT - 1);
+#if READY_COUNT
+        if (reference >= OUTPUT_FIRST && reference < OUTPUT_FIRST + READY_COUNT) {
+            if (s->ready_stale || s->start_stale) status = refresh_ready(core);
+        } else
+#endif
         if (reference >= OUTPUT_FIRST && reference < STATE_FIRST) {
-            if (s->outputs_stale || s->start_stale) status = refresh_outputs(core);
+            if (s->outputs_stale || s->start_stale) status = refresh_after_step(core);
         } else if (reference >= STATE_FIRST && reference < PARAMETER_FIRST) {
             if (s->start_stale) status = refresh_start(core);
         } else if (reference >= DERIVATIVE_FIRST) {
@@ -388,9 +419,7 @@ static int core_step(Core *core, double time, double step) {
     if (step > 0.0 && integrate(core, step)) return CORE_ERROR;
     s->time = end;
     values_changed(s);
-    if (check_finite(core, STATE_FIRST, STATE_COUNT, s->values + STATE_FIRST, "the state", end)) return CORE_ERROR;
-    if (refresh_outputs(core)) return CORE_ERROR;
-    return check_finite(core, OUTPUT_FIRST, OUTPUT_COUNT, s->values + OUTPUT_FIRST, "the output", end);
+    return check_finite(core, STATE_FIRST, STATE_COUNT, s->values + STATE_FIRST, "the state", end);
 }
 
 /* In model exchange a sample is taken in the first iteration at its instant: the next one is then

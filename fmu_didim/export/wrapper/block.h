@@ -43,7 +43,7 @@ typedef struct {
     long long sample_index; /* the next sample is due at start_time + sample_index * period */
     int substeps;           /* 0: chosen from `rate` and the communication step */
     int mode;               /* CoreMode */
-    int start_stale, outputs_stale, derivatives_stale, rate_stale; /* 1: recompute before use */
+    int start_stale, outputs_stale, ready_stale, derivatives_stale, rate_stale; /* 1: recompute before use */
 } CoreState;
 
 typedef struct {
