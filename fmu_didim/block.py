@@ -152,7 +152,7 @@ of the motion."""
 FEWEST_EXPLICIT = 4
 """Substeps of RK4 in a communication step at least: what no rate bounds, the motion itself, is resolved by them."""
 FEWEST_IMPLICIT = 16
-"""Substeps of the linearly implicit method, of second order, at least: 4e-7 of the torque of a SCARA at 200 Hz."""
+"""Substeps of the linearly implicit method, of second order, in a communication step at least."""
 MAXIMUM_SUBSTEPS = 1024
 """More substeps in a control period than this mean equations too stiff to be a robot: simulating them is
 refused instead of taking for ever."""

@@ -62,7 +62,7 @@ def test_results_record_all_of_them() -> None:
     assert found["prediction.kept_promise"] == [0.5, 1.5]
     assert found["statistics.confidence"] == 0.95
     assert recorded(provenance.TABLES).keys() - found.keys() == {
-        "identification.integration_tolerance", "identification.integration_share",
+        "identification.integration_tolerance", "identification.integration_shift", "identification.clearly_better",
         "identification.maximum_refinements", "identification.finish_iterations",
     }  # fmt: skip
 

@@ -13,6 +13,7 @@ Where compiled code runs the loop, simulations run side by side.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -99,17 +100,34 @@ def by_variation(
     places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
     if not places:
         return {}
-    varied = with_derivatives(model.simulated(values, label), list(places.values()))
-    if varied is None:
+    system, groups = model.simulated(values, label), _groups(list(places.values()), model.workers)
+    tasks = [partial(with_derivatives, system, group) for group in groups]
+    varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
+    if len(varied) < len(groups):
         return {}
+    runs = list(zip(varied, map(len, groups), strict=True))
     table = None
     late = not lasting and any(not _lasts(model.free_parameters[i]) for i in places)
     if beginning is not None and not late:
-        first = _followed(beginning.cut(model), values, label, varied, len(places))
+        first = _followed_all(beginning.cut(model), values, label, runs)
         table = None if first is None else beginning.repetition.continued(first)
     if table is None:
-        table = _followed(model, values, label, varied, len(places))
+        table = _followed_all(model, values, label, runs)
     return {} if table is None else {i: table[:, :, lane] for lane, i in enumerate(places)}
+
+
+def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str, str]]]:
+    """The parameters in groups of equal size, one a thread, as long as each has enough to do beside the simulation."""
+    count = max(1, min(workers, len(places) // limits.COLUMNS_A_THREAD))
+    size = -(-len(places) // count)
+    return [places[first : first + size] for first in range(0, len(places), size)]
+
+
+def _followed_all(model: LoopModel, values: Array, label: str, runs: Sequence[tuple[System, int]]) -> Array | None:
+    """(N, n, p) derivatives of the torque from runs side by side; None where Python would run the loop."""
+    tables = side_by_side([partial(_followed, model, values, label, *run) for run in runs], model.workers)
+    found = [table for table in tables if table is not None]
+    return np.concatenate(found, axis=2) if len(found) == len(runs) else None
 
 
 def _followed(model: LoopModel, values: Array, label: str, varied: System, count: int) -> Array | None:

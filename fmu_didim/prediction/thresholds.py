@@ -170,6 +170,10 @@ TORQUE_FLOOR = TABLE(
     "Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, "
     "in data without noise, has neither size nor standard deviation.",
 )  # fmt: skip
+COLUMNS_A_THREAD = TABLE(
+    "COLUMNS_A_THREAD", 16, "columns",
+    "Columns of a sensitivity that are worth a run of their own: they cost about as much as the simulation does.",
+)  # fmt: skip
 POLISHING = TABLE(
     "POLISHING", 2, "steps",
     "From the minimum of one integration to that of a finer one, a small fraction of the noise away.",

@@ -19,7 +19,7 @@ from fmu_didim.robot.elastic import ElasticEquations
 from fmu_didim.robot.equations import Equations
 from fmu_didim.robot.implicit import implicit_stage
 from fmu_didim.robot.inertia import InertiaColumns, smallest_eigenvalue
-from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, RESOLVING, Method
+from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
 from fmu_didim.signals import Array, Variable
 
 LONG = 1e9
@@ -274,7 +274,7 @@ class RobotModel:
         order += [velocities + n + i for i in range(ns)] + [-1] * equations.uses_clock
         order += [velocities + n + ns + i for i in range(m)] + [n + i for i in range(m)]
         within = ([equations.chi, equations.s], [chi, shapes])
-        rates = [self._rate(chi, shapes, method) for method in (IMPLICIT, RESOLVING)]
+        rates = [ca.fmax(self._rate(chi, shapes, IMPLICIT), MOTION_RATE), self._rate(chi, shapes, RESOLVING)]
         stage = implicit_stage(balance, x, order, equations.tau, p, rates=rates, within=within)
         return stage if stage.slope_count else None
 

@@ -34,7 +34,7 @@ from fmu_didim.ssp.transform import Unit, conversion
 from fmu_didim.workflow import export_ssp, identify
 from tests.awkward.build import awkward_fmu
 from tests.cases import scara_case
-from tests.helpers import PERIOD, ROOT, component, drive, loop, on_reference, reference, scara, scara_pd
+from tests.helpers import NEAR, PERIOD, ROOT, component, drive, loop, on_reference, reference, scara, scara_pd
 
 SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 HEAD = (
@@ -669,12 +669,12 @@ def test_case_from_an_archive_gives_the_same_torque_and_the_same_result(
     assert table.names == expected.names
     assert np.abs(table.values - expected.values).max() <= 1e-12 * np.abs(expected.values).max()
     found, known = identify(path), identify("examples/scara/identify.yaml").estimate
-    assert (np.abs(found.estimate.value - known.value) <= 1e-5 * known.standard_deviation).all()
+    assert (np.abs(found.estimate.value - known.value) <= NEAR * known.standard_deviation).all()
     # Of the FMUs in an archive no equations are known, so their sensitivities are differences.
     monkeypatch.setattr(sensitivity, "with_derivatives", lambda *arguments: None)
     wanted = identify("examples/scara/identify.yaml")
-    np.testing.assert_allclose(found.estimate.value, wanted.estimate.value, rtol=1e-9)
-    np.testing.assert_allclose(found.estimate.standard_deviation, wanted.estimate.standard_deviation, rtol=1e-6)
+    assert (np.abs(found.estimate.value - wanted.estimate.value) <= NEAR * wanted.estimate.standard_deviation).all()
+    np.testing.assert_allclose(found.estimate.standard_deviation, wanted.estimate.standard_deviation, rtol=1e-3)
     assert found.document.consistency is not None
     assert found.document.consistency.agrees
     assert found.document.provenance["files"].keys() >= {"loop.ssp"}
