@@ -37,8 +37,8 @@ class ComponentSource(Strict):
             value of a state.
         parameters: values that replace those of the source, by the component's own names.
         component: name of the plant in the system, where the case has ``system``.
-        substeps: integration substeps in a control period; chosen automatically by default. An identification takes
-            more where so few would be unstable.
+        substeps: integration substeps in a control period; chosen by default: as many as the noise of the data asks
+            for, elsewhere for six digits. An identification takes more than stated where so few would be unstable.
         initial_state: of a python-control system.
         fmi: version of the standard of an FMU that is built from a description.
         interface, solver: how an FMU is run; co-simulation by default, model exchange by ``rk4`` or ``cvode``.

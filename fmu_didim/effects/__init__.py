@@ -9,8 +9,9 @@ tree, ``package.module:Name``.
 
 Where a new one goes: one file here with one final class; the base class asks for what is missing. Its parameters
 are declared in ``own_parameters`` and ``own_shapes``, its equation stands in ``columns`` (``rates`` for states), the
-step of the integration follows from ``damping``, ``stiffness`` and ``own_rate``. Then a row in EFFECTS below. Names of
-its parameters must differ from those of all other effects that may be listed at the same joint; shape parameters that
+step of the integration follows from ``damping``, ``stiffness``, ``own_rate`` and ``relaxation``; an effect that says
+how steep it is, is integrated implicitly with the slopes of its columns. Then a row in EFFECTS below. Names of its
+parameters must differ from those of all other effects that may be listed at the same joint; shape parameters that
 mean the same are shared (see ``steps.smoothing_velocity``).
 """
 

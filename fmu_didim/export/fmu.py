@@ -32,12 +32,14 @@ def build_fmu(
 ) -> Path:
     """An FMU of a block, for co-simulation and model exchange, with binaries and sources.
 
-    A continuous block is integrated in co-simulation by the classical Runge-Kutta method of fourth
-    order, with ``substeps`` equal substeps in a communication step and the input held constant; by
-    default their number follows :func:`fmu_didim.block.choose_substeps` from the block's rate bound
-    at the initial state. Outputs follow inputs and tunable parameters at once. A sampled block samples
-    at t_start + n T: at such an instant its outputs follow its inputs at once, between them they are
-    held. In model exchange those instants are time events.
+    A continuous block is integrated in co-simulation with ``substeps`` equal substeps in a communication
+    step and the input held constant: by the linearly implicit method of
+    :mod:`fmu_didim.linearly_implicit` where the block knows its stiff part, else by the classical
+    Runge-Kutta method of fourth order. By default their number follows
+    :func:`fmu_didim.block.choose_substeps` from the block's rate at the initial state. Outputs follow
+    inputs and tunable parameters at once. A sampled block samples at t_start + n T: at such an instant
+    its outputs follow its inputs at once, between them they are held. In model exchange those instants
+    are time events.
 
     The file is kept in the cache (:func:`fmu_didim.cache.cache_directory`) under the digest of
     the block, the wrapper and the compiler. Several processes may build the same block at once.
