@@ -117,11 +117,10 @@ class Didim(Estimator):
         progress(iteration)
 
     def _from(self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress) -> Estimate:
-        theta, settled = self._iterate(model, start, history, progress)
+        model, theta, settled = self._iterate(model, start, history, progress)
         reason = mass_matrix_problem(model, theta)
         if reason:
             raise _NonPhysicalError(theta, reason)
-        model = with_fitting_substeps(model, theta)  # as accurate as the residual asks that is left
         try:
             prediction = predict(model, theta)
         except SimulationError as error:
@@ -130,17 +129,19 @@ class Didim(Estimator):
 
     def _iterate(
         self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress
-    ) -> tuple[Array, bool]:
-        """The DIDIM iterations: the last solution, and whether the stop criteria were met."""
+    ) -> tuple[LoopModel, Array, bool]:
+        """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, and whether the
+        stop criteria were met."""
         theta = model.limited(start_values(model, start))
-        if not mass_matrix_problem(model, theta):
-            model = with_fitting_substeps(model, theta)
+        as_found, has_steps = model, False
         # Without an inverse model there is no regressor of the reference to restart from.
         restarted = start == "reference" or not model.parameters.has_regressor
         good: tuple[Array, float] | None = None
         halvings = 0
         while len(history) < self.maximum_iterations:
             number = len(history) + 1
+            if not has_steps and not mass_matrix_problem(as_found, theta):
+                model, has_steps = with_fitting_substeps(as_found, theta), True
             prediction, failure = _try(model, theta)
             error = np.nan
             if prediction is not None:
@@ -161,7 +162,7 @@ class Didim(Estimator):
                 if restarted:
                     self._record(history, progress, Iteration("didim", number, theta, error, note=failure))
                     raise _NonPhysicalError(theta, failure)
-                restarted, good, halvings = True, None, 0
+                restarted, good, halvings, has_steps = True, None, 0, False
                 note = f"{failure}; restarted from the reference trajectory"
                 self._record(history, progress, Iteration("didim", number, theta, error, note=note))
                 theta = from_reference(model)
@@ -176,8 +177,8 @@ class Didim(Estimator):
             )
             good, theta, halvings = (theta, float(error)), following, 0
             if settled:
-                return theta, True
-        return theta, False
+                return model, theta, True
+        return model, theta, False
 
     def _solve(self, model: LoopModel, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
         """Next values, relative change of the torque that they explain, condition number.

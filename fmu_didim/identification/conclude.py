@@ -65,9 +65,6 @@ def efficient_finish(
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
-    if model.substeps is not None and (excess := integration_error(fit).excess) > 1:
-        model = _finer(model, fit.values, excess)
-        fit = replace(fit, torque=model.torque(fit.values))
     for _ in range(limits.MAXIMUM_REFINEMENTS):
         fit = minimise(
             model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
