@@ -65,14 +65,14 @@ def efficient_finish(
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
-    for _ in range(limits.MAXIMUM_REFINEMENTS):
+    for left in reversed(range(limits.MAXIMUM_REFINEMENTS)):
         fit = minimise(
             model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
             stage=stage, progress=progress,
         )  # fmt: skip
         iterations.extend(fit.iterations)
         error = integration_error(fit)
-        if error.excess <= 1:
+        if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
         if fit.model.substeps is None:  # more than the case or the rule says

@@ -26,13 +26,8 @@ class Wiring:
     def __init__(self, entries: list[tuple[int, int, float]]) -> None:
         self.targets = np.array([e[0] for e in entries], dtype=np.int64)
         self.sources = np.array([e[1] for e in entries], dtype=np.int64)
-        self._source_numbers = tuple(e[1] for e in entries)
         self.gains = np.array([e[2] for e in entries], dtype=float)
         self.single = len({e[0] for e in entries}) == len(entries)
-
-    def reads(self, signals: range) -> bool:
-        """Whether one of these signals goes into an input."""
-        return any(source in signals for source in self._source_numbers)
 
     def gather(self, signals: Array, inputs: Array) -> None:
         """Fill the connected inputs."""

@@ -46,21 +46,17 @@ def integrated(fit: Fit) -> Fit:
     return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
 
 
-def integration_change(
-    model: LoopModel, torque: Array, finer: Array, deviation: Array | None = None, *, tolerance: float = 0.0
-) -> float:
+def integration_change(model: LoopModel, torque: Array, finer: Array, deviation: Array | None = None) -> float:
     """Change of the torque (N, n) by finer integration over what is allowed, at the joint where it is worst.
 
     Args:
         deviation: (n,) noise; by default what the model knows of it, else the residual.
-        tolerance: relative to the torque, allowed whatever the noise.
     """
     if deviation is None:
         deviation = model.torque_deviation
     if deviation is None:
         deviation = _rms(model.measured - finer)
-    floor = tolerance * _rms(finer)
-    allowed = np.maximum(np.maximum(limits.INTEGRATION_SHARE * deviation, floor), np.finfo(float).tiny)
+    allowed = np.maximum(limits.INTEGRATION_SHARE * deviation, np.finfo(float).tiny)
     return float(np.max(_rms(finer - torque) / allowed))
 
 
