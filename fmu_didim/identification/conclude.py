@@ -79,6 +79,9 @@ def efficient_finish(
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, torque=model.torque(fit.values))
+    if error.excess > 1:
+        moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
+        remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
     return Minimum(fit, error, tuple(iterations), tuple(remarks))
 
 

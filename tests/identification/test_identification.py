@@ -13,7 +13,8 @@ from fmu_didim.components import ModelComponent
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import RefusedError, Status
+from fmu_didim.identification import thresholds as limits
+from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.prediction import predict
@@ -211,3 +212,18 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
     finer = Didim().estimate(replace(model, plant=model.plant.with_substeps(4 * estimate.integration.substeps)))
     moved = np.abs(finer.value - estimate.value) / estimate.standard_deviation
     assert np.max(moved) <= 2 * np.max(estimate.integration_shift) + 1e-4
+
+
+def test_integration_that_stays_too_coarse_is_told(cases: dict[int, Case], monkeypatch: pytest.MonkeyPatch) -> None:
+    model = model_at(cases, 10)
+    monkeypatch.setattr(limits, "MAXIMUM_REFINEMENTS", 1)
+    monkeypatch.setattr(limits, "INTEGRATION_SHIFT", 1e-9)
+    estimate = Didim().estimate(model)
+    assert any("would still move a value" in remark for remark in estimate.remarks)
+    np.testing.assert_array_equal(estimate.simulated, replace_steps(model, estimate).torque(estimate.value))
+
+
+def replace_steps(model: LoopModel, estimate: Estimate) -> LoopModel:
+    """The model with the steps that an estimate says it was fitted with."""
+    assert estimate.integration is not None
+    return replace(model, plant=model.plant.with_substeps(estimate.integration.substeps))
