@@ -86,7 +86,7 @@ class Diagnostic:
 
 
 def by_weight(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Problems, then doubts, then remarks; causes before what follows from them, the farthest beyond its bound first."""
+    """Problems, doubts, remarks; causes before what follows from them, the farthest beyond its bound first."""
     order = list(Severity)
     return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.excess))
 
