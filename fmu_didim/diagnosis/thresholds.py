@@ -32,6 +32,28 @@ NEARLY = TABLE(
 )  # fmt: skip
 SAME_OPERATOR = TABLE("SAME_OPERATOR", 1e-9, "1", "Ways of sampling whose weights differ by less are the same.")
 
+# Noise by periods that repeat ----------------------------------------------------------------------------------------
+NOT_NOISE = TABLE(
+    "NOT_NOISE", 1.25, "1",
+    "Periods whose difference is this many times the noise at high frequencies differ by more than noise.",
+)  # fmt: skip
+SLOW = TABLE("SLOW", 0.25, "1", "So do those whose difference is that correlated over a time in which noise is not,")
+CHANCE = TABLE(
+    "CHANCE", 3.0, "standard deviations", "unless a correlation as large comes about by chance in so many samples."
+)
+TRANSIENT = TABLE(
+    "TRANSIENT", 0.1, "1",
+    "Fraction of a period that is left out when periods are compared: the first one may begin with a transient.",
+)  # fmt: skip
+WHOLE_SAMPLES = TABLE(
+    "WHOLE_SAMPLES", 1e-3, "samples",
+    "A period that is farther from a whole number of samples is not compared: the difference would show the shift.",
+)  # fmt: skip
+REVERSAL = TABLE(
+    "REVERSAL", 0.01, "1",
+    "Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction drifts.",
+)  # fmt: skip
+
 # Where a model disagrees ---------------------------------------------------------------------------------------------
 BINS = TABLE("BINS", 12, "bins", "Of each quantity, with the same number of samples: enough to see where.")
 FEWEST_EDGES = TABLE("FEWEST_EDGES", 3, "edges", "A quantity that does not fill two bins says nothing.")

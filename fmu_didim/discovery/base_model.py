@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.diagnosis.log_checks import check_log
+from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.discovery import thresholds as limits
-from fmu_didim.discovery.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
 from fmu_didim.prediction.fit import Fit

@@ -15,27 +15,6 @@ SMOOTHING_SCALE = TABLE("SMOOTHING_SCALE", 0.5, "1", "Noticeable change of it, a
 FEWEST_SAMPLES = TABLE(
     "FEWEST_SAMPLES", 5, "samples", "For each parameter of the base model; with fewer nothing more can be found."
 )
-NOT_NOISE = TABLE(
-    "NOT_NOISE", 1.25, "1",
-    "Periods whose difference is this many times the noise at high frequencies differ by more than noise.",
-)  # fmt: skip
-SLOW = TABLE("SLOW", 0.25, "1", "So do those whose difference is that correlated over a time in which noise is not,")
-CHANCE = TABLE(
-    "CHANCE", 3.0, "standard deviations", "unless a correlation as large comes about by chance in so many samples."
-)
-TRANSIENT = TABLE(
-    "TRANSIENT", 0.1, "1",
-    "Fraction of a period that is left out when periods are compared: the first one may begin with a transient.",
-)  # fmt: skip
-WHOLE_SAMPLES = TABLE(
-    "WHOLE_SAMPLES", 1e-3, "samples",
-    "A period that is farther from a whole number of samples is not compared: the difference would show the shift.",
-)  # fmt: skip
-REVERSAL = TABLE(
-    "REVERSAL", 0.01, "1",
-    "Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction drifts.",
-)  # fmt: skip
-STANDSTILL = TABLE("STANDSTILL", 1e-12, "SI", "Smallest of those speeds, of a joint that rests.")
 FIRST_NOISE = TABLE(
     "FIRST_NOISE", 1e-9, "N.m or N", "Smallest deviation of a torque with which the first fit weights a joint."
 )

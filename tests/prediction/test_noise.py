@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.log_noise import friction_columns
 from fmu_didim.discovery.base_model import prepare
-from fmu_didim.discovery.log_noise import friction_columns
 from fmu_didim.errors import InputError
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.noise import (

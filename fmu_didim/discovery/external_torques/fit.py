@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.diagnosis.log_noise import motion_period, noise_beside_fit
 from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
-from fmu_didim.discovery.log_noise import motion_period, noise_beside_fit
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque

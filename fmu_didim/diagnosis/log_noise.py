@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.discovery import thresholds as limits
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
