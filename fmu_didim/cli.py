@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from fmu_didim.prediction.iteration import Iteration
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-EXIT_ERROR, EXIT_NOT_SETTLED = 1, 3
+EXIT_ERROR = 1
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled."""
+    """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
     options = _parser().parse_args(arguments)
     try:
         return int(options.run(options))
@@ -137,7 +137,7 @@ def _identify(options: argparse.Namespace) -> int:
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
-    return 0 if outcome.converged else EXIT_NOT_SETTLED
+    return outcome.exit_code
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -25,7 +25,8 @@ def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.Captur
     assert "kg.m2" in printed or "kg·m²" in printed
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     jsonschema.validate(document, result_schema())
-    assert document["schema_version"] == 2
+    assert document["schema_version"] == 3
+    assert (document["verdict"], document["reasons"]) == ("valid", [])
     assert document["status"] == "converged"
     assert document["iterations"] <= 5
     zz1 = document["parameters"]["ZZ1R"]

@@ -104,6 +104,16 @@ INFLATION = TABLE(
     "others.",
 )  # fmt: skip
 
+# The judgement -------------------------------------------------------------------------------------------------------
+HELD_OUT_RATIO = TABLE(
+    "HELD_OUT_RATIO", 1.25, "1",
+    "Residual of a joint in a held-out experiment over that of the fit, from which it is predicted worse: half of what "
+    "anybody would see in a plot.",
+)  # fmt: skip
+HELD_OUT_CHANCE = TABLE(
+    "HELD_OUT_CHANCE", 1e-3, "1", "Probability, for all joints together, with which noise alone may make it so."
+)
+
 # Experiments that were fitted together -------------------------------------------------------------------------------
 SIGNIFICANCE = TABLE(
     "SIGNIFICANCE", 0.001, "1",

@@ -10,7 +10,9 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
+from fmu_didim.diagnosis.judgement import Judgement, diagnostic_result
 from fmu_didim.diagnosis.validation import Validation
+from fmu_didim.diagnostics import Diagnostic, by_weight
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.identification.result import (
     AgreementResult,
@@ -66,16 +68,29 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
 
 
 def result_document(
-    name: str, model: LoopModel, estimate: Estimate, validations: Sequence[Validation], *, description: str = ""
+    name: str,
+    model: LoopModel,
+    estimate: Estimate,
+    validations: Sequence[Validation],
+    *,
+    judged: Judgement,
+    description: str = "",
+    case: str = "",
 ) -> ResultDocument:
-    """The document of an estimate and its validations."""
-    notes = [f"{v.label}: {v.failure}" for v in validations if v.failure]
+    """The document of an estimate and its validations.
+
+    Args:
+        judged: the judgement of it; case: file of the case, for the commands that reasons name.
+    """
+    notes = [str(remark) for remark in judged.remarks]
     if model.parameters.has_regressor and not model.gives_acceleration:
         notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
     found = estimate.agreements
     return ResultDocument(
         name=name,
         description=description,
+        verdict=judged.verdict,
+        reasons=judged.saved(case),
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
         advice=estimate.status.value,
         estimator=estimate.estimator,
@@ -156,7 +171,6 @@ def _agreement(found: Agreement) -> AgreementResult:
         agrees=found.agrees,
         differs_most=found.parameter,
         change_in_std=found.change_in_std,
-        warning="" if found.agrees else found.warning(),
     )
 
 
@@ -175,11 +189,19 @@ def _data(model: LoopModel, label: str) -> ExperimentResult:
 
 
 def refused_document(
-    name: str, model: LoopModel, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
+    name: str,
+    model: LoopModel,
+    estimator: str,
+    error: RefusedError,
+    provenance: Mapping[str, Any],
+    *,
+    reasons: Sequence[Diagnostic] = (),
 ) -> ResultDocument:
     """The document of a refusal: the reason and the iterations, no values."""
     return ResultDocument(
         name=name,
+        verdict="refused",
+        reasons=[diagnostic_result(reason) for reason in by_weight(reasons)],
         status="refused",
         advice=str(error),
         estimator=estimator,

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
@@ -90,7 +91,6 @@ class AgreementResult(Strict):
     agrees: bool
     differs_most: str = Field(description="shared parameter that would change most if it were its own here")
     change_in_std: float = Field(description="by how many standard deviations")
-    warning: str = Field(default="", description="what to do about it; empty where they agree")
 
 
 class ExperimentResult(Strict):
@@ -116,10 +116,12 @@ class IntegrationResult(Strict):
 class ResultDocument(Strict):
     """The content of ``result.json``."""
 
-    schema_version: Literal[2] = 2
+    schema_version: Literal[3] = 3
     name: str
     description: str = ""
-    status: Literal["converged", "maximum_iterations", "refused"]
+    verdict: Verdict = Field(description="whether the values may be used")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str
     iterations: int = Field(description="iterations of the main stage")

@@ -22,3 +22,13 @@ INTEGRATION_SHIFT = TABLE(
 )  # fmt: skip
 MAXIMUM_REFINEMENTS = TABLE("MAXIMUM_REFINEMENTS", 4, "refinements", "Of the integration, by twice the substeps each.")
 FINISH_ITERATIONS = TABLE("FINISH_ITERATIONS", 15, "steps", "Of the efficient finish.")
+AT_LIMIT = TABLE(
+    "AT_LIMIT",
+    0.01,
+    "standard deviations",
+    "A value so near to a limit lies at it: there the solver stops.",
+)
+VISIBLE_SHIFT = TABLE(
+    "VISIBLE_SHIFT", 0.2, "standard deviations",
+    "A value that finer steps would move by more is told as too coarsely integrated: a tenth of a 95 % interval.",
+)  # fmt: skip

@@ -8,7 +8,7 @@ from fmu_didim.discovery.findings import FindingResult, FindingsDocument, GapPai
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_words import gap_text, located
 from fmu_didim.report.numbers import capitalised
-from fmu_didim.report.verdict import Verdict
+from fmu_didim.report.verdict import Banner
 
 HEADS = {
     "nothing": ("good", "NOTHING MISSING"),
@@ -18,7 +18,7 @@ HEADS = {
 }
 
 
-def verdict_of(document: FindingsDocument) -> Verdict:
+def verdict_of(document: FindingsDocument) -> Banner:
     """The verdict as a sentence for the one who runs the drive."""
     grade, head = HEADS[document.verdict]
     sentences = [capitalised(document.text)]
@@ -33,7 +33,7 @@ def verdict_of(document: FindingsDocument) -> Verdict:
     if document.verdict == "unknown":
         worst = strongest_regions(document, count=1)
         sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"]
-    return Verdict(grade, head, ". ".join(sentences) + ".")
+    return Banner(grade, head, ". ".join(sentences) + ".")
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:

@@ -75,15 +75,6 @@ def experiment_title(document: ResultDocument, label: str) -> str:
     return titled(label, found.role if found is not None else None)
 
 
-def disagreeing(document: ResultDocument) -> dict[str, AgreementResult]:
-    """Label -> agreement of the experiments that do not agree with the others."""
-    return {
-        label: experiment.agreement
-        for label, experiment in document.experiments.items()
-        if experiment.agreement is not None and not experiment.agreement.agrees
-    }
-
-
 def own_names(label: str, experiment: ExperimentResult) -> list[str]:
     """Names of the parameters of an experiment for itself, without its label."""
     return [name.removesuffix(f"[{label}]") for name in experiment.own]

@@ -6,7 +6,7 @@ from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.experiments import disagreeing, error_rows, experiment_title, parameter_groups, shown_parameter
+from fmu_didim.report.experiments import error_rows, experiment_title, parameter_groups, shown_parameter
 from fmu_didim.report.numbers import MISSING, percentage
 from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict
@@ -30,7 +30,6 @@ def result_html(document: ResultDocument) -> str:
         TEMPLATE,
         name=document.name,
         verdict=verdict(document),
-        warnings=[agreement.warning for agreement in disagreeing(document).values()],
         heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
         groups=rows,
         note="* not significantly different from zero" if any(t.insignificant for _, g in groups for t in g) else "",
@@ -50,7 +49,6 @@ def discovery_html(document: FindingsDocument) -> str:
         TEMPLATE,
         name=document.name,
         verdict=verdict_of(document),
-        warnings=[],
         heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
         groups=groups,
         note="",

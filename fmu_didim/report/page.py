@@ -44,7 +44,6 @@ def write_report(directory: Path) -> Path:
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
         delay_lines=experiments.delay_lines(document),
         experiments=tables.experiment_table(document),
-        disagreeing=experiments.disagreeing(document),
         errors=tables.error_table(document),
         noise=numbers.noise_text(document.noise_std, document.torque_unit),
         plots=plots,

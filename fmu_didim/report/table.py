@@ -20,7 +20,7 @@ from fmu_didim.report.numbers import (
     pretty_unit,
     significant,
 )
-from fmu_didim.report.verdict import verdict
+from fmu_didim.report.verdict import reason_text, verdict
 
 WIDTH = 100
 SHOWN_CORRELATIONS = 5
@@ -41,7 +41,6 @@ def result_table(document: ResultDocument) -> str:
         _figures(document),
         listing("Regrouping", document.regrouping),
         listing("Notes of the iterations", _notes(document)),
-        listing("Plant against robot description", _plant_warnings(document)),
         listing("Remarks", document.remarks),
         _validity(document),
     ]
@@ -150,10 +149,7 @@ def _experiments(document: ResultDocument) -> list[str]:
     if any(own):
         room = WIDTH - sum(len(column[0]) + len(GAP) for column in columns)
         columns.append(column("own", [clipped(text, room) for text in own], left=True))
-    lines = joined(columns)
-    for agreement in experiments.disagreeing(document).values():
-        lines += wrapped(f"! WARNING: {agreement.warning}", "", "  ")
-    return lines
+    return joined(columns)
 
 
 def _errors_by_experiment(document: ResultDocument) -> list[str]:
@@ -199,14 +195,9 @@ def _figures(document: ResultDocument) -> list[str]:
         if document.integration is not None:
             text += f" ({document.integration.method}, {document.integration.substeps} steps a tick)"
         lines.append(("Integration error", text))
-    if document.consistency is not None and document.consistency.agrees:
+    if document.consistency is not None:
         lines.append(("Plant's equations", consistency_line(document)))
     return entries(lines)
-
-
-def _plant_warnings(document: ResultDocument) -> list[str]:
-    found = document.consistency
-    return [] if found is None or found.agrees else [f"WARNING: {consistency_line(document)}", *found.warnings]
 
 
 def _notes(document: ResultDocument) -> list[str]:
@@ -220,4 +211,9 @@ def _validity(document: ResultDocument) -> list[str]:
     end = verdict(document)
     first, *others = end.text.splitlines() or [""]
     lines = wrapped(f"{end.head}: {first}", "", "  ")
-    return lines + [line for other in others for line in wrapped(other.strip(), "  ", "    ")]
+    lines += [line for other in others for line in wrapped(other.strip(), "  ", "    ")]
+    for number, reason in enumerate(end.reasons, start=1):
+        lines += wrapped(reason_text(reason), f"{number:3}. ", "     ")
+        if reason.next_step:
+            lines += wrapped(f"Next: {reason.next_step}", "     ")
+    return lines

@@ -9,6 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fmu_didim.report.numbers import capitalised
+from fmu_didim.report.verdict import reason_text
 
 
 def rendered(template: str, **values: Any) -> str:
@@ -29,4 +30,5 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters["capitalised"] = capitalised
+    environment.filters["reason_text"] = reason_text
     return environment

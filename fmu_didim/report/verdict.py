@@ -2,45 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fmu_didim.diagnosis.judgement import DiagnosticResult
 from fmu_didim.identification.result import ResultDocument
-from fmu_didim.report.experiments import disagreeing, experiment_title
+from fmu_didim.report.experiments import experiment_title
 from fmu_didim.report.numbers import iteration_count, percentage
+
+HEADS: dict[str, tuple[str, str]] = {
+    "valid": ("good", "VALID"),
+    "doubtful": ("doubtful", "DOUBTFUL"),
+    "not_settled": ("doubtful", "NOT SETTLED"),
+    "refused": ("refused", "REFUSED"),
+}
+"""Grade and head of each verdict."""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Whether the values may be used: grade ``good``, ``doubtful`` or ``refused``, a head and its text."""
+class Banner:
+    """What stands at the top of a page and at the end of a table.
+
+    Attributes:
+        grade: ``good``, ``doubtful`` or ``refused``; head: the verdict in a word or two; text: what it is about.
+        reasons: why it is not valid, the weightiest first.
+    """
 
     grade: str
     head: str
     text: str
+    reasons: Sequence[DiagnosticResult] = ()
 
 
-def verdict(document: ResultDocument) -> Verdict:
+def verdict(document: ResultDocument) -> Banner:
     """The verdict on an identification."""
-    if document.status == "refused":
-        return Verdict("refused", "REFUSED", document.advice)
-    if document.status == "maximum_iterations":
-        return Verdict("doubtful", "NOT SETTLED", document.advice)
+    grade, head = HEADS[document.verdict]
+    if document.status != "converged":
+        return Banner(grade, head, document.advice, document.reasons)
     parts = [f"converged in {iteration_count(document)} iterations", *document.checks]
     known = [f"{percentage(v)} {'off ' if i == 0 else ''}on {name}" for i, (name, v) in enumerate(_errors(document))]
     if known:
         parts.append("simulated torque " + ", ".join(known))
-    failed = [label for label, error in document.relative_error_percent.items() if error.total is None]
-    if failed:
-        parts.append(f"the simulation failed on {', '.join(failed)}")
-        return Verdict("doubtful", "NOT VALIDATED", "; ".join(parts))
-    doubts = []
-    if unlike := disagreeing(document):
-        do, warning = ("does", "warning") if len(unlike) == 1 else ("do", "warnings")
-        doubts.append(f"{' and '.join(unlike)} {do} not agree with the other experiments: see the {warning}")
-    if document.consistency is not None and document.consistency.points and not document.consistency.agrees:
-        doubts.append("the plant differs from the robot description: see the warning")
-    if doubts:
-        return Verdict("doubtful", "DOUBTFUL", "; ".join([*parts, "but " + ", and ".join(doubts)]))
-    return Verdict("good", "Valid", "; ".join(parts))
+    return Banner(grade, head, "; ".join(parts), document.reasons)
+
+
+def reason_text(reason: DiagnosticResult) -> str:
+    """A reason as a sentence, with its place and its code."""
+    place = f"{reason.place}: " if reason.place else ""
+    return f"{place}{reason.text} [{reason.code}]"
 
 
 def _errors(document: ResultDocument) -> list[tuple[str, float]]:

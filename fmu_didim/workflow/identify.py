@@ -9,13 +9,14 @@ from typing import Any
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.diagnosis.acting import check_acting, start_warnings
-from fmu_didim.diagnosis.consistency import check_consistency
+from fmu_didim.diagnosis.consistency import Consistency, check_consistency
 from fmu_didim.diagnosis.validation import Validation, validate
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
+from fmu_didim.identification.judge import judged, plant_diagnostics
 from fmu_didim.identification.provenance import provenance
-from fmu_didim.identification.result import ConsistencyResult, ResultDocument, save_result
+from fmu_didim.identification.result import ResultDocument, save_result
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot
@@ -47,7 +48,9 @@ def identify(
     """
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
-    known, remarks = _known_of_plant(case, model)
+    consistency, remarks = _known_of_plant(case, model)
+    before = plant_diagnostics(consistency)
+    known = {} if consistency is None else {"consistency": consistency_result(consistency)}
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
@@ -55,14 +58,18 @@ def identify(
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
     except RefusedError as error:
         if out is not None:
-            refused = refused_document(case.name, model, case.estimator.name, error, record)
-            known["remarks"] = remarks
-            _save(refused.model_copy(update={**known, "loop": described_loop(case, refused.loop)}), (), Path(out))
-        raise _with_warnings(error, known.get("consistency"), remarks) from error
+            refused = refused_document(case.name, model, case.estimator.name, error, record, reasons=before)
+            update = {**known, "remarks": remarks, "loop": described_loop(case, refused.loop)}
+            _save(refused.model_copy(update=update), (), Path(out))
+        raise _with_warnings(error, consistency, remarks) from error
     estimate = replace(estimate, provenance=record, remarks=(*remarks, *estimate.remarks))
     found = _found(model, estimate)
     validations = [validate(found, found.start, label) for label in found.experiments]
-    document = result_document(case.name, found, estimate, validations, description=case.document.description)
+    judgement = judged(found, estimate, validations, before=before)
+    document = result_document(
+        case.name, found, estimate, validations,
+        judged=judgement, description=case.document.description, case=case.path.name,
+    )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
     if out is not None:
         _save(document, validations, Path(out))
@@ -80,24 +87,22 @@ def _found(model: LoopModel, estimate: Estimate) -> LoopModel:
     return found.with_values(estimate.value)
 
 
-def _known_of_plant(case: Case, model: LoopModel) -> tuple[dict[str, Any], list[str]]:
-    """What is found of a plant of its own before the long work: entries of the result, and remarks.
+def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[str]]:
+    """What is found of a plant of its own before the long work: its comparison with the description, and remarks.
 
     Raises:
         InputError: an identified parameter has no effect in the plant.
     """
     if not has_own_plant(case):
-        return {}, []
-    known = {}
-    if model.parameters.has_regressor:
-        known["consistency"] = consistency_result(check_consistency(model))
+        return None, []
+    consistency = check_consistency(model) if model.parameters.has_regressor else None
     check_acting(model)
-    return known, start_warnings(model)
+    return consistency, start_warnings(model)
 
 
-def _with_warnings(error: RefusedError, found: ConsistencyResult | None, remarks: list[str]) -> RefusedError:
+def _with_warnings(error: RefusedError, found: Consistency | None, remarks: list[str]) -> RefusedError:
     """The refusal with what was known of the plant before, which may be its cause."""
-    known = [*(found.warnings if found is not None else ()), *remarks]
+    known = [*(found.warnings() if found is not None else ()), *remarks]
     if not known:
         return error
     got = "; ".join(str(part) for part in (error.got, "before, it was seen of the plant: " + " ".join(known)) if part)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fmu_didim.diagnosis.judgement import EXIT_CODES, DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification.estimate import Estimate
@@ -51,6 +52,21 @@ class Outcome:
     def converged(self) -> bool:
         """Whether the iterations settled."""
         return self.document.status == "converged"
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the values may be used: ``valid``, ``doubtful``, ``not_settled`` or ``refused``."""
+        return self.document.verdict
+
+    @property
+    def reasons(self) -> list[DiagnosticResult]:
+        """Why they are not valid, the weightiest first."""
+        return self.document.reasons
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line ends with."""
+        return EXIT_CODES[self.verdict]
 
     @property
     def robot(self) -> RobotDescription | None:
@@ -110,7 +126,7 @@ class Outcome:
         return torque_figure(shown.time, shown.measured, simulated, self.document.torque_unit, percent=percent)
 
     def __repr__(self) -> str:
-        return f"Outcome({self.document.name!r}, {self.document.status}, {len(self.parameters)} parameters)"
+        return f"Outcome({self.document.name!r}, {self.verdict}, {len(self.parameters)} parameters)"
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, parameters and experiments."""

@@ -199,7 +199,8 @@ def test_result_table_and_report_tell_it(tmp_path: Path) -> None:
     assert unlike.status == "converged"  # a warning, no refusal
     assert unlike.consistency is not None
     text = result_table(unlike)
-    assert "WARNING: the plant differs from the robot description" in text
+    assert "the plant differs from the robot description" in text
+    assert "[plant-differs]" in text
     assert "\nDOUBTFUL: converged" in text
     assert "MX2: the column differs most at joint 1" in text
     assert max(map(len, text.splitlines())) <= 100

@@ -78,16 +78,16 @@ def test_errors_of_each_experiment_and_of_the_fit_over_all(outcome: Outcome) -> 
     assert low < (rows["all fitted"][0] or 0.0) < high
     words = " ".join(outcome.summary().split())
     assert re.search(r"% off on the 2 fitted experiments, [\d.]+ % on check \(validation\)$", words)
-    assert words.count("Valid: ") == 1
+    assert words.count("VALID: ") == 1
 
 
 def test_experiment_that_disagrees_is_a_warning(unlike: ResultDocument) -> None:
     text = result_table(unlike)
     words = " ".join(text.split())
-    assert "WARNING: Experiment payload does not agree with the others" in words
+    assert "payload: Experiment payload does not agree with the others" in words
     assert "experiments: {payload: {own: [ZZ2]}}" in words
-    assert verdict(unlike).grade == "doubtful"
-    assert "but light and payload do not agree with the other experiments: see the warnings" in words
+    assert verdict(unlike).head == "DOUBTFUL"
+    assert {r.place for r in unlike.reasons if r.code == "experiments-disagree"} == {"light", "payload"}
     marked = [line.split()[0] for line in block(text, "Experiment") if line.endswith(" !")]
     assert marked == ["light", "payload"]
     assert not any("does not agree" in remark for remark in unlike.remarks)
@@ -106,7 +106,7 @@ def test_page_shows_experiments_and_warnings(folder: Path, outcome: Outcome, unl
         unlike.model_copy(update={"signals": {}}).model_dump_json(), encoding="utf-8"
     )
     other = write_report(folder / "unlike").read_text(encoding="utf-8")
-    assert other.count('<div class="banner doubtful"><b>Warning</b>') == 2
+    assert other.count("[experiments-disagree]") == 2
 
 
 def test_short_form_stays_compact() -> None:

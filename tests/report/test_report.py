@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.judgement import DiagnosticResult
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.errors import InputError
 from fmu_didim.identification.result import (
@@ -24,6 +25,7 @@ from fmu_didim.identification.result import (
 )
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.figures import decimated
+from fmu_didim.report.notebook import result_html
 from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
 
 ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
@@ -67,7 +69,8 @@ def document(**changes: object) -> ResultDocument:
         ),
     ]  # fmt: skip
     content = dict(
-        name="Two joints", description="A test", status="converged", advice="Converged.", estimator="didim",
+        name="Two joints", description="A test", verdict="valid", reasons=[], status="converged", advice="Converged.",
+        estimator="didim",
         iterations=2, finish_iterations=3, parameters=parameters,
         stages={"didim": StageResult(value={"ZZ1R": 3.41}, std={"ZZ1R": 0.018}, formulas={"paper": {"ZZ1R": 0.017}})},
         regrouping=["ZZ1R = ZZ1 + Ia1"], correlations=[("ZZ1R", "Fv1", -0.953)], condition_number=3.392,
@@ -89,10 +92,14 @@ def document(**changes: object) -> ResultDocument:
 
 def refused() -> ResultDocument:
     return document(
-        status="refused", advice="The identified model is not physical.\n  next:  check the sign", parameters={},
-        stages={}, correlations=[], condition_number=None, noise_std=[], experiments={}, relative_error_percent={},
-        integration_error=None, signals={},
+        verdict="refused", status="refused", advice="The identified model is not physical.\n  next:  check the sign",
+        parameters={}, stages={}, correlations=[], condition_number=None, noise_std=[], experiments={},
+        relative_error_percent={}, integration_error=None, signals={},
     )  # fmt: skip
+
+
+def unsettled() -> ResultDocument:
+    return document(verdict="not_settled", status="maximum_iterations", advice="Increase maximum_iterations.")
 
 
 GOLDEN = """\
@@ -123,7 +130,7 @@ Regrouping
 Remarks
   Something to know.
 
-Valid: converged in 2 + 3 iterations; M(q) positive definite; simulated torque 4.83 % off on
+VALID: converged in 2 + 3 iterations; M(q) positive definite; simulated torque 4.83 % off on
   estimation, 5.10 % on validation
 """
 
@@ -145,10 +152,9 @@ def test_table_tells_whether_the_plant_agrees() -> None:
     text = result_table(document(consistency=consistency()))
     assert "Plant's equations   the plant agrees with the robot description to 3.2e-07 (20 instants)" in text
     unlike = consistency(agrees=False, worst=1.2, warnings=["Fc2: the column differs most at joint 2 (cosine 0.2)"])
-    lines = result_table(document(consistency=unlike)).splitlines()
-    place = lines.index("Plant against robot description")
-    assert lines[place + 1] == "  WARNING: the plant differs from the robot description, by up to 1.2 (20 instants)"
-    assert lines[place + 2] == "  Fc2: the column differs most at joint 2 (cosine 0.2)"
+    assert "Plant's equations   the plant differs from the robot description, by up to 1.2" in result_table(
+        document(consistency=unlike)
+    )
     unknown = consistency(agrees=False, worst=None, points=0, columns={}, warnings=["The plant could not be compared"])
     assert "the plant was not compared" in result_table(document(consistency=unknown))
 
@@ -178,8 +184,36 @@ def test_table_of_a_refusal_gives_reasons_and_no_values() -> None:
 
 
 def test_table_of_an_unsettled_result_says_so_last() -> None:
-    text = result_table(document(status="maximum_iterations", advice="Increase maximum_iterations."))
+    text = result_table(
+        document(verdict="not_settled", status="maximum_iterations", advice="Increase maximum_iterations.")
+    )
     assert text.rstrip().splitlines()[-1] == "NOT SETTLED: Increase maximum_iterations."
+
+
+REASONS = [
+    DiagnosticResult(
+        code="worse-on-held-out", place="validation: joint 2", text="The torque error is 2.1 times that of the fit.",
+        value=2.1, bound=1.25, unit="1", next_step="Run fmu-didim discover case.yaml.",
+    ),
+    DiagnosticResult(code="at-limit", place="", text="b < a.", value=None, bound=None, unit="", next_step=""),
+]  # fmt: skip
+
+
+def test_reasons_stand_last_in_the_table_and_in_the_banner_of_the_page(tmp_path: Path) -> None:
+    doubtful = document(verdict="doubtful", reasons=REASONS)
+    text = result_table(doubtful)
+    head = text.index("DOUBTFUL: converged in 2 + 3 iterations")
+    assert text[head:].splitlines()[2:] == [
+        "  1. validation: joint 2: The torque error is 2.1 times that of the fit. [worse-on-held-out]",
+        "     Next: Run fmu-didim discover case.yaml.",
+        "  2. b < a. [at-limit]",
+    ]
+    page = write_report(saved(tmp_path, doubtful)).read_text(encoding="utf-8")
+    banner = page[page.index('<div class="banner doubtful">') : page.index('<div class="cards">')]
+    assert "worse-on-held-out" in banner
+    assert "b &lt; a." in banner
+    assert "Next: Run fmu-didim discover case.yaml." in banner
+    assert "worse-on-held-out" in result_html(doubtful)
 
 
 def test_table_stays_within_100_columns() -> None:
@@ -219,7 +253,9 @@ def saved(folder: Path, result: ResultDocument, *, count: int = 200) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("result", [document(), refused(), document(status="maximum_iterations")])
+@pytest.mark.parametrize(
+    "result", [document(), refused(), document(verdict="not_settled", status="maximum_iterations")]
+)
 def test_page_is_self_contained(tmp_path: Path, result: ResultDocument) -> None:
     text = write_report(saved(tmp_path, result)).read_text(encoding="utf-8")
     page = text[: text.index("<script>")]
@@ -227,7 +263,7 @@ def test_page_is_self_contained(tmp_path: Path, result: ResultDocument) -> None:
     assert "@import" not in page
     assert all(name in page for name in result.parameters)
     assert "The closed loop diverged; restarted" in page
-    assert {"good": "Valid", "refused": "REFUSED", "doubtful": "NOT SETTLED"}[
+    assert {"good": "VALID", "refused": "REFUSED", "doubtful": "NOT SETTLED"}[
         re.search(r'class="banner (\w+)"', page)[1]  # type: ignore[index]
     ] in page
 
@@ -262,7 +298,7 @@ def test_result_of_another_version_is_refused(tmp_path: Path) -> None:
     folder = saved(tmp_path, document())
     path = folder / "result.json"
     path.write_text(
-        path.read_text(encoding="utf-8").replace('"schema_version": 2', '"schema_version": 1'), encoding="utf-8"
+        path.read_text(encoding="utf-8").replace('"schema_version": 3', '"schema_version": 2'), encoding="utf-8"
     )
     with pytest.raises(InputError, match="does not follow the schema"):
         write_report(folder)
@@ -271,11 +307,6 @@ def test_result_of_another_version_is_refused(tmp_path: Path) -> None:
 def test_parameters_that_are_not_finite_are_saved_and_read(tmp_path: Path) -> None:
     history = [document().history[0].model_copy(update={"parameters": {"ZZ1R": float("nan")}})]
     write_report(saved(tmp_path, document(history=[h.model_dump() for h in history])))
-
-
-def test_converged_without_validation_is_not_called_valid() -> None:
-    errors = {"estimation": {"total": 4.8, "per_joint": [4.8]}, "validation": {"total": None, "per_joint": [None]}}
-    assert "NOT VALIDATED" in result_table(document(relative_error_percent=errors))
 
 
 def test_folder_without_a_result_is_refused(tmp_path: Path) -> None:

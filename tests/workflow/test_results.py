@@ -51,7 +51,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Discovered, Path]:
 
 def test_outcome_gives_values_and_what_judges_them(outcome: Outcome) -> None:
     assert outcome.converged
-    assert repr(outcome) == "Outcome('SCARA, torque at 10 Hz', converged, 11 parameters)"
+    assert repr(outcome) == "Outcome('SCARA, torque at 10 Hz', valid, 11 parameters)"
     assert outcome.summary() == result_table(outcome.document)
     for name, truth in PAYLOAD.items():
         found = outcome.parameters[f"{name}[payload]"]

@@ -1,0 +1,101 @@
+"""The judgement of an identification: everything that speaks for or against its values, gathered from the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.consistency import Consistency
+from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
+from fmu_didim.diagnosis.judgement import Judgement, judgement
+from fmu_didim.diagnosis.validation import Validation
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.identification import thresholds as limits
+from fmu_didim.identification.estimate import Estimate, Status
+from fmu_didim.prediction.free_parameter import DELAY, FreeParameter
+from fmu_didim.prediction.loop_model import LoopModel
+
+AT_LIMIT = CATALOGUE(
+    "at-limit", DOUBT, rank=40,
+    meaning="A free parameter ended at one of its limits: the data ask for a value beyond it, and the intervals of the "
+    "others do not know of it.",
+    next_step="Widen the limits if the value may lie beyond; else look for what the model lacks: fmu-didim discover "
+    "CASE.yaml.",
+)  # fmt: skip
+DISAGREE = CATALOGUE(
+    "experiments-disagree", DOUBT, rank=45,
+    meaning="An experiment does not agree with the others on parameters that they share.",
+    next_step="If something changed in between, let the experiment have values of its own: experiments: {...: {own: "
+    "[...]}}.",
+)  # fmt: skip
+PLANT_DIFFERS = CATALOGUE(
+    "plant-differs", DOUBT, rank=30,
+    meaning="The plant that was simulated does not obey the equations of the robot description, from which the "
+    "regressor comes.",
+    next_step="Mend the description or the plant; fmu-didim check CASE.yaml compares them.",
+)  # fmt: skip
+TOO_COARSE = CATALOGUE(
+    "integration-too-coarse", DOUBT, rank=48,
+    meaning="Finer steps of the integration would still move a value visibly.",
+    next_step="State more substeps: plant: {substeps: N}.",
+)  # fmt: skip
+
+
+def judged(
+    model: LoopModel,
+    estimate: Estimate,
+    validations: Sequence[Validation],
+    *,
+    before: Iterable[Diagnostic] = (),
+) -> Judgement:
+    """The judgement of an estimate.
+
+    Args:
+        model: with the estimated values; validations: of all experiments.
+        before: what was found before the work.
+    """
+    held = [v for v in validations if v.role == "validation"]
+    found = [
+        *before,
+        *limit_diagnostics(model.free_parameters, estimate),
+        *agreement_diagnostics(estimate.agreements.values()),
+        *held_out_diagnostics(
+            model, estimate.value, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
+            {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
+            {v.label: v.failure for v in validations if v.failure},
+        ),
+    ]  # fmt: skip
+    shift = float(np.max(estimate.integration_shift))
+    if shift > limits.VISIBLE_SHIFT:
+        text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
+        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
+    return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def plant_diagnostics(consistency: Consistency | None) -> list[Diagnostic]:
+    """Where a plant of its own differs from the robot description."""
+    return [Diagnostic(PLANT_DIFFERS, text) for text in ([] if consistency is None else consistency.warnings())]
+
+
+def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:
+    """Free parameters that ended at a limit."""
+    found = []
+    for parameter, value, deviation in zip(parameters, estimate.value, estimate.standard_deviation, strict=True):
+        natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
+        for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
+            if abs(value - limit) <= limits.AT_LIMIT * deviation:
+                text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
+                found.append(Diagnostic(AT_LIMIT, text, parameter.name, float(value), float(limit), parameter.unit))
+                break
+    return found
+
+
+def agreement_diagnostics(found: Iterable[Agreement]) -> list[Diagnostic]:
+    """Experiments that do not agree with the others."""
+    return [
+        Diagnostic(DISAGREE, agreement.warning(), agreement.label, agreement.change_in_std, unit="standard deviations")
+        for agreement in found
+        if not agreement.agrees
+    ]

@@ -1,0 +1,66 @@
+"""What speaks against identified values: limits, experiments that differ, coarse steps, held-out data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim.case import load_case
+from fmu_didim.identification.judge import judged, limit_diagnostics
+from fmu_didim.prediction.free_parameter import LONGEST_DELAY, delay_parameter
+from fmu_didim.workflow import identify
+from fmu_didim.workflow.outcome import Outcome
+from tests.identification.test_several_experiments import case, run
+
+
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    return identify(load_case("examples/scara/identify.yaml"))
+
+
+def again(outcome: Outcome, **changes: object) -> list[str]:
+    estimate = replace(outcome.estimate, **changes)
+    found = judged(outcome.model, estimate, outcome.validations)
+    return [d.code.name for d in found.reasons]
+
+
+def test_a_right_model_is_valid(outcome: Outcome) -> None:
+    assert (outcome.verdict, outcome.reasons, outcome.exit_code) == ("valid", [], 0)
+    assert again(outcome) == []
+
+
+def test_coarse_steps_are_told(outcome: Outcome) -> None:
+    assert again(outcome, integration_shift=np.array([0.01, 0.5])) == ["integration-too-coarse"]
+    assert again(outcome, integration_shift=np.full(2, np.nan)) == []
+
+
+@pytest.mark.parametrize(("value", "told"), [(1.0, 0), (0.0, 0), (LONGEST_DELAY, 1)])
+def test_limits(outcome: Outcome, value: float, told: int) -> None:
+    """A delay of zero is a value as any other; its highest one is a limit."""
+    estimate = replace(outcome.estimate, value=np.array([value]), covariance=np.array([[0.01]]))
+    found = limit_diagnostics([delay_parameter(1.0)], estimate)
+    assert len(found) == told
+    assert all(d.place == "delay" and d.bound == LONGEST_DELAY for d in found)
+
+
+def test_held_out_experiment_with_another_payload(tmp_path: Path) -> None:
+    """Without a word the values would be called right, though they do not hold for the other experiment."""
+    experiments = {
+        "empty": run(tmp_path, "empty", "train", seed=1),
+        "loaded": {**run(tmp_path, "loaded", "validation", payload=True, seed=2), "role": "validation"},
+    }
+    found = identify(case(tmp_path, experiments))
+    assert (found.verdict, found.exit_code) == ("doubtful", 4)
+    assert [(r.code, r.place) for r in found.reasons] == [("worse-on-held-out", "loaded: joint 2")]
+    assert all(r.value is not None and r.value > 1.25 for r in found.reasons)
+    assert "fmu-didim discover" in found.reasons[0].next_step
+    assert "DOUBTFUL" in found.summary()
+
+
+def test_without_held_out_data_it_is_said(tmp_path: Path) -> None:
+    found = identify(case(tmp_path, {"empty": run(tmp_path, "empty", "train", seed=1)}))
+    assert found.verdict == "valid"
+    assert any("held out" in remark for remark in found.document.remarks)
