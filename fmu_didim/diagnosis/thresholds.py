@@ -114,6 +114,25 @@ HELD_OUT_CHANCE = TABLE(
     "HELD_OUT_CHANCE", 1e-3, "1", "Probability, for all joints together, with which noise alone may make it so."
 )
 
+MOTION_CHANCE = TABLE(
+    "MOTION_CHANCE", 1e-3, "1",
+    "Probability, for all joints together, with which noise alone may be said to depend on the motion.",
+)  # fmt: skip
+SAMPLES_A_FUNCTION = TABLE(
+    "SAMPLES_A_FUNCTION", 8.0, "samples", "At least, for each function of the motion that a residual is compared with."
+)
+CLOCK_ALONE = TABLE(
+    "CLOCK_ALONE", 0.8, "1",
+    "Share of what the motion explains of a residual, from which the rate of the torque alone is the cause: a clock "
+    "5 ms late gives 0.9 and more, steeper friction or other gains less than 0.6.",
+)  # fmt: skip
+SIGNIFICANT = TABLE("SIGNIFICANT", 2.0, "standard deviations", "From which a value is different from zero.")
+OWN_PART = TABLE(
+    "OWN_PART", 1e-6, "1", "Part of a column that others must leave of it, if it is to say anything of its own."
+)
+TURNING = TABLE("TURNING", 0.05, "1", "Fraction of the largest speed of a joint over which its direction changes.")
+CREEPING = TABLE("CREEPING", 0.005, "1", "The same of what happens at standstill only, such as steeper friction.")
+
 # Experiments that were fitted together -------------------------------------------------------------------------------
 SIGNIFICANCE = TABLE(
     "SIGNIFICANCE", 0.001, "1",

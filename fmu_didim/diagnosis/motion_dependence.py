@@ -1,0 +1,215 @@
+"""Whether what a model leaves of the torque still depends on the motion: then it is no noise, whatever its size.
+
+The residual r of a joint is regressed on its sensitivities S, which the fit has used up, and on functions F of the
+simulated motion that the model does not have:
+
+    r = S a + F b + e,      all filtered by the autoregression of the noise, so that e is white.
+
+That b explains as much by noise alone has the probability of Fisher's F with as many degrees of freedom as F has
+columns of its own and as samples are left. It needs neither a known noise nor periods that repeat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, stats
+
+from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import TINY
+from fmu_didim.signals import Array
+
+DEPENDS_ON_MOTION = CATALOGUE(
+    "residual-depends-on-motion", DOUBT, rank=60,
+    meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
+    "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
+    next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
+)  # fmt: skip
+
+LOG_CLOCK = CATALOGUE(
+    "log-clock", DOUBT, rank=12,
+    meaning="What the model leaves of the measured torque follows the rate of that torque alone, as it does when the "
+    "stamps of the log are late or early, or when the loop has a delay that the case does not tell.",
+    next_step="Free the clock of the log or the delay of the loop: identify: {late: {of: log}}, or {wait: {of: delay}}.",
+)  # fmt: skip
+TORQUE_RATE = "rate of the torque"
+"""The function of the motion that a shift of the log's clock leaves."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How the residual of a joint depends on the motion.
+
+    Attributes:
+        joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
+        most: the function of the motion that alone explains most; alone: its share of what all explain.
+        slope, deviation: of the residual over that function, with its standard deviation.
+    """
+
+    joint: int
+    p_value: float
+    share: float
+    most: str
+    alone: float
+    slope: float = 0.0
+    deviation: float = 0.0
+
+
+def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
+    """The joints whose residual depends on the motion beyond chance; of those that show another clock which."""
+    level = limits.MOTION_CHANCE / max(len(found), 1)
+    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > limits.CLOCK_ALONE]
+    return [_clock(d) for d in clock] + [
+        Diagnostic(
+            DEPENDS_ON_MOTION,
+            f"{100 * d.share:.2g} % of the squared residual follows the motion (p = {d.p_value:.1e}), most with the "
+            f"{d.most}.",
+            place=f"joint {d.joint}", value=d.p_value, bound=level, unit="1",
+        )
+        for d in found
+        if d.p_value < level and d not in clock
+    ]  # fmt: skip
+
+
+def _clock(found: Dependence) -> Diagnostic:
+    late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
+    text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
+    bound = limits.SIGNIFICANT * deviation
+    return Diagnostic(LOG_CLOCK, text, f"joint {found.joint}", late, bound, "ms")
+
+
+def motion_dependence(
+    model: LoopModel,
+    values: Array,
+    residuals: Mapping[str, Array],
+    sensitivities: Mapping[str, Array],
+    coefficients: Sequence[Array],
+) -> list[Dependence]:
+    """How the residual of each joint depends on the simulated motion.
+
+    Args:
+        residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
+        coefficients: (n,) of (order,), of the autoregression of the noise of each joint.
+    """
+    tables = {label: functions_of_motion(model, values, label) for label in residuals}
+    found = []
+    for j in range(model.joint_count):
+        named = [list(tables[label][j]) for label in residuals]
+        names = [name for name in named[0] if all(name in others for others in named)]
+        parts = []
+        for label, residual in residuals.items():
+            motion = np.column_stack([tables[label][j][name] for name in names])
+            stacked = np.column_stack([residual[:, j], sensitivities[label][:, j], motion])
+            parts.append(filtered(stacked, coefficients[j], model.experiments[label]))
+        whole = np.concatenate(parts)
+        found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
+    return found
+
+
+def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int) -> Dependence:
+    """How a residual (N,) with white noise depends on functions (N, m) of the motion, beside nuisances (N, p).
+
+    Of the functions as many are used as the samples allow, the first ones first.
+    """
+    known = _basis(nuisance)
+    room = int((residual.size - known.shape[1]) / limits.SAMPLES_A_FUNCTION)
+    columns = motion[:, : max(room, 0)]
+    rest, own = residual - known @ (known.T @ residual), columns - known @ (known.T @ columns)
+    kept = np.linalg.norm(own, axis=0) > limits.OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    total = float(rest @ rest)
+    if not kept.any() or total <= TINY:
+        return Dependence(joint, 1.0, 0.0, "", 0.0)
+    own, left = own[:, kept], [name for name, keep in zip(names, kept, strict=False) if keep]
+    basis = _basis(own)
+    explained = float(np.sum((basis.T @ rest) ** 2))
+    first, second = basis.shape[1], residual.size - known.shape[1] - basis.shape[1]
+    ratio = (explained / first) / (max(total - explained, TINY) / second)
+    power, product = np.sum(own**2, axis=0), own.T @ rest
+    most = int(np.argmax(product**2 / power))
+    share = float(product[most] ** 2 / power[most]) / max(explained, TINY)
+    deviation = float(np.sqrt((total - explained) / second / power[most]))
+    return Dependence(
+        joint, float(stats.f.sf(ratio, first, second)), explained / total, left[most], share,
+        slope=float(product[most] / power[most]), deviation=deviation,
+    )  # fmt: skip
+
+
+def _basis(columns: Array) -> Array:
+    """(N, r) orthonormal basis of the columns (N, m), those that depend on others left out."""
+    length = np.linalg.norm(columns, axis=0)
+    acting = length > TINY
+    if not acting.any():
+        return np.zeros((columns.shape[0], 0))
+    q, r, _ = linalg.qr(columns[:, acting] / length[acting], mode="economic", pivoting=True)
+    size = np.abs(np.diag(r))
+    return np.asarray(q[:, : int(np.sum(size > limits.OWN_PART * size[0]))])
+
+
+def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array:
+    """What an autoregression leaves of the columns (N, m) of an experiment; rows whose past is missing are left out."""
+    whitening = np.append(1.0, -coefficients)
+    on_grid = experiment.with_gaps(table)
+    count = on_grid.shape[0] - coefficients.size
+    left = sum(a * on_grid[coefficients.size - k : coefficients.size - k + count] for k, a in enumerate(whitening))
+    left = np.asarray(left)
+    return np.asarray(left[np.isfinite(left).all(axis=1)])
+
+
+def functions_of_motion(model: LoopModel, values: Array, label: str) -> list[dict[str, Array]]:
+    """Functions (N,) of the simulated motion of each joint at the samples, by name; the most telling ones first.
+
+    Velocities and positions are there as far as the plant gives them.
+    """
+    try:
+        recording = model.record(values, label, all_ticks=True)
+    except SimulationError:
+        return [{} for _ in range(model.joint_count)]
+    operator, step = model.operator(values, label), model.systems[label].step_size
+    offered = {v.name for v in model.plant.outputs}
+
+    def sampled(signal: Array) -> Array:
+        return np.asarray(model.filtered(operator.apply(signal[operator.ticks, None]), label)[:, 0])
+
+    torque = model.logged_torque(recording, values, label)
+    found = []
+    for j in range(model.joint_count):
+        rate = np.gradient(torque[:, j], step)
+        functions = {TORQUE_RATE: rate}
+        if f"dq{j + 1}" in offered:
+            dq = recording.table([f"{model.plant_name}.dq{j + 1}"])[:, 0]
+            fast = max(float(np.abs(dq).max()), limits.STANDSTILL)
+            acceleration = np.gradient(dq, step)
+            functions |= {
+                "direction of motion": np.tanh(dq / (limits.TURNING * fast)),
+                "square of the velocity": dq * np.abs(dq),
+                "acceleration": acceleration,
+                "velocity": dq,
+            }
+        functions |= {
+            "offset": np.ones(torque.shape[0]),
+            "torque": torque[:, j],
+            "size of the torque": np.abs(torque[:, j]),
+        }
+        if f"dq{j + 1}" in offered:
+            functions |= {
+                "velocity near standstill": np.tanh(dq / (limits.CREEPING * fast)),
+                "cube of the velocity": dq**3,
+                "kinetic energy": dq**2,
+                "jerk": np.gradient(acceleration, step),
+            }
+        if f"q{j + 1}" in offered:
+            q = recording.table([f"{model.plant_name}.q{j + 1}"])[:, 0]
+            q = q - q.mean()
+            functions |= {"position": q, "square of the position": q**2, "cube of the position": q**3}
+        functions |= {
+            "time": recording.time - recording.time.mean(),
+            "curvature of the torque": np.gradient(rate, step),
+        }
+        found.append({name: sampled(signal) for name, signal in functions.items()})
+    return found

@@ -1,0 +1,119 @@
+"""Whether a residual depends on the motion: chance, colour, what the fit has used up, and which cause is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fmu_didim.diagnosis.motion_dependence import (
+    TORQUE_RATE,
+    Dependence,
+    dependence,
+    filtered,
+    functions_of_motion,
+    motion_diagnostics,
+)
+from tests.helpers import model_of
+
+RNG = np.random.default_rng
+TIME = np.linspace(0, 10, 400)
+MOTION = np.column_stack([np.sin((k + 1) * TIME) for k in range(6)])
+NAMES = ["a", "b", "c", "d", "e", "f"]
+SENSITIVITY = np.column_stack([np.cos(TIME), np.cos(2 * TIME), np.sign(np.cos(TIME))])
+
+
+def found(residual, motion=MOTION, nuisance=SENSITIVITY, names=NAMES):
+    return dependence(residual, nuisance, motion, names, joint=2)
+
+
+def test_noise_gives_p_values_that_are_uniform():
+    values = [found(RNG(seed).normal(size=400)).p_value for seed in range(400)]
+    for level in (0.05, 0.25, 0.5, 0.75):
+        share = np.mean(np.array(values) < level)
+        assert abs(share - level) < 3 * np.sqrt(level * (1 - level) / 400)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_a_function_of_the_motion_is_found_whatever_its_unit(scale):
+    residual = scale * (RNG(0).normal(size=400) + 0.5 * MOTION[:, 2])
+    one = found(residual)
+    assert one.p_value < 1e-6
+    assert (one.joint, one.most) == (2, "c")
+    assert abs(one.slope - 0.5 * scale) < 4 * one.deviation
+    assert one.alone > 0.8
+
+
+def test_what_the_fit_has_used_up_does_not_count():
+    assert found(RNG(1).normal(size=400) + SENSITIVITY @ (3.0, -2.0, 5.0)).p_value > 1e-3
+    assert found(RNG(1).normal(size=400), motion=SENSITIVITY @ np.ones((3, 2))).p_value == 1.0
+
+
+@pytest.mark.parametrize(("samples", "functions"), [(400, 6), (30, 3), (10, 0)])
+def test_few_samples_are_asked_for_few_functions(samples, functions):
+    """A column of its own explains all: it is found only among those that the samples allow."""
+    motion = RNG(4).normal(size=(samples, 6))
+    for k, name in enumerate(NAMES):
+        one = found(RNG(2).normal(size=samples) + 100 * motion[:, k], motion, SENSITIVITY[:samples])
+        assert (one.most == name and one.p_value < 1e-9) is (k < functions)
+
+
+def experiment(missing=()):
+    """An experiment of 400 samples on a grid of 10 ms."""
+    places = np.array([i for i in range(400) if i not in missing])
+    return SimpleNamespace(with_gaps=lambda values: _on_grid(values, places)), places
+
+
+def _on_grid(values, places):
+    result = np.full((places[-1] + 1, *values.shape[1:]), np.nan)
+    result[places] = values
+    return result
+
+
+@pytest.mark.parametrize("missing", [(), (17, 18, 200)])
+def test_filter_leaves_white_noise_and_no_row_beside_a_gap(missing):
+    white = RNG(3).normal(size=1400)
+    coloured = lfilter([1.0], [1.0, -1.2, 0.4], white)[1000:]
+    log, places = experiment(missing)
+    left = filtered(coloured[places, None], np.array([1.2, -0.4]), log)
+    rows = [i for i in range(2, 400) if not {i, i - 1, i - 2} & set(missing)]
+    np.testing.assert_allclose(left[:, 0], white[1000:][rows], atol=1e-9)
+    assert np.array_equal(filtered(coloured[places, None], np.zeros(0), log)[:, 0], coloured[places])
+
+
+@pytest.mark.parametrize(
+    ("most", "alone", "p_value", "codes"),
+    [
+        ("velocity", 0.9, 1e-9, ["residual-depends-on-motion"]),
+        (TORQUE_RATE, 0.95, 1e-9, ["log-clock"]),
+        (TORQUE_RATE, 0.5, 1e-9, ["residual-depends-on-motion"]),
+        (TORQUE_RATE, 0.95, 1e-3, []),
+        ("velocity", 0.95, 0.04, []),
+    ],
+)
+def test_what_is_told(most, alone, p_value, codes):
+    """Of two joints: each needs half the level; the other one is as noise is."""
+    joints = [Dependence(1, 0.4, 0.01, "offset", 0.3), Dependence(2, p_value, 0.2, most, alone, -0.005, 0.0001)]
+    told = motion_diagnostics(joints)
+    assert [d.code.name for d in told] == codes
+    assert all(d.place == "joint 2" for d in told)
+    if codes == ["log-clock"]:
+        assert told[0].value == pytest.approx(5.0)
+        assert "5 ± 0.1 ms late" in told[0].text
+
+
+def test_functions_follow_the_motion_at_the_samples():
+    model = model_of(Path("examples/scara/identify.yaml"))
+    functions = functions_of_motion(model, model.start, model.first)
+    torque = model.torque(model.start, model.first)
+    assert len(functions) == 2
+    for j, one in enumerate(functions):
+        assert next(iter(one)) == TORQUE_RATE
+        np.testing.assert_allclose(one["torque"], torque[:, j], atol=1e-9 * np.abs(torque).max())
+        assert {"velocity", "position", "direction of motion"} <= set(one)
+        slope = np.diff(one["position"]) / np.diff(model.experiments[model.first].time)
+        middle = (one["velocity"][1:] + one["velocity"][:-1]) / 2
+        assert np.corrcoef(slope, middle)[0, 1] > 0.99
