@@ -21,7 +21,7 @@ from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEV
 from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, keep_rerun, read_kept, said, step_of
 from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True)

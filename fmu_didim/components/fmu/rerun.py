@@ -32,7 +32,7 @@ OWN_TOOL = "fmu_didim "
 TIME_LIMIT = 30.0
 """Seconds for each question put to an FMU."""
 Kept = TypeVar("Kept")
-_FORMAT = 1
+_FORMAT = 2
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
 

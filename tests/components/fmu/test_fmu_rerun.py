@@ -54,6 +54,10 @@ def pid_of(instance: Instance) -> int:
         (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "re-instantiate"),
         (("COUNTS_INSTANCES",), "fresh process"),
         (("CRASH_IN_RESET",), "state"),
+        (("SETUP_OVERWRITES",), "reset"),
+        (("SETUP_OVERWRITES", "RESET_KEEPS_PARAMETERS"), "reset"),
+        (("SETUP_OVERWRITES", "CRASH_IN_RESET"), "state"),
+        (("PARAMETERS_UNREADABLE",), "reset"),
     ],
 )
 @pytest.mark.parametrize("isolated", [False, True])
