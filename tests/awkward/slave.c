@@ -35,6 +35,9 @@ static double shared_x;
 #define X(s) (s)->x
 #endif
 static int instances;
+#ifdef CRASH_AT_THIRD
+static int ever;
+#endif
 
 #ifdef CRASH_WHEN_LOADED
 __attribute__((constructor)) static void crash(void) { abort(); }
@@ -75,6 +78,9 @@ EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, c
                                  const Callbacks *callbacks, int visible, int logging) {
 #ifdef ONCE_PER_PROCESS
     if (instances > 0) return NULL;
+#endif
+#ifdef CRASH_AT_THIRD
+    if (++ever > 2) abort();
 #endif
     Slave *s = calloc(1, sizeof(Slave));
     s->callbacks = callbacks;
@@ -229,6 +235,9 @@ EXPORT Status fmi2GetFMUstate(Component c, void **state) {
     return OK;
 }
 EXPORT Status fmi2SetFMUstate(Component c, void *state) {
+#ifdef CRASH_IN_NEW_STATE
+    if (!((Slave *)state)->running) abort();
+#endif
 #ifdef STATE_INCOMPLETE
     const double x = ((Slave *)c)->x;
     memcpy(c, state, sizeof(Slave));
