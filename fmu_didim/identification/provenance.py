@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from fmu_didim import statistics
+from fmu_didim.components.fmu import thresholds as fmu
 from fmu_didim.diagnosis import thresholds as diagnosis
 from fmu_didim.identification import thresholds as identification
 from fmu_didim.prediction import thresholds as prediction
@@ -16,7 +17,7 @@ from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.thresholds import recorded
 
-TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, identification.TABLE)
+TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, identification.TABLE, fmu.TABLE)
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 

@@ -28,6 +28,9 @@ EXPORT Instance fmi3InstantiateCoSimulation(const char *name, const char *token,
 EXPORT void fmi3FreeInstance(Instance c) { free(c); }
 EXPORT Status fmi3EnterInitializationMode(Instance c, bool td, double tol, double t0, bool sd, double t1) {
     ((Slave *)c)->t = t0;
+#ifdef ENTER_OVERWRITES
+    ((Slave *)c)->a[1] = 0;
+#endif
     return OK;
 }
 EXPORT Status fmi3ExitInitializationMode(Instance c) { return OK; }
@@ -49,6 +52,9 @@ EXPORT Status fmi3GetFloat64(Instance c, const Reference r[], size_t n, double v
         if (r[i] == 3 && count >= 1) {
             *v++ = s->t;
             count -= 1;
+        } else if (r[i] == 2 && count >= 4) {
+            for (int k = 0; k < 4; k++) *v++ = s->a[k];
+            count -= 4;
         } else if (r[i] == 1 && count >= 2) {
             for (int k = 0; k < 2; k++) *v++ = s->off ? 0 : s->n * (s->a[2 * k] * s->u[0] + s->a[2 * k + 1] * s->u[1]);
             count -= 2;

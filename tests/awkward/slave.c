@@ -35,6 +35,9 @@ static double shared_x;
 #define X(s) (s)->x
 #endif
 static int instances;
+#ifdef CRASH_AT_THIRD
+static int ever;
+#endif
 
 #ifdef CRASH_WHEN_LOADED
 __attribute__((constructor)) static void crash(void) { abort(); }
@@ -76,6 +79,9 @@ EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, c
 #ifdef ONCE_PER_PROCESS
     if (instances > 0) return NULL;
 #endif
+#ifdef CRASH_AT_THIRD
+    if (++ever > 2) abort();
+#endif
     Slave *s = calloc(1, sizeof(Slave));
     s->callbacks = callbacks;
     defaults(s);
@@ -90,8 +96,18 @@ EXPORT void fmi2FreeInstance(Component c) {
     free(c);
 }
 
-EXPORT Status fmi2SetupExperiment(Component c, int td, double tol, double t0, int sd, double t1) { return OK; }
-EXPORT Status fmi2EnterInitializationMode(Component c) { return OK; }
+EXPORT Status fmi2SetupExperiment(Component c, int td, double tol, double t0, int sd, double t1) {
+#ifdef SETUP_OVERWRITES
+    defaults(c); /* as FMUs of 20-sim do */
+#endif
+    return OK;
+}
+EXPORT Status fmi2EnterInitializationMode(Component c) {
+#ifdef ENTER_OVERWRITES
+    defaults(c);
+#endif
+    return OK;
+}
 EXPORT Status fmi2ExitInitializationMode(Component c) {
     Slave *s = c;
     s->running = 1;
@@ -130,6 +146,9 @@ EXPORT Status fmi2GetReal(Component c, const Reference r[], size_t n, double v[]
 #endif
         const double values[] = {s->u, y, s->a, s->d, s->unused};
         if (r[i] > 4 && r[i] != 10) return fail(s, ERROR, "no such Real variable");
+#ifdef PARAMETERS_UNREADABLE
+        if (r[i] > 1) return fail(s, ERROR, "parameters cannot be read");
+#endif
         v[i] = r[i] == 10 ? X(s) : values[r[i]];
     }
     return OK;
@@ -147,11 +166,29 @@ EXPORT Status fmi2SetReal(Component c, const Reference r[], size_t n, const doub
 #ifdef FIXED_PARAMETERS
         if (s->running && r[i] > 1) return fail(s, ERROR, "parameters are fixed after the initialisation");
 #endif
+#ifdef SINGLE_PRECISION
+        *places[r[i]] = (float)v[i];
+        continue;
+#endif
+#ifdef LIMITED
+        if (r[i] == 2 && v[i] > 3) {
+            s->a = 3;
+            continue;
+        }
+#endif
         *places[r[i]] = v[i];
     }
     return OK;
 }
 
+EXPORT Status fmi2GetInteger(Component c, const Reference r[], size_t n, int v[]) {
+    for (size_t i = 0; i < n; i++) v[i] = ((Slave *)c)->n;
+    return OK;
+}
+EXPORT Status fmi2GetBoolean(Component c, const Reference r[], size_t n, int v[]) {
+    for (size_t i = 0; i < n; i++) v[i] = ((Slave *)c)->flip;
+    return OK;
+}
 EXPORT Status fmi2SetInteger(Component c, const Reference r[], size_t n, const int v[]) {
     for (size_t i = 0; i < n; i++) ((Slave *)c)->n = v[i];
     return OK;
@@ -198,6 +235,9 @@ EXPORT Status fmi2GetFMUstate(Component c, void **state) {
     return OK;
 }
 EXPORT Status fmi2SetFMUstate(Component c, void *state) {
+#ifdef CRASH_IN_NEW_STATE
+    if (!((Slave *)state)->running) abort();
+#endif
 #ifdef STATE_INCOMPLETE
     const double x = ((Slave *)c)->x;
     memcpy(c, state, sizeof(Slave));

@@ -87,7 +87,7 @@ EXPORT Status F(fmiSetReal)(Component c, const Reference r[], size_t n, const do
     return OK;
 }
 EXPORT Status F(fmiGetInteger)(Component c, const Reference r[], size_t n, int v[]) {
-    for (size_t i = 0; i < n; i++) v[i] = ((Slave *)c)->steps;
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == 4 ? ((Slave *)c)->n : ((Slave *)c)->steps;
     return OK;
 }
 EXPORT Status F(fmiSetInteger)(Component c, const Reference r[], size_t n, const int v[]) {

@@ -220,6 +220,14 @@ class Binding(ABC):
         """The call that sets (``Set``) or gets (``Get``) these real variables from or into the array."""
         return self.typed_call(verb, self.real_type, numbers, values)
 
+    def read_back(self, kind: str, numbers: Sequence[int], count: int) -> Array | None:
+        """Present values (count,) of variables that were set; None where the FMU does not let them be read."""
+        if self._value_function("Get", kind) not in self.library:
+            return None
+        values = np.zeros(count, self.array_types[kind])
+        function, arguments = self.typed_call("Get", kind, numbers, values)
+        return None if function(*arguments) > 1 else values
+
     @abstractmethod
     def _instantiate(self) -> int | None: ...
 
@@ -230,6 +238,9 @@ class Binding(ABC):
     def step_result(self) -> StepResult | None:
         """What the last step left; None if there was nothing special."""
         return None
+
+    def set_up_experiment(self, time: float) -> None:  # noqa: B027 - most versions have no such call
+        """Tell when the run begins (s), before any value is set: some FMUs take their start values anew then."""
 
     @abstractmethod
     def enter_initialisation(self, time: float) -> None:

@@ -13,7 +13,7 @@ from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolate import IsolatedInstance
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.rerun import find_rerun, known_rerun
+from fmu_didim.components.fmu.rerun import find_rerun, known_rerun, tell_isolation
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_SUBSTEPS, STATE, FmuSettings, Rerun
 from fmu_didim.signals import Variable
 
@@ -56,6 +56,9 @@ class FmuComponent(FmuSettings):
     def instantiate(self) -> Instance:
         rerun = known_rerun(self)
         keep = rerun is not None and rerun.strategy == STATE
+        found_to_need_it = rerun is not None and rerun.isolated and self.rerun == AUTO
+        if rerun is not None and found_to_need_it and not self.isolated:
+            tell_isolation(self, rerun)
         if self.isolated or (rerun is not None and rerun.isolated):
             return IsolatedInstance(replace(self, isolated=False, block=None), self.time_limit_s, keep_new_state=keep)
         return self.instantiate_here(keep_new_state=keep)

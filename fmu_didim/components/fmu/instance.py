@@ -14,9 +14,10 @@ from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVar
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
+from fmu_didim.components.fmu.thresholds import READ_BACK
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
-from fmu_didim.errors import SimulationError
+from fmu_didim.errors import FmuError, SimulationError
 from fmu_didim.signals import Array
 
 
@@ -113,6 +114,7 @@ class FmuInstance(RestartableInstance):
     def begin_initialisation(self, time: float) -> None:
         self._connect()
         component = self._component
+        self._binding.set_up_experiment(time)
         values = {**component.start_values, **component.parameter_values()}
         self._set_own({name: values[name] for name in values if name in component.changed})
         for name, value in component.options.items():
@@ -122,9 +124,34 @@ class FmuInstance(RestartableInstance):
             self._get, self._get_arguments = _nothing, ()
 
     def end_initialisation(self) -> None:
+        """Raises FmuError if a value that was set reads back as another one: the run would not be that of it."""
+        component = self._component
+        if component.changed & component.start_values.keys():  # a state moves on later
+            self._check_taken(component.start_values)
         self._binding.exit_initialisation()
         if not self._binding.gives_initial_outputs:
             self._connect()
+        self._check_taken(component.parameter_values())
+        for name, value in component.options.items():
+            self._check_option(name, value)
+
+    def _check_taken(self, values: Mapping[str, float]) -> None:
+        component = self._component
+        wanted = self._own_values({name: values[name] for name in values if name in component.changed})
+        numbers = np.array([x for group in wanted.values() for x in group])
+        found = self._binding.read_back(self._binding.real_type, list(wanted), numbers.size) if wanted else None
+        if found is None:
+            return
+        for place in np.flatnonzero(~np.isclose(found, numbers, rtol=READ_BACK, atol=0.0, equal_nan=True)):
+            first = [next(n for n in values if component.reference(n) == reference) for reference in wanted]
+            names = [sibling for name in first for sibling in component.arrays.get(name, (name,))]
+            raise _not_taken(component, names[place], numbers[place], found[place])
+
+    def _check_option(self, name: str, value: Any) -> None:
+        component, kind = self._component, self._component.option_types[name]
+        found = None if kind == "String" else self._binding.read_back(kind, [component.references[name]], 1)
+        if found is not None and found[0] != value:
+            raise _not_taken(component, name, value, found[0])
 
     def set(self) -> None:
         self._in.from_shown(self.inputs)
@@ -141,8 +168,8 @@ class FmuInstance(RestartableInstance):
     def _real_function(self, verb: str) -> str:
         return f"{self._binding.prefix}{verb}{self._binding.real_type}"
 
-    def _set_own(self, values: Mapping[str, float]) -> None:
-        """Set parameters given in the units shown; an array always as a whole."""
+    def _own_values(self, values: Mapping[str, float]) -> dict[int, list[float]]:
+        """Value reference -> the FMU's own values of parameters given in the units shown; an array as a whole."""
         component = self._component
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
@@ -152,6 +179,10 @@ class FmuInstance(RestartableInstance):
                 known = {**component.start_values, **component.parameter_values()} if len(siblings) > 1 else {}
                 wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
             wanted[reference][siblings.index(name)] = component.parameter_conversion(name).to_own(value)
+        return wanted
+
+    def _set_own(self, values: Mapping[str, float]) -> None:
+        wanted = self._own_values(values)
         if wanted:
             numbers = np.array([x for group in wanted.values() for x in group])
             function, arguments = self._binding.real_call("Set", list(wanted), numbers)
@@ -255,6 +286,15 @@ class CoSimulationInstance(FmuInstance):
         if result.terminate:
             raise ended(self._component, time)
         return result.time if result.early else None
+
+
+def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:
+    return FmuError(
+        f"The FMU did not take the value of '{name}': it reads back as another one.",
+        where=component.path.name,
+        got=f"{found:.9g} after {wanted:.9g} was set, in the FMU's own units",
+        next_step="Choose a value that the FMU allows, or leave the parameter as the FMU has it.",
+    )
 
 
 def ended(component: FmuSettings, time: float) -> SimulationError:

@@ -21,7 +21,7 @@ from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEV
 from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, keep_rerun, read_kept, said, step_of
 from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -135,13 +135,13 @@ def _frozen(response: Any = (), **known: Any) -> FmuProbe:
 
 
 def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:
-    ended = []
+    ended: list[str] = []
 
     def ask(question: Callable[..., Any]) -> Any:
         try:
             return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
         except ProcessEndedError:
-            ended.append(question)
+            ended.append(question.__name__)
             raise
 
     facts = ask_facts(component, h, limit)
@@ -173,8 +173,8 @@ def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:
         idle_in_a_run=tuple(name for name in in_a_run[1] if name in acting),
         refused_in_a_run=in_a_run[2],
     )
-    if ended:
-        rerun = choose(replace(facts, crashed=True))
+    needed = {name.replace("_", " ") for name in ended if name != questions.state.__name__}  # that no run asks for
+    rerun = choose(replace(facts, crashed=facts.crashed | needed))
     keep_rerun(component, rerun)
     alone = found.independent is False and rerun.strategy in (RESET, STATE)
     reason = rerun.reason + ("; only one instance of it at a time in a process" if alone else "")

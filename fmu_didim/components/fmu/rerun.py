@@ -2,14 +2,15 @@
 
 Not every FMU is as new after ``fmiXReset``, so a reset is used only where it has been seen to work, with the values of
 all parameters changed before: then comes the state saved right after the instantiation, then a new instance, and where
-that differs from the first one a new process. An FMU that crashed or hung while it was tried out runs in a process of
-its own from then on.
+that differs from the first one a new process. An FMU that crashed or hung in a trial of what is done with it runs in a
+process of its own from then on; a way to run it again that crashed is just not taken.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import tempfile
 import threading
@@ -32,9 +33,13 @@ OWN_TOOL = "fmu_didim "
 TIME_LIMIT = 30.0
 """Seconds for each question put to an FMU."""
 Kept = TypeVar("Kept")
-_FORMAT = 1
+TOGETHER = "several instances in one process"
+"""The trial in which an FMU crashed, if each of the ways to run it again works alone."""
+_FORMAT = 2
+_log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
+_told: set[Path] = set()
 
 
 @dataclass(frozen=True)
@@ -42,14 +47,14 @@ class Facts:
     """What runs of an FMU have shown.
 
     Attributes:
-        failure: why it does not run; empty if it does; crashed: whether it took its process with it.
+        failure: why it does not run; empty if it does; crashed: the trials that took their process with them.
         first, second: trajectories of two new instances in one process.
         reproducible: whether a new process gives the same as the first.
         reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
     """
 
     failure: str = ""
-    crashed: bool = False
+    crashed: frozenset[str] = frozenset()
     first: Array | None = None
     second: Array | None = None
     deterministic: bool = False
@@ -125,16 +130,17 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
     def ask(question: Callable[..., Any]) -> Any:
         return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
 
-    crashed = False
+    crashed: frozenset[str] = frozenset()
     try:
         first, second, reset, state = ask(questions.runs_again)
     except ProcessEndedError:
-        crashed = True
         try:
             first, second = ask(questions.two_in_turn)
         except FmuDidimError as error:
-            return Facts(failure=" ".join(str(error).split()), crashed=True)
-        reset, state = (said(ask, partial(questions.restarted, strategy=way)) for way in (RESET, STATE))
+            return Facts(failure=" ".join(str(error).split()), crashed=frozenset({"runs"}))
+        ended: list[str] = []
+        reset, state = (_said_alone(ask, way, ended) for way in (RESET, STATE))
+        crashed = frozenset(ended or [TOGETHER])
     except FmuDidimError as error:
         return Facts(failure=" ".join(str(error).split()))
     alike = questions.same(first, second)
@@ -143,6 +149,14 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
     except FmuDidimError:
         reproducible = False
     return Facts("", crashed, first, second, alike, reproducible, reset, state)
+
+
+def _said_alone(ask: Callable[..., Any], way: str, ended: list[str]) -> Any:
+    try:
+        return ask(partial(questions.restarted, strategy=way))
+    except FmuDidimError as error:
+        ended += [way] if isinstance(error, ProcessEndedError) else []
+        return questions.in_words(error)
 
 
 def said(ask: Callable[..., Any], question: Callable[..., Any]) -> Any:
@@ -159,15 +173,30 @@ def choose(facts: Facts) -> Rerun:
         if facts.crashed:
             return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
         return Rerun(AGAIN, "it could not be tried: it does not run here")
-    alone = "; it crashed or hung when it was tried" if facts.crashed else ""
+    apart = bool(facts.crashed - {RESET, STATE})  # one of these that crashed is not taken
+    alone = f"; it crashed or hung when it was tried: {', '.join(sorted(facts.crashed))}" if apart else ""
     if not facts.deterministic:
         if facts.reproducible:
             return Rerun(PROCESS, "a second instance in one process differs from the first", isolated=True)
-        return Rerun(AGAIN, f"its runs differ even in new processes: it is not deterministic{alone}", facts.crashed)
+        return Rerun(AGAIN, f"its runs differ even in new processes: it is not deterministic{alone}", apart)
     if facts.reset == RESTORES:
-        return Rerun(RESET, f"after a reset it runs as a new instance{alone}", facts.crashed)
+        return Rerun(RESET, f"after a reset it runs as a new instance{alone}", apart)
     if facts.new_state == RESTORES:
         reason = f"its reset is not to be relied on ({facts.reset}), but its saved state is restored{alone}"
-        return Rerun(STATE, reason, facts.crashed)
+        return Rerun(STATE, reason, apart)
     reason = f"neither its reset ({facts.reset}) nor its saved state ({facts.new_state}) is to be relied on{alone}"
-    return Rerun(AGAIN, reason, facts.crashed)
+    return Rerun(AGAIN, reason, apart)
+
+
+def tell_isolation(component: FmuSettings, rerun: Rerun) -> None:
+    """Log, once in a process, that an FMU was found to need a process of its own, what that costs, and the remedy."""
+    path = _path(component)
+    if path in _told:
+        return
+    _told.add(path)
+    cost = "a new process, some seconds, for each run" if rerun.strategy == PROCESS else "a message for each step"
+    _log.warning(
+        "%s runs in a process of its own, by '%s': %s. That costs %s, which can make it tens of times slower. "
+        "If you know better, say how to run it again: 'rerun' of the source in the case, or of load_fmu.",
+        component.path.name, rerun.strategy, rerun.reason, cost,
+    )  # fmt: skip

@@ -276,6 +276,38 @@ def test_fixed_parameters(tmp_path: Path) -> None:
     instance.close()
 
 
+@pytest.mark.parametrize(
+    ("macro", "changed", "told"),
+    [
+        ("ENTER_OVERWRITES", {"d": 1.5}, r"did not take the value of 'd'[\s\S]*got:   0\.5 after 1\.5 was set"),
+        ("ENTER_OVERWRITES", {"n": 3}, r"'n'[\s\S]*got:   1 after 3"),
+        ("ENTER_OVERWRITES", {"flip": True}, r"'flip'[\s\S]*got:   0 after 1"),
+        ("ENTER_OVERWRITES", {"internal": 0.4}, r"'internal'[\s\S]*got:   0 after 0\.4"),
+        ("LIMITED", {"a": 4.0, "d": 1.0}, r"'a'[\s\S]*got:   3 after 4[\s\S]*next:  Choose a value"),
+        ("LIMITED", {"a": 2.9, "d": 1.0}, None),
+        ("SINGLE_PRECISION", {"a": 1 / 3, "d": 1e-9 / 3}, None),
+        ("PARAMETERS_UNREADABLE", {"a": 1.0, "d": 2.0}, None),
+    ],
+)
+@pytest.mark.parametrize("isolated", [False, True])
+def test_values_that_read_back_different_are_told(
+    tmp_path: Path, macro: str, changed: dict[str, float], told: str | None, isolated: bool
+) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, macro), isolated=isolated).with_parameters(changed)
+    if told is None:
+        np.testing.assert_allclose(drive(made, ONES, H), slave_outputs(ONES, **changed), rtol=1e-7)
+        return
+    with pytest.raises(FmuError, match=told):
+        drive(made, ONES, H)
+
+
+def test_elements_that_read_back_different_are_named(tmp_path: Path) -> None:
+    """An FMU of FMI 3.0 whose array begins anew with the initialisation."""
+    made = load_fmu(pack(tmp_path / "arrays.fmu", ARRAYS, library("arrays", "ENTER_OVERWRITES")))
+    with pytest.raises(FmuError, match=r"'A\[1,2\]'[\s\S]*got:   0 after 10 was set"):
+        drive(made.with_parameters({"A[1,2]": 10.0}), np.ones((1, 2)), 0.5)
+
+
 def test_names_of_any_kind(tmp_path: Path) -> None:
     made = load_fmu(awkward_fmu(tmp_path, u="arm.joint[1].tau ref", y="der(arm.q[1,2])"))
     assert (made.inputs[0].name, made.outputs[0].name) == ("arm.joint[1].tau ref", "der(arm.q[1,2])")

@@ -16,6 +16,7 @@ from fmu_didim.components import Instance
 from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
 from fmu_didim.components.fmu import rerun as rerun_module
 from fmu_didim.components.fmu.isolate import IsolatedInstance
+from fmu_didim.components.fmu.rerun import TOGETHER, Facts, choose
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export.versions import VERSIONS
 from tests.awkward.build import awkward_fmu, library
@@ -54,6 +55,11 @@ def pid_of(instance: Instance) -> int:
         (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "re-instantiate"),
         (("COUNTS_INSTANCES",), "fresh process"),
         (("CRASH_IN_RESET",), "state"),
+        (("CRASH_IN_NEW_STATE",), "reset"),
+        (("SETUP_OVERWRITES",), "reset"),
+        (("SETUP_OVERWRITES", "RESET_KEEPS_PARAMETERS"), "reset"),
+        (("SETUP_OVERWRITES", "CRASH_IN_RESET"), "state"),
+        (("PARAMETERS_UNREADABLE",), "reset"),
     ],
 )
 @pytest.mark.parametrize("isolated", [False, True])
@@ -111,25 +117,73 @@ def test_a_fresh_process_for_every_run(tmp_path: Path) -> None:
     assert made.describe()["isolated"] is True
 
 
-def test_fmus_that_crash_when_tried_are_isolated(tmp_path: Path) -> None:
-    """The reset crashes in the trial's process only, and is never used."""
+def test_a_way_that_crashes_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The reset crashes in the trial's process only, and is never used: nothing keeps the FMU from running here."""
     made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_RESET"))
     instance = made.instantiate()
-    wanted = run(instance, U)
-    assert not instance.restart(made)
+    assert not instance.restart(made)  # it was made without keeping its new state
     instance.close()
     instance = made.instantiate()
-    assert isinstance(instance, IsolatedInstance)
-    np.testing.assert_array_equal(run(instance, U), wanted)
-    assert instance.restart(made)
-    np.testing.assert_array_equal(run(instance, U), wanted)
+    assert not isinstance(instance, IsolatedInstance)
+    for _ in range(2):
+        np.testing.assert_allclose(run(instance, U), slave_outputs(U), rtol=0, atol=1e-13)
+        assert instance.restart(made)
     instance.close()
-    assert "crashed" in made.describe()["reset_reason"] and made.describe()["isolated"]
+    told = made.describe()
+    assert told["reset"] == "state" and "crashed" in told["reset_reason"] and "isolated" not in told
+    assert not caplog.records
     with pytest.raises(SimulationError, match="crashed"):
         broken = load_fmu(made.path, isolated=True, rerun="reset")
         instance = broken.instantiate()
         run(instance, U)
         instance.restart(broken)
+
+
+def test_fmus_that_crash_in_what_every_run_does_are_isolated(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Reset and state work, but some instances after each other take the process with them; that is told once."""
+    made = load_fmu(awkward_fmu(tmp_path, "CRASH_AT_THIRD"))
+    assert made.find_rerun().isolated
+    for _ in range(2):
+        instance = made.instantiate()
+        assert isinstance(instance, IsolatedInstance)
+        for _ in range(4):
+            np.testing.assert_allclose(run(instance, U), slave_outputs(U), rtol=0, atol=1e-13)
+            assert instance.restart(made)
+        instance.close()
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    for part in ("crash_at_third.fmu", "by 'reset'", "several instances in one process", "costs", "'rerun'"):
+        assert part in record.getMessage()
+    load_fmu(made.path, isolated=True).instantiate().close()
+    load_fmu(made.path, rerun="fresh process").instantiate().close()
+    assert len(caplog.records) == 1  # as asked for
+
+
+ANY = np.zeros((2, 1))
+FINE = {"first": ANY, "second": ANY, "deterministic": True, "reproducible": True}
+GOOD, BAD = "restores", "does not restore"
+
+
+@pytest.mark.parametrize(
+    ("facts", "strategy", "isolated"),
+    [
+        (Facts(**FINE, reset=GOOD, new_state=GOOD), "reset", False),
+        (Facts(**FINE, reset=GOOD, new_state="crash", crashed=frozenset({"state"})), "reset", False),
+        (Facts(**FINE, reset="crash", new_state=GOOD, crashed=frozenset({"reset"})), "state", False),
+        (Facts(**FINE, reset="a", new_state="b", crashed=frozenset({"reset", "state"})), "re-instantiate", False),
+        (Facts(**FINE, reset=GOOD, new_state=BAD, crashed=frozenset({TOGETHER})), "reset", True),
+        (Facts(**FINE, reset=BAD, new_state=GOOD, crashed=frozenset({"reset", "parameters"})), "state", True),
+        (Facts(**FINE, reset=BAD, new_state=BAD, crashed=frozenset({"parameters"})), "re-instantiate", True),
+        (Facts(first=ANY, second=ANY, reproducible=True, reset=GOOD), "fresh process", True),
+        (Facts(first=ANY, second=ANY, reset=GOOD), "re-instantiate", False),
+        (Facts(first=ANY, second=ANY, crashed=frozenset({"reset"})), "re-instantiate", False),
+        (Facts(failure="why", crashed=frozenset({"runs"})), "fresh process", True),
+        (Facts(failure="why"), "re-instantiate", False),
+    ],
+)  # fmt: skip
+def test_what_is_chosen(facts: Facts, strategy: str, isolated: bool) -> None:
+    found = choose(facts)
+    assert (found.strategy, found.isolated) == (strategy, isolated)
 
 
 def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:

@@ -48,8 +48,10 @@ class Binding2(Binding):
     def step_call(self) -> tuple[Function, tuple[Any, ...]]:
         return self.library["fmi2DoStep"], (1,)
 
-    def enter_initialisation(self, time: float) -> None:
+    def set_up_experiment(self, time: float) -> None:
         self.call("SetupExperiment", 0, 0.0, time, 0, 0.0)
+
+    def enter_initialisation(self, time: float) -> None:
         self.call("EnterInitializationMode")
 
     def update_discrete_states(self) -> EventResult:
