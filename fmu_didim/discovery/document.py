@@ -26,6 +26,7 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.discovery.unfinished import unfinished_result
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
@@ -60,12 +61,14 @@ def findings_document(
         found_regions: where the base model disagrees; notes: further remarks.
     """
     residuals = _residuals(discovery)
-    verdict = _verdict(discovery)
+    unfinished = unfinished_result(discovery)
+    verdict = "unfinished" if unfinished is not None else _verdict(discovery)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
+        unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in discovery.base.model.experiments.items()},
         gap={label: gap_pair(before, after, discovery.base.noise) for label, (before, after) in residuals.items()},

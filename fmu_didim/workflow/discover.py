@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
-        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
+        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
+            ``findings.json`` holds the best answer so far while the search goes on.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
         effects: further effects, ``package.module:Name``.
         rounds: largest number of effects; seed: of the bootstrap.
@@ -66,9 +68,19 @@ def discover(
         options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
         provenance={**record, "loop": model.systems[model.first].describe()},
         say=say,
+        keep=None if out is None else partial(_kept, Path(out)),
     )
     document = found.document if out is None else _saved(case, found, description, Path(out), say)
     return Discovered(document, found)
+
+
+def _kept(out: Path, document: FindingsDocument) -> None:
+    """The answer so far written down; a page of an earlier run would belie it."""
+    from fmu_didim.report.discovery_page import DISCOVERY_FILE
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / DISCOVERY_FILE).unlink(missing_ok=True)
+    save_findings(document, out)
 
 
 def _description(case: Case) -> RobotDescription | None:

@@ -177,6 +177,31 @@ def test_lag_becomes_a_part_of_its_own(tmp_path: Path) -> None:
     assert np.std(table.select(["measured1"]) - table.select(["final1"])) == pytest.approx(0.05, rel=0.15)
 
 
+# ---- a run that is ended from outside ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("at", "rounds"), [("signatures of", 0), ("fitting candidate", 0), ("writing the augmented", 1)]
+)
+def test_a_run_that_is_killed_leaves_what_it_knew(friction_case: Path, tmp_path: Path, at: str, rounds: int) -> None:
+    """It says that it is not at its end, and a page of an earlier run is gone."""
+
+    def kill(text: str) -> None:
+        if text.startswith(at):
+            raise KeyboardInterrupt
+
+    (tmp_path / "discovery.html").write_text("nothing is missing", encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        discover(friction_case, tmp_path, progress=kill)
+    document = load_findings(tmp_path)
+    assert document.verdict == "unfinished"
+    assert document.unfinished is not None
+    assert (document.unfinished.code, document.unfinished.rounds) == ("search-running", rounds)
+    assert [f.effect for f in document.findings] == ["quadratic_viscous"][:rounds]
+    assert document.gap["estimation"].before > 0.5  # type: ignore[operator]
+    assert not (tmp_path / "discovery.html").exists()
+
+
 # ---- options ---------------------------------------------------------------------------------------
 
 

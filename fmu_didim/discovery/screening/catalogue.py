@@ -12,6 +12,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
@@ -60,7 +61,9 @@ class SignatureCatalogue:
         builder: builds the loops; fit: the motion's.
     """
 
-    def __init__(self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint]) -> None:
+    def __init__(
+        self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint], watch: Watch | None = None
+    ) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
@@ -68,8 +71,10 @@ class SignatureCatalogue:
         self._beginnings = {label: Beginning.of(fit.model, label, torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
         derived = self._by_derivatives(smooth) if smooth else {}
+        told = (watch or Watch()).counted("signatures of candidate", len(candidates))
         for effect_at in candidates:
             self._signatures += derived[effect_at] if effect_at in derived else list(self._make(effect_at))
+            told("")
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)

@@ -7,7 +7,7 @@ Screening projects the base out of each signature: only what the present model c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -17,6 +17,7 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.base_projection import BaseProjection
@@ -138,11 +139,12 @@ class Competition:
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
-    def contend(self, chosen: Sequence[Screened], *, progress: Callable[[str], None]) -> list[Contender]:
+    def contend(self, chosen: Sequence[Screened], *, watch: Watch) -> list[Contender]:
         """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
         fit = self.fit
         best = [fit.chi_square - limits.LEAST]
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+        told = watch.counted("fitting candidate", len(chosen))
 
         def one(candidate: Screened) -> Contender | None:
             found = None
@@ -154,11 +156,12 @@ class Competition:
                 if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                     found = fitted
                     best[0] = min(best[0], found.chi_square)
+            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
             if found is None:
+                told(f"{named} cannot be simulated")
                 return None
             result = self.contender(candidate.effect_at, found)
-            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
-            progress(f"{named}: BIC difference {result.delta_bic:.0f}")
+            told(f"{named}, BIC difference {result.delta_bic:.0f}")
             return result
 
         results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))

@@ -13,13 +13,12 @@ from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender, Screened
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_description import EffectAtJoint
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -29,26 +28,41 @@ class Discovery:
     Attributes:
         base, final: fits without and with the effects; steps: one an effect that stayed.
         refused: contenders that were best in the last round but not accepted, and why.
+        is_running: whether further rounds follow.
     """
 
     base: Fit
     final: Fit
     steps: tuple[Step, ...]
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
+    is_running: bool = False
 
 
-def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say) -> Discovery:
-    """Add effects to the base model as long as the data ask for them."""
-    fit, steps = pre_check(builder, base, options, say)
+def run_rounds(
+    builder: LoopModelBuilder,
+    base: Fit,
+    options: Options,
+    watch: Watch,
+    keep: Callable[[Discovery], None] = lambda discovery: None,
+) -> Discovery:
+    """Add effects to the base model as long as the data ask for them.
+
+    Args:
+        keep: called with what is known before the first round and after each one.
+    """
+    keep(Discovery(base, base, (), is_running=True))
+    fit, steps = pre_check(builder, base, options, watch)
+    if steps:
+        keep(Discovery(base, fit, tuple(steps), is_running=True))
     candidates = _candidates(builder, options)
-    say(f"signatures of {len(candidates)} candidates")
-    catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
-    say("competition of the candidates")
+    watch.say(f"signatures of {len(candidates)} candidates")
+    catalogue = SignatureCatalogue(builder, fit, candidates=candidates, watch=watch)
+    watch.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     while len(steps) < options.rounds:
         competition = Competition(builder, fit)
         screened = competition.screen(catalogue)
-        contenders = competition.contend(competition.shortlist(screened), progress=say)
+        contenders = competition.contend(competition.shortlist(screened), watch=watch)
         held = partial(_with_shapes_held, competition, screened)
         accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
         if isinstance(accepted, Contender):
@@ -57,12 +71,13 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say)
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
             step = step_of(accepted, contenders, competition, options)
-            say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
+            watch.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, steps, options, say)
+            fit, steps = _backward(builder, accepted.fit, steps, options, watch)
+            keep(Discovery(base, fit, tuple(steps), is_running=True))
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
-                catalogue = SignatureCatalogue(builder, fit, candidates=left)
+                catalogue = SignatureCatalogue(builder, fit, candidates=left, watch=watch)
         else:
             refused = accepted
             break
@@ -95,7 +110,7 @@ def _present(builder: LoopModelBuilder) -> set[tuple[str, int]]:
 
 
 def _backward(
-    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, say: Say
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, watch: Watch
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
@@ -109,7 +124,7 @@ def _backward(
         worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
         if worth < options.threshold or size < limits.KEPT_GAIN * options.smallest_gain:
-            say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
+            watch.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
     return fit, steps

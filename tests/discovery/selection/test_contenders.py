@@ -19,6 +19,7 @@ from fmu_didim.discovery.selection.contenders import (
     _idle,
     proposal_of,
 )
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
@@ -444,21 +445,23 @@ def competing(
 ) -> tuple[Any, list[str]]:
     said: list[str] = []
     competition = Competition(builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()))
-    return competition.contend(candidates, progress=said.append), said
+    return competition.contend(candidates, watch=Watch(said.append)), said
 
 
 def test_contenders_come_the_best_first() -> None:
     found, said = competing(tried(50.0, name="a", v=0.0, others=None, size=2.0), tried(100.0))
     assert {c.effect_at.effect for c in found} == {"a", "gear"}
     assert [c.delta_bic for c in found] == sorted((c.delta_bic for c in found), reverse=True)
-    assert (
-        said[0] == f"a on joint 1: BIC difference {next(c for c in found if c.effect_at.effect == 'a').delta_bic:.0f}"
-    )
+    worth = {c.effect_at.effect: f"{c.delta_bic:.0f}" for c in found}
+    first, last = sorted(said)
+    assert first.startswith("fitting candidate 1 of 2, about ")
+    assert first.endswith(f" s left: a on joint 1, BIC difference {worth['a']}")
+    assert last == f"fitting candidate 2 of 2: gear on joint 1, BIC difference {worth['gear']}"
 
 
 def test_one_that_cannot_be_simulated_is_left_out() -> None:
     found, said = competing(tried(100.0), builder=Builder(effect_of("gear"), broken=0.0))
-    assert found == [] and said == []
+    assert (found, said) == ([], ["fitting candidate 1 of 1: gear on joint 1 cannot be simulated"])
     assert competing() == ([], [])
 
 

@@ -14,6 +14,7 @@ from fmu_didim.discovery.selection import rounds
 from fmu_didim.discovery.selection.contenders import Contender, Screened
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import _backward, _candidates, _with_shapes_held, run_rounds
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
@@ -59,7 +60,7 @@ class ByHand:
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
         return (with_effects("limit") if self._checked else base), list(self._checked)
 
-    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint]) -> Any:
+    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], watch: Watch) -> Any:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit)
 
@@ -71,7 +72,7 @@ class ByHand:
         return SimpleNamespace(
             builder=builder, fit=fit, finished="to the end", screen=screen,
             shortlist=lambda screened: [*screened, "shortlisted"],
-            contend=lambda chosen, *, progress: [*chosen, "fitted"],
+            contend=lambda chosen, *, watch: [*chosen, "fitted"],
         )  # fmt: skip
 
     def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
@@ -101,7 +102,7 @@ BASE = with_effects()
 
 def run(**options: Any) -> tuple[Any, list[str]]:
     said: list[str] = []
-    return run_rounds(EFFECTS, BASE, Options(**options), said.append), said
+    return run_rounds(EFFECTS, BASE, Options(**options), Watch(said.append)), said
 
 
 def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,6 +133,22 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     assert [len(steps) for steps in competition.backward] == [1, 2]
     assert len(competition.catalogues) == 1  # the motion hardly changes
     assert found.refused == ()
+
+
+def test_what_is_known_is_kept_before_the_first_round_and_after_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    ByHand(monkeypatch, added("a"), added("ab"), ())
+    kept: list[Any] = []
+    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    assert [[s.effect_at.effect for s in d.steps] for d in kept] == [[], ["a"], ["a", "b"]]
+    assert all(d.is_running and d.base is BASE for d in kept)
+    assert [d.final.simulations for d in kept] == [0, 77, 77]
+
+
+def test_what_the_pre_check_found_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    ByHand(monkeypatch, (), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
+    kept: list[Any] = []
+    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    assert [len(d.steps) for d in kept] == [0, 1]
 
 
 @pytest.mark.parametrize(("most", "count"), [(0, 0), (1, 1), (2, 2)])
@@ -210,7 +227,7 @@ def backward(
     steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
     said: list[str] = []
     fit, left = _backward(
-        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), said.append
+        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Watch(said.append)
     )  # fmt: skip
     return fit, [s.effect_at.effect for s in left], calls, said
 
