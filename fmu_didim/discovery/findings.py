@@ -114,6 +114,17 @@ class UnfinishedResult(_Document):
     text: str
     next_step: str
     rounds: int = Field(description="that are complete")
+    untried: list[tuple[str, int]] = Field(description="effect and joint of the candidates that were not tried")
+
+
+class CandidateResult(_Document):
+    """A candidate that was worth a fit in the closed loop, and what became of it."""
+
+    round: int = Field(description="from 1")
+    effect: str
+    joint: int
+    outcome: Literal["fitted", "left early", "cannot be simulated", "not tried"]
+    delta_bic: Number = Field(description="over the model without it, of the point that its fit came to")
 
 
 class FindingsDocument(_Document):
@@ -133,6 +144,7 @@ class FindingsDocument(_Document):
     regions: list[RegionResult]
     windows: list[WindowResult]
     refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")
+    candidates: list[CandidateResult] = Field([], description="of each round")
     base_parameters: list[ValueFound]
     torque_unit: list[str]
     seconds: float

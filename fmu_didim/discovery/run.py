@@ -24,7 +24,8 @@ from fmu_didim.discovery.findings import FindingResult, FindingsDocument, Window
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
-from fmu_didim.discovery.watch import Say, Watch
+from fmu_didim.discovery.unfinished import ended_before
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import integrated
@@ -64,7 +65,7 @@ def discover(
     effects: Mapping[str, Effect] = EFFECTS,
     options: Options | None = None,
     provenance: Mapping[str, Any] | None = None,
-    say: Say = lambda text: None,
+    watch: Watch | None = None,
     keep: Keep | None = None,
 ) -> Found:
     """Find the effects that a model lacks.
@@ -73,6 +74,7 @@ def discover(
         model: the loop with its experiments; those for the validation serve the gate.
         description: the robot, None for a plant that is a black box.
         effects: the catalogue by name.
+        watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
         keep: called with the best answer so far when the base model is fitted and after each round.
 
     Raises:
@@ -84,7 +86,7 @@ def discover(
         return document.model_copy(update={"seconds": clock.perf_counter() - begin})
 
     kept = None if keep is None else lambda document: keep(timed(document))
-    ask = _Question(description, name, effects, options or Options(), provenance, Watch(say), kept)
+    ask = _Question(description, name, effects, options or Options(), provenance, watch or Watch(), kept)
     later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
     found = _look(ask, later, _prepared(later, ask.watch))
     if found.discovery.final is found.discovery.base:  # nothing was found
@@ -119,7 +121,8 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     start = base
     builder = LoopModelBuilder(start.model, ask.description, effects)
     external = external_effect(effects, options.forbid)
-    fitted_torques = None if external is None else find_external_torques(start, say=watch.say)
+    is_late = watch.is_over
+    fitted_torques = None if external is None or is_late else find_external_torques(start, say=watch.say)
     if fitted_torques is not None and rivalled(fitted_torques, start, builder, forbid=options.forbid, watch=watch):
         fitted_torques = None
     if fitted_torques is not None:
@@ -135,11 +138,13 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         if external is not None and fitted_torques is not None and free is not None:
             outside = [external_torque_finding(fitted_torques, base, free, external)]
             windows = external_torque_windows(free, fitted_torques.label)
-        return findings_document(
+        document = findings_document(
             ask.name, discovery, builder,
             ratio=ratio, outside=outside, windows=windows, found_regions=disagreement, notes=[*own_notes, *notes],
             provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
+            limit_s=watch.limit_s,
         )  # fmt: skip
+        return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
 
     def kept(discovery: Discovery) -> None:
         if ask.keep is None:
@@ -177,7 +182,7 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
     """The base model alone, and what was found as refused: together it is no better on the held-out data."""
     why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
     refused = (*((step.effect_at, why) for step in discovery.steps), *discovery.refused)
-    return Discovery(discovery.base, discovery.base, (), refused)
+    return replace(discovery, final=discovery.base, steps=(), refused=refused)
 
 
 def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
@@ -186,6 +191,9 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     Only gears can be recognised there: they start in the middle of their play and without load, while anything else
     that differs at the beginning may as well be the state in which the machine started.
     """
+    unseen = ended_before(found.document, ask.watch.limit_s, f"gears in the first {limits.FIRST_S:g} s of the data")
+    if ask.watch.is_over:
+        return replace(found, document=unseen)
     prepared = _prepared(model, ask.watch)
     without, whole = found.discovery.base, prepared.fit
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
@@ -201,6 +209,8 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
         recorded = {**second.document.provenance, "options": asked}
         return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
+    if second.document.unfinished is not None:
+        return replace(found, document=unseen)
     notes = [*found.document.notes, f"{note}; they were left out, and no gear explains them."]
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
 

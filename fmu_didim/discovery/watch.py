@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fmu_didim.discovery import thresholds as limits
+from fmu_didim.errors import InputError
 
 Say = Callable[[str], None]
 """Takes a line about a piece of work."""
@@ -24,13 +25,27 @@ class Watch:
 
     Attributes:
         say: called with a line about each piece of work.
-        ends: reading of ``now`` at which the time is up, infinite without a limit.
+        limit_s: time that there is, None without a limit; ends: reading of ``now`` at which it is up.
         now: a clock in s.
     """
 
     say: Say = field(default=lambda text: None)
+    limit_s: float | None = None
     ends: float = float("inf")
     now: Callable[[], float] = clock.perf_counter
+
+    @staticmethod
+    def limited(say: Say, limit_s: float | None) -> Watch:
+        """A watch whose time begins now.
+
+        Raises:
+            InputError: the limit is no positive number.
+        """
+        if limit_s is None:
+            return Watch(say)
+        if not limit_s > 0:
+            raise InputError("The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s")
+        return Watch(say, limit_s, clock.perf_counter() + limit_s)
 
     @property
     def is_over(self) -> bool:

@@ -39,5 +39,5 @@ def rivalled(
     first: dict[str, Screened] = {}  # the best joint of each
     for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
-    best = competition.contend(list(first.values()), watch=watch)
+    best = competition.contend(list(first.values()), watch=watch).contenders
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic

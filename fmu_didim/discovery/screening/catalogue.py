@@ -59,6 +59,7 @@ class SignatureCatalogue:
 
     Attributes:
         builder: builds the loops; fit: the motion's.
+        left: candidates of which no signature was made, because the time was up.
     """
 
     def __init__(
@@ -71,10 +72,15 @@ class SignatureCatalogue:
         self._beginnings = {label: Beginning.of(fit.model, label, torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
         derived = self._by_derivatives(smooth) if smooth else {}
-        told = (watch or Watch()).counted("signatures of candidate", len(candidates))
+        watch, left = watch or Watch(), list[EffectAtJoint]()
+        told = watch.counted("signatures of candidate", len(candidates))
         for effect_at in candidates:
+            if watch.is_over:
+                left.append(effect_at)
+                continue
             self._signatures += derived[effect_at] if effect_at in derived else list(self._make(effect_at))
             told("")
+        self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)

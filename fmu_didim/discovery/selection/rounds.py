@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Competition, Contender, Screened
+from fmu_didim.discovery.selection.contenders import Competition, Contender, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.discovery.watch import Watch
@@ -21,6 +22,14 @@ from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
+class Ending(Enum):
+    """Whether a search is at its end."""
+
+    COMPLETE = "complete"
+    RUNNING = "running"
+    TIME_UP = "time up"
+
+
 @dataclass(frozen=True)
 class Discovery:
     """What the rounds came to.
@@ -28,14 +37,16 @@ class Discovery:
     Attributes:
         base, final: fits without and with the effects; steps: one an effect that stayed.
         refused: contenders that were best in the last round but not accepted, and why.
-        is_running: whether further rounds follow.
+        tried: the candidates that were worth a fit, round by round.
+        ending: whether it is at its end.
     """
 
     base: Fit
     final: Fit
     steps: tuple[Step, ...]
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
-    is_running: bool = False
+    tried: tuple[tuple[Tried, ...], ...] = ()
+    ending: Ending = Ending.COMPLETE
 
 
 def run_rounds(
@@ -50,19 +61,34 @@ def run_rounds(
     Args:
         keep: called with what is known before the first round and after each one.
     """
-    keep(Discovery(base, base, (), is_running=True))
+    keep(Discovery(base, base, (), ending=Ending.RUNNING))
+    candidates = _candidates(builder, options)
+    if watch.is_over:
+        checked = [name for name, effect in builder.effects.items() if effect.pre_check and name not in options.forbid]
+        before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
+        return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
     fit, steps = pre_check(builder, base, options, watch)
     if steps:
-        keep(Discovery(base, fit, tuple(steps), is_running=True))
-    candidates = _candidates(builder, options)
+        keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
     watch.say(f"signatures of {len(candidates)} candidates")
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates, watch=watch)
     watch.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
+    tried: list[tuple[Tried, ...]] = []
+    ending = Ending.COMPLETE
     while len(steps) < options.rounds:
+        if catalogue.left:  # the best may be among them
+            tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
+            ending = Ending.TIME_UP
+            break
         competition = Competition(builder, fit)
         screened = competition.screen(catalogue)
-        contenders = competition.contend(competition.shortlist(screened), watch=watch)
+        contest = competition.contend(competition.shortlist(screened), watch=watch)
+        tried.append(contest.tried)
+        if contest.is_cut:
+            ending = Ending.TIME_UP
+            break
+        contenders = contest.contenders
         held = partial(_with_shapes_held, competition, screened)
         accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
         if isinstance(accepted, Contender):
@@ -74,14 +100,18 @@ def run_rounds(
             watch.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
             fit, steps = _backward(builder, accepted.fit, steps, options, watch)
-            keep(Discovery(base, fit, tuple(steps), is_running=True))
+            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
                 catalogue = SignatureCatalogue(builder, fit, candidates=left, watch=watch)
         else:
             refused = accepted
             break
-    return Discovery(base, fit, tuple(steps), refused)
+    return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
+
+
+def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[Tried, ...]:
+    return tuple(Tried(effect_at, Outcome.NOT_TRIED) for effect_at in candidates)
 
 
 def _with_shapes_held(

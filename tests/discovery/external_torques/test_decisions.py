@@ -258,7 +258,8 @@ def test_one_effect_must_explain_more_than_all_torques(
     monkeypatch.setattr(Competition, "screen", lambda *_: screened)
     monkeypatch.setattr(
         Competition, "contend",
-        lambda _, chosen, watch: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
+        lambda _, chosen, watch: seen.append(chosen)
+        or SimpleNamespace(contenders=() if bic is None else (SimpleNamespace(delta_bic=bic),)),
     )  # fmt: skip
     fitted = FittedExternalTorques(None, None, "x", 100.0, 0.9)
     builder = Catalogue(*EFFECTS, joints=2)
