@@ -63,6 +63,9 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument("--effect", action="append", default=[], metavar="PACKAGE.MODULE:NAME", help="a further effect")
     found.add_argument("--rounds", type=int, default=5, metavar="N", help="largest number of effects (5)")
     found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
+    found.add_argument(
+        "--time-limit", type=float, metavar="SECONDS", help="end with the best answer so far; the exit code is 3 then"
+    )
     found.add_argument("--quiet", action="store_true", help="print the table only")
 
 
@@ -150,7 +153,10 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _discover(options: argparse.Namespace) -> int:
-    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink."""
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+
+    The exit code is 3 where the time limit ended the search.
+    """
     from fmu_didim.workflow import discover
 
     out = options.out or Path("results") / f"{_stem(options.case)}_discover"
@@ -163,13 +169,14 @@ def _discover(options: argparse.Namespace) -> int:
     say(f"reading {options.case}")
     found = discover(
         options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
-        rounds=options.rounds, seed=options.seed, progress=say,
+        rounds=options.rounds, seed=options.seed, time_limit=options.time_limit,
+        progress=say,
     )  # fmt: skip
     print()
     print(found.summary())
     took = f"({time.perf_counter() - started:.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
-    return 0
+    return 0 if found.document.unfinished is None else EXIT_NOT_SETTLED
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import (
     VERDICT_TEXT,
+    CandidateResult,
     FindingResult,
     FindingsDocument,
     GapPair,
@@ -26,6 +27,7 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.discovery.unfinished import unfinished_result
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
@@ -50,6 +52,7 @@ def findings_document(
     found_regions: Sequence[Region] = (),
     notes: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
+    limit_s: float | None = None,
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
@@ -58,14 +61,17 @@ def findings_document(
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
         found_regions: where the base model disagrees; notes: further remarks.
+        limit_s: time that the search had.
     """
     residuals = _residuals(discovery)
-    verdict = _verdict(discovery)
+    unfinished = unfinished_result(discovery, limit_s)
+    verdict = "unfinished" if unfinished is not None else _verdict(discovery)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
         name=name,
         verdict=verdict,
         text=VERDICT_TEXT[verdict],
+        unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in discovery.base.model.experiments.items()},
         gap={label: gap_pair(before, after, discovery.base.noise) for label, (before, after) in residuals.items()},
@@ -75,6 +81,14 @@ def findings_document(
         regions=[RegionResult(**asdict(region)) for region in found_regions],
         windows=[*windows, *_windows(discovery, residuals)],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
+        candidates=[
+            CandidateResult(
+                round=number, effect=t.effect_at.effect, joint=t.effect_at.joint, outcome=t.outcome.value,
+                delta_bic=t.delta_bic,
+            )
+            for number, contest in enumerate(discovery.tried, start=1)
+            for t in contest
+        ],
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
         torque_unit=list(units),
         seconds=0.0,

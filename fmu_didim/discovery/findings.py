@@ -8,16 +8,18 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 
+from fmu_didim.cache import whole_file
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 
 FINDINGS_FILE = "findings.json"
-Verdict = Literal["nothing", "named", "named_with_remainder", "unknown"]
+Verdict = Literal["nothing", "named", "named_with_remainder", "unknown", "unfinished"]
 VERDICT_TEXT: dict[str, str] = {
     "nothing": "nothing that matters is missing in the model",
     "named": "the missing effects are named",
     "named_with_remainder": "effects are named, part of the gap remains",
     "unknown": "something is missing that no effect of the catalogue explains",
+    "unfinished": "the search is not at its end: more or other effects may be missing",
 }
 
 
@@ -105,13 +107,34 @@ class NoiseResult(_Document):
     periods: int
 
 
+class UnfinishedResult(_Document):
+    """How far a search is that did not come to its end."""
+
+    code: str = Field(description="of the diagnostic")
+    text: str
+    next_step: str
+    rounds: int = Field(description="that are complete")
+    untried: list[tuple[str, int]] = Field(description="effect and joint of the candidates that were not tried")
+
+
+class CandidateResult(_Document):
+    """A candidate that was worth a fit in the closed loop, and what became of it."""
+
+    round: int = Field(description="from 1")
+    effect: str
+    joint: int
+    outcome: Literal["fitted", "left early", "cannot be simulated", "not tried"]
+    delta_bic: Number = Field(description="over the model without it, of the point that its fit came to")
+
+
 class FindingsDocument(_Document):
-    """The content of ``findings.json``."""
+    """The content of ``findings.json``; while the search goes on, the best answer so far."""
 
     schema_version: Literal[2] = 2
     name: str
     verdict: Verdict
     text: str
+    unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")
     gap: dict[str, GapPair] = Field(description="base model and final model, by label of the experiment")
@@ -121,6 +144,7 @@ class FindingsDocument(_Document):
     regions: list[RegionResult]
     windows: list[WindowResult]
     refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")
+    candidates: list[CandidateResult] = Field([], description="of each round")
     base_parameters: list[ValueFound]
     torque_unit: list[str]
     seconds: float
@@ -135,9 +159,10 @@ def findings_schema() -> dict[str, Any]:
 
 
 def save_findings(document: FindingsDocument, folder: Path) -> Path:
-    """Write ``findings.json``."""
+    """Write ``findings.json``, in the place of an earlier one when all is written."""
     path = folder / FINDINGS_FILE
-    path.write_text(document.model_dump_json(indent=1, by_alias=True), encoding="utf-8")
+    with whole_file(path) as temporary:
+        temporary.write_text(document.model_dump_json(indent=1, by_alias=True), encoding="utf-8")
     return path
 
 

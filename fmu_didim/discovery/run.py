@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,8 +22,10 @@ from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
-from fmu_didim.discovery.selection.rounds import Discovery, Say, run_rounds
+from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
+from fmu_didim.discovery.unfinished import ended_before
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import integrated
@@ -36,6 +38,9 @@ from fmu_didim.signals import Array
 NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
 )
+
+Keep = Callable[[FindingsDocument], None]
+"""Takes the best answer so far."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ def discover(
     effects: Mapping[str, Effect] = EFFECTS,
     options: Options | None = None,
     provenance: Mapping[str, Any] | None = None,
-    say: Say = lambda text: None,
+    watch: Watch | None = None,
+    keep: Keep | None = None,
 ) -> Found:
     """Find the effects that a model lacks.
 
@@ -68,18 +74,24 @@ def discover(
         model: the loop with its experiments; those for the validation serve the gate.
         description: the robot, None for a plant that is a black box.
         effects: the catalogue by name.
+        watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
+        keep: called with the best answer so far when the base model is fitted and after each round.
 
     Raises:
         InputError: the data are too few; SimulationError: the base model cannot be simulated.
     """
     begin = clock.perf_counter()
-    ask = _Question(description, name, effects, options or Options(), provenance, say)
+
+    def timed(document: FindingsDocument) -> FindingsDocument:
+        return document.model_copy(update={"seconds": clock.perf_counter() - begin})
+
+    kept = None if keep is None else lambda document: keep(timed(document))
+    ask = _Question(description, name, effects, options or Options(), provenance, watch or Watch(), kept)
     later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
-    found = _look(ask, later, _prepared(later, say))
+    found = _look(ask, later, _prepared(later, ask.watch))
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
-    document = found.document.model_copy(update={"seconds": clock.perf_counter() - begin})
-    return replace(found, document=document)
+    return replace(found, document=timed(found.document))
 
 
 @dataclass(frozen=True)
@@ -91,39 +103,60 @@ class _Question:
     effects: Mapping[str, Effect]
     options: Options
     provenance: Mapping[str, Any] | None
-    say: Say
+    watch: Watch
+    keep: Keep | None
     notes: tuple[str, ...] = ()
 
 
-def _prepared(model: LoopModel, say: Say) -> Prepared:
-    say("base model")
+def _prepared(model: LoopModel, watch: Watch) -> Prepared:
+    watch.say("base model")
     return prepare(model)
 
 
 def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
     """Pushes, rounds and what is written down of them."""
-    options, effects, say = ask.options, ask.effects, ask.say
+    options, effects, watch = ask.options, ask.effects, ask.watch
     base = prepared.fit
-    say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
+    watch.say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
     start = base
     builder = LoopModelBuilder(start.model, ask.description, effects)
     external = external_effect(effects, options.forbid)
-    fitted_torques = None if external is None else find_external_torques(start, say=say)
-    if fitted_torques is not None and rivalled(fitted_torques, start, builder, forbid=options.forbid, say=say):
+    is_late = watch.is_over
+    fitted_torques = None if external is None or is_late else find_external_torques(start, say=watch.say)
+    if fitted_torques is not None and rivalled(fitted_torques, start, builder, forbid=options.forbid, watch=watch):
         fitted_torques = None
     if fitted_torques is not None:
         start = fitted_torques.fit
         base = replace(base, noise=start.noise)
         builder = LoopModelBuilder(start.model, ask.description, effects)
     disagreement = _regions(builder, base)
-    discovery = run_rounds(builder, start, options, say)
-    outside: list[FindingResult] = []
-    windows: list[WindowResult] = []
-    if external is not None and fitted_torques is not None:
+    own_notes = (*ask.notes, *prepared.notes, *(() if model.validation_labels else (NO_HELD_OUT,)))
+
+    def written(discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
+        outside: list[FindingResult] = []
+        windows: list[WindowResult] = []
+        if external is not None and fitted_torques is not None and free is not None:
+            outside = [external_torque_finding(fitted_torques, base, free, external)]
+            windows = external_torque_windows(free, fitted_torques.label)
+        document = findings_document(
+            ask.name, discovery, builder,
+            ratio=ratio, outside=outside, windows=windows, found_regions=disagreement, notes=[*own_notes, *notes],
+            provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
+            limit_s=watch.limit_s,
+        )  # fmt: skip
+        return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
+
+    def kept(discovery: Discovery) -> None:
+        if ask.keep is None:
+            return
+        ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
+        free = fitted_torques.free if fitted_torques is not None else None
+        ask.keep(written(replace(discovery, base=base), ratio, free))
+
+    discovery, free = run_rounds(builder, start, options, watch, kept), None
+    if fitted_torques is not None:
         final, free = refitted(fitted_torques, discovery.final)
         discovery = replace(discovery, final=final)
-        outside = [external_torque_finding(fitted_torques, base, free, external)]
-        windows = external_torque_windows(free, fitted_torques.label)
     discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
     ratio = held_out_ratio(discovery.base, discovery.final, seed=options.seed) if discovery.steps else None
     remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
@@ -131,16 +164,8 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         discovery, ratio = _withdrawn(discovery, ratio), None
     unshifted, saved = _without_shift(discovery.final.model, builder)
     way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
-    document = findings_document(
-        ask.name, discovery, builder,
-        ratio=ratio, outside=outside, windows=windows, found_regions=disagreement,
-        notes=[
-            *ask.notes, *prepared.notes, *([] if model.validation_labels else [NO_HELD_OUT]),
-            *([way.text(1 / model.experiments[model.first].rate_hz)] if way is not None else []),
-        ],
-        provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
-    )  # fmt: skip
-    return Found(document, discovery, builder)
+    note = [way.text(1 / model.experiments[model.first].rate_hz)] if way is not None else []
+    return Found(written(discovery, ratio, free, *note), discovery, builder)
 
 
 def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopModel, float]:
@@ -157,7 +182,7 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
     """The base model alone, and what was found as refused: together it is no better on the held-out data."""
     why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
     refused = (*((step.effect_at, why) for step in discovery.steps), *discovery.refused)
-    return Discovery(discovery.base, discovery.base, (), refused)
+    return replace(discovery, final=discovery.base, steps=(), refused=refused)
 
 
 def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
@@ -166,21 +191,26 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     Only gears can be recognised there: they start in the middle of their play and without load, while anything else
     that differs at the beginning may as well be the state in which the machine started.
     """
-    prepared = _prepared(model, ask.say)
+    unseen = ended_before(found.document, ask.watch.limit_s, f"gears in the first {limits.FIRST_S:g} s of the data")
+    if ask.watch.is_over:
+        return replace(found, document=unseen)
+    prepared = _prepared(model, ask.watch)
     without, whole = found.discovery.base, prepared.fit
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
         return found
-    ask.say(f"the first {limits.FIRST_S:g} s disagree: gears in them")
+    ask.watch.say(f"the first {limits.FIRST_S:g} s disagree: gears in them")
     gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
     note = f"The first {limits.FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
-    again = replace(ask, options=options, notes=(f"{note}: what was found takes them in.",))
+    again = replace(ask, options=options, keep=None, notes=(f"{note}: what was found takes them in.",))
     second = _look(again, model, prepared)
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
         recorded = {**second.document.provenance, "options": asked}
         return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
+    if second.document.unfinished is not None:
+        return replace(found, document=unseen)
     notes = [*found.document.notes, f"{note}; they were left out, and no gear explains them."]
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
 

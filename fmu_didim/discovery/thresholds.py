@@ -24,6 +24,8 @@ FIRST_S = TABLE(
     "play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for "
     "with it.",
 )  # fmt: skip
+SAID_EVERY_S = TABLE("SAID_EVERY_S", 5.0, "s", "Time between two lines that tell how far a piece of work is.")
+SHOWN_UNTRIED = TABLE("SHOWN_UNTRIED", 4, "candidates", "Named in the sentence; findings.json lists all of them.")
 REMAINDER = TABLE(
     "REMAINDER", 0.6, "standard deviations",
     "Gap of a joint, in units of its noise, above which a model that found no more effects still counts as "

@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from fmu_didim.block import Block
-from fmu_didim.cache import cached_folder
+from fmu_didim.cache import cached_folder, whole_file
 from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
@@ -77,15 +77,8 @@ def build_fmu(
         return path
     directory.mkdir(parents=True, exist_ok=True)
     copy = directory / path.name
-    # Through a temporary name: a process that has the old file open keeps it, none sees half a file.
-    with tempfile.NamedTemporaryFile(dir=directory, prefix=f".{block.name}.", delete=False) as stream:
-        temporary = Path(stream.name)
-    try:
+    with whole_file(copy) as temporary:
         shutil.copyfile(path, temporary)
-        temporary.chmod(0o644)
-        temporary.replace(copy)
-    finally:
-        temporary.unlink(missing_ok=True)
     return copy
 
 

@@ -13,6 +13,7 @@ Source: J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, chapt
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -43,6 +44,7 @@ class Stopping:
         promise: a step that promises to lower the cost by less is not made.
         updates: how often the sensitivity may be taken anew; None: as often as the steps need it.
         give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
+        until: reading of ``time.perf_counter`` from which no further step is made: such a fit is given up.
         check_all: whether each step must leave all experiments simulable, not only those that are fitted.
         exact: whether sensitivities are the best ones that there are, and the last one is taken at the minimum.
         whole: whether they follow an experiment to its end even where its motion and torque repeat.
@@ -53,6 +55,7 @@ class Stopping:
     promise: float = limits.PROMISE
     updates: int | None = limits.UPDATES
     give_up_above: float = np.inf
+    until: float = np.inf
     check_all: bool = True
     exact: bool = False
     whole: bool = False
@@ -130,7 +133,7 @@ class _Solver:
             step = _Step.of(at, deviation, self._measured, self._low, self._high)
             if rules.tolerance is None and step.promised < rules.promise:
                 break
-            if step.cost - limits.HOPE * step.promised > rules.give_up_above:
+            if step.cost - limits.HOPE * step.promised > rules.give_up_above or clock.perf_counter() >= rules.until:
                 given_up = True
                 break
             found = self._search(at, step)

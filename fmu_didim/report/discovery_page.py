@@ -45,6 +45,7 @@ def write_discovery_report(folder: Path | str) -> Path:
         values=_values,
         link=_link,
         rounds=_rounds(document),
+        candidates=_candidates(document),
         plots=_plots(document, folder),
         places=regions_by_joint(document),
         regions=_regions(document),
@@ -104,6 +105,19 @@ def _rounds(document: FindingsDocument) -> Table | None:
          words.interval_text(document.ratio_interval))
     )  # fmt: skip
     return table(heads, rows, (0, 1), is_aligned=False)
+
+
+def _candidates(document: FindingsDocument) -> Table | None:
+    rows = [
+        (
+            str(c.round),
+            words.placed(c.effect, c.joint),
+            c.outcome,
+            MISSING if c.delta_bic is None else significant(c.delta_bic),
+        )
+        for c in document.candidates
+    ]
+    return table(("round", "candidate", "outcome", "gain in BIC"), rows, (0, 1, 2))
 
 
 def _plots(document: FindingsDocument, folder: Path) -> list[Plots]:

@@ -31,6 +31,7 @@ def discovery_table(document: FindingsDocument) -> str:
         listing("Windows of time with a torque of their own", _windows(document)),
         _facts(document),
         listing("Not accepted", _refused(document)),
+        listing("Not tried", _untried(document)),
         listing("Notes", document.notes),
         listing("Files", [f"{words.file_title(key)}: {name}" for key, name in document.files.items()]),
     ]
@@ -127,6 +128,12 @@ def _facts(document: FindingsDocument) -> list[str]:
 def _refused(document: FindingsDocument) -> list[str]:
     lines = [words.refused_line(r) for r in document.refused[:SHOWN_REFUSED]]
     return [*lines, *_hidden(len(document.refused) - SHOWN_REFUSED)]
+
+
+def _untried(document: FindingsDocument) -> list[str]:
+    untried = document.unfinished.untried if document.unfinished is not None else []
+    lines = [words.placed(*place) for place in untried[:SHOWN_REFUSED]]
+    return [*lines, *_hidden(len(untried) - SHOWN_REFUSED)]
 
 
 def _hidden(count: int) -> list[str]:

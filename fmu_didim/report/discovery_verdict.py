@@ -15,6 +15,7 @@ HEADS = {
     "named": ("good", "NAMED"),
     "named_with_remainder": ("doubtful", "NAMED IN PART"),
     "unknown": ("refused", "UNKNOWN"),
+    "unfinished": ("doubtful", "NOT FINISHED"),
 }
 
 
@@ -22,6 +23,8 @@ def verdict_of(document: FindingsDocument) -> Banner:
     """The verdict as a sentence for the one who runs the drive."""
     grade, head = HEADS[document.verdict]
     sentences = [capitalised(document.text)]
+    if document.unfinished is not None:
+        sentences += [f"{document.unfinished.text} {document.unfinished.next_step}".rstrip(".")]
     if document.findings:
         sentences.append("; ".join(_named(f, first=k == 0) for k, f in enumerate(document.findings)))
     judged = _experiments(document, "validation") or _experiments(document, "estimation")

@@ -139,7 +139,12 @@ def noise_source(noise: NoiseResult) -> str:
 def refused_line(refused: tuple[str, int, str]) -> str:
     """A contender that was not accepted, and why."""
     effect, joint, why = refused
-    return f"{effect.replace('_', ' ')}, {located(effect, joint)}: {why}"
+    return f"{placed(effect, joint)}: {why}"
+
+
+def placed(effect: str, joint: int) -> str:
+    """An effect by its name in the catalogue, and where it is."""
+    return f"{effect.replace('_', ' ')}, {located(effect, joint)}"
 
 
 def error_text(before: float | None, after: float | None, *, changed: bool = True) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
+from fmu_didim.cache import whole_file
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.master import System
 from fmu_didim.ssp.archive import parse_xml
@@ -88,17 +88,10 @@ def _safe(name: str) -> str:
 def _write(path: Path, files: Mapping[str, bytes | Path]) -> None:
     if not path.parent.is_dir():
         raise InputError("The folder does not exist.", where=str(path.parent))
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
-        temporary = Path(stream.name)
-    try:
-        with zipfile.ZipFile(temporary, "w") as archive:
-            for name, content in files.items():
-                entry = zipfile.ZipInfo(name, date_time=_ZIP_TIME)
-                entry.external_attr = 0o644 << 16
-                # An FMU is compressed already.
-                entry.compress_type = zipfile.ZIP_STORED if isinstance(content, Path) else zipfile.ZIP_DEFLATED
-                archive.writestr(entry, content.read_bytes() if isinstance(content, Path) else content)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, date_time=_ZIP_TIME)
+            entry.external_attr = 0o644 << 16
+            # An FMU is compressed already.
+            entry.compress_type = zipfile.ZIP_STORED if isinstance(content, Path) else zipfile.ZIP_DEFLATED
+            archive.writestr(entry, content.read_bytes() if isinstance(content, Path) else content)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import effect_catalogue
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.identification.provenance import provenance
@@ -34,22 +36,26 @@ def discover(
     effects: Sequence[str] = (),
     rounds: int = 5,
     seed: int = 0,
+    time_limit: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Discovered:
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
-        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``.
+        out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
+            ``findings.json`` holds the best answer so far while the search goes on.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
         effects: further effects, ``package.module:Name``.
         rounds: largest number of effects; seed: of the bootstrap.
+        time_limit: s from now on after which the search ends with the best answer so far, whose verdict is
+            ``unfinished``; the fit of the base model is always made, and what was found is written in any case.
         progress: called with a line about each piece of work.
 
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the base model cannot be simulated.
     """
-    say = progress or (lambda text: None)
+    watch = Watch.limited(progress or (lambda text: None), time_limit)
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
     catalogue = effect_catalogue(effects)
@@ -65,10 +71,20 @@ def discover(
         effects=catalogue,
         options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
         provenance={**record, "loop": model.systems[model.first].describe()},
-        say=say,
+        watch=watch,
+        keep=None if out is None else partial(_kept, Path(out)),
     )
-    document = found.document if out is None else _saved(case, found, description, Path(out), say)
+    document = found.document if out is None else _saved(case, found, description, Path(out), watch)
     return Discovered(document, found)
+
+
+def _kept(out: Path, document: FindingsDocument) -> None:
+    """The answer so far written down; a page of an earlier run would belie it."""
+    from fmu_didim.report.discovery_page import DISCOVERY_FILE
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / DISCOVERY_FILE).unlink(missing_ok=True)
+    save_findings(document, out)
 
 
 def _description(case: Case) -> RobotDescription | None:
@@ -80,9 +96,7 @@ def _description(case: Case) -> RobotDescription | None:
     return robot.description if isinstance(robot, RobotModel) else None
 
 
-def _saved(
-    case: Case, found: Found, description: RobotDescription | None, out: Path, say: Callable[[str], None]
-) -> FindingsDocument:
+def _saved(case: Case, found: Found, description: RobotDescription | None, out: Path, watch: Watch) -> FindingsDocument:
     """Everything written to the folder, and the document that names it."""
     from fmu_didim.report.discovery_page import write_discovery_report
 
@@ -90,14 +104,14 @@ def _saved(
     files = write_signals(found, out)
     notes = list(found.document.notes)
     if found.discovery.final.model.added_effects:
-        say("writing the augmented model")
+        watch.say("writing the augmented model")
         augmented, note = write_augmented(case, found, description, out)
         files |= augmented
         notes.append(note)
     document = found.document
     proposed: dict[str, str] = {}
-    if description is not None:
-        document, proposed = _with_experiment(found, case, out, say)
+    if description is not None and not watch.is_over:
+        document, proposed = _with_experiment(found, case, out, watch.say)
     document = document.model_copy(update={"files": files | proposed, "notes": notes})
     save_findings(document, out)
     write_discovery_report(out)

@@ -41,7 +41,7 @@ class Discovered:
 
     @property
     def verdict(self) -> Verdict:
-        """``nothing``, ``named``, ``named_with_remainder`` or ``unknown``."""
+        """``nothing``, ``named``, ``named_with_remainder``, ``unknown`` or ``unfinished``."""
         return self.document.verdict
 
     @property

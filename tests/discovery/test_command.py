@@ -177,6 +177,63 @@ def test_lag_becomes_a_part_of_its_own(tmp_path: Path) -> None:
     assert np.std(table.select(["measured1"]) - table.select(["final1"])) == pytest.approx(0.05, rel=0.15)
 
 
+# ---- a run that is ended from outside ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("at", "rounds"), [("signatures of", 0), ("fitting candidate", 0), ("writing the augmented", 1)]
+)
+def test_a_run_that_is_killed_leaves_what_it_knew(friction_case: Path, tmp_path: Path, at: str, rounds: int) -> None:
+    """It says that it is not at its end, and a page of an earlier run is gone."""
+
+    def kill(text: str) -> None:
+        if text.startswith(at):
+            raise KeyboardInterrupt
+
+    (tmp_path / "discovery.html").write_text("nothing is missing", encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        discover(friction_case, tmp_path, progress=kill)
+    document = load_findings(tmp_path)
+    assert document.verdict == "unfinished"
+    assert document.unfinished is not None
+    assert (document.unfinished.code, document.unfinished.rounds) == ("search-running", rounds)
+    assert [f.effect for f in document.findings] == ["quadratic_viscous"][:rounds]
+    assert document.gap["estimation"].before > 0.5  # type: ignore[operator]
+    assert not (tmp_path / "discovery.html").exists()
+
+
+def test_time_that_is_up_is_told_everywhere(
+    friction_case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An effect is hidden, and none was tried: that is no answer."""
+    assert main(["discover", str(friction_case), "--out", str(tmp_path), "--time-limit", "0.001"]) == 3
+    printed = " ".join(capsys.readouterr().out.split())
+    page = (tmp_path / "discovery.html").read_text(encoding="utf-8")
+    document = load_findings(tmp_path)
+    assert document.verdict == "unfinished" and document.findings == []
+    assert document.unfinished is not None
+    assert {name for name, _ in document.unfinished.untried} >= {"quadratic_viscous", "torque_saturation", "backlash"}
+    assert "Nor were torques from outside looked for." in document.unfinished.text
+    assert document.gap["validation"].before is not None
+    for shown in (printed, page):
+        assert "NOT FINISHED" in shown and "NOTHING MISSING" not in shown
+        assert document.unfinished.text.split(" (")[0] in shown
+        assert "--time-limit" in shown
+    assert "Not tried torque saturation, joint 1" in printed
+    assert {c.outcome for c in document.candidates} == {"not tried"}
+
+
+def test_enough_time_changes_nothing(friction_case: Path, printed: tuple[Path, str]) -> None:
+    document = discover(friction_case, time_limit=1000.0)
+    assert document.verdict == "named"
+    assert document.document.unfinished is None
+    assert [p.value for p in document.findings[0].parameters] == [
+        p.value for p in document_of(printed).findings[0].parameters
+    ]
+    outcomes = {(c.round, c.effect): c.outcome for c in document.document.candidates}
+    assert outcomes[1, "quadratic_viscous"] == "fitted"
+
+
 # ---- options ---------------------------------------------------------------------------------------
 
 

@@ -205,6 +205,8 @@ def test_a_search_stops_where_little_is_promised_or_too_little_can_be_had(
     known, moved = noise_of(model), []
     options: dict[str, Any] = {"jacobian": start.jacobian, "torque": start.torque, "progress": moved.append}
     unpromising = minimise(start.model, known, stopping=Stopping(promise=1e9), **options)
+    late = minimise(start.model, known, stopping=Stopping(until=0.0), **options)
+    assert late.given_up and late.chi_square == pytest.approx(cost(model, NEAR))
     hopeless = minimise(start.model, known, stopping=Stopping(give_up_above=0.5 * cost(model, NEAR)), **options)
     for fit in (unpromising, hopeless):
         np.testing.assert_array_equal(fit.values, NEAR)

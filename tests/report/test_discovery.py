@@ -25,6 +25,7 @@ VERDICTS = {
     "named": ("good", "NAMED", "the missing effects are named"),
     "named_with_remainder": ("doubtful", "NAMED IN PART", "effects are named, part of the gap remains"),
     "unknown": ("refused", "UNKNOWN", "something is missing that no effect of the catalogue explains"),
+    "unfinished": ("doubtful", "NOT FINISHED", "the search is not at its end: more or other effects may be missing"),
 }
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Competition, Screened
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import Effect
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
@@ -24,7 +25,7 @@ def rivalled(
     builder: LoopModelBuilder,
     *,
     forbid: frozenset[str] = frozenset(),
-    say: Callable[[str], None] = lambda text: None,
+    watch: Watch,
 ) -> bool:
     """Whether one effect of the machine explains the data better than all the external torques.
 
@@ -38,5 +39,5 @@ def rivalled(
     first: dict[str, Screened] = {}  # the best joint of each
     for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
-    best = competition.contend(list(first.values()), progress=say)
+    best = competition.contend(list(first.values()), watch=watch).contenders
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic

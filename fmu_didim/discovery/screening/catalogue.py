@@ -12,6 +12,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
@@ -58,9 +59,12 @@ class SignatureCatalogue:
 
     Attributes:
         builder: builds the loops; fit: the motion's.
+        left: candidates of which no signature was made, because the time was up.
     """
 
-    def __init__(self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint]) -> None:
+    def __init__(
+        self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint], watch: Watch | None = None
+    ) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
@@ -68,8 +72,15 @@ class SignatureCatalogue:
         self._beginnings = {label: Beginning.of(fit.model, label, torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
         derived = self._by_derivatives(smooth) if smooth else {}
+        watch, left = watch or Watch(), list[EffectAtJoint]()
+        told = watch.counted("signatures of candidate", len(candidates))
         for effect_at in candidates:
+            if watch.is_over:
+                left.append(effect_at)
+                continue
             self._signatures += derived[effect_at] if effect_at in derived else list(self._make(effect_at))
+            told("")
+        self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)

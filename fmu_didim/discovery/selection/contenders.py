@@ -7,8 +7,9 @@ Screening projects the base out of each signature: only what the present model c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property, partial
 
 import numpy as np
@@ -17,6 +18,7 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.base_projection import BaseProjection
@@ -72,6 +74,47 @@ class Contender:
     share: float
     torque_change: float
     cost: float
+
+
+class Outcome(Enum):
+    """What became of a candidate that was worth a fit."""
+
+    FITTED = "fitted"
+    LEFT_EARLY = "left early"
+    """It was out of reach of the best."""
+    NOT_SIMULABLE = "cannot be simulated"
+    NOT_TRIED = "not tried"
+    """The time was up before, or in the middle of its fit."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate of a round and what became of it.
+
+    Attributes:
+        delta_bic: over the model without it, of the point that its fit came to; None without one.
+    """
+
+    effect_at: EffectAtJoint
+    outcome: Outcome
+    delta_bic: float | None = None
+
+
+@dataclass(frozen=True)
+class Contest:
+    """The fits of a round.
+
+    Attributes:
+        contenders: those that were fitted, the best first; tried: all candidates, in the order of the screening.
+    """
+
+    contenders: tuple[Contender, ...]
+    tried: tuple[Tried, ...]
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the time was up before all candidates were tried."""
+        return any(t.outcome is Outcome.NOT_TRIED for t in self.tried)
 
 
 @dataclass(frozen=True)
@@ -138,31 +181,39 @@ class Competition:
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
-    def contend(self, chosen: Sequence[Screened], *, progress: Callable[[str], None]) -> list[Contender]:
-        """Closed-loop fits of the chosen candidates, the best first; one that cannot be simulated is left out."""
+    def contend(self, chosen: Sequence[Screened], *, watch: Watch) -> Contest:
+        """Closed-loop fits of the chosen candidates; what cannot be simulated, or is not fitted when the time is up, is
+        no contender."""
         fit = self.fit
         best = [fit.chi_square - limits.LEAST]
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+        told = watch.counted("fitting candidate", len(chosen))
 
-        def one(candidate: Screened) -> Contender | None:
+        def one(candidate: Screened) -> Contender | Outcome:
             found = None
+            if watch.is_over:
+                return Outcome.NOT_TRIED
             starts = [candidate.signature.proposal(candidate.coefficients)]
             if candidate.others is not None and candidate.gain >= leading:
                 starts = self._scanned(candidate)
             for start in starts:
-                fitted = self.refit(start, give_up_above=best[0])
+                fitted = self.refit(start, give_up_above=best[0], until=watch.ends)
+                if watch.is_over and (fitted is None or fitted.given_up):
+                    return Outcome.NOT_TRIED
                 if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                     found = fitted
                     best[0] = min(best[0], found.chi_square)
-            if found is None:
-                return None
-            result = self.contender(candidate.effect_at, found)
             named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
-            progress(f"{named}: BIC difference {result.delta_bic:.0f}")
+            if found is None:
+                told(f"{named} cannot be simulated")
+                return Outcome.NOT_SIMULABLE
+            result = self.contender(candidate.effect_at, found)
+            told(f"{named}, BIC difference {result.delta_bic:.0f}")
             return result
 
         results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
-        return sorted((c for c in results if c is not None), key=lambda c: -c.delta_bic)
+        found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
+        return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in zip(chosen, results, strict=True)))
 
     def finished(self, candidate: Contender) -> Contender:
         """A contender whose fit was given up, because another one was better, once more to its minimum: only there
@@ -236,11 +287,13 @@ class Competition:
             return np.inf
         return float(np.sqrt(np.mean((change / found.noise.deviation) ** 2, axis=0)).max())
 
-    def refit(self, proposal: Proposal, *, give_up_above: float = np.inf, hold: bool = False) -> Fit | None:
+    def refit(
+        self, proposal: Proposal, *, give_up_above: float = np.inf, until: float = np.inf, hold: bool = False
+    ) -> Fit | None:
         """The present model with one more effect, fitted; None if no start of it can be simulated.
 
         Args:
-            give_up_above: see :func:`~fmu_didim.prediction.least_squares.minimise`.
+            give_up_above, until: see :func:`~fmu_didim.prediction.least_squares.minimise`.
             hold: whether its shapes stay as they are proposed.
         """
         builder, fit = self.builder, self.fit
@@ -270,10 +323,17 @@ class Competition:
                 continue
             jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
             return minimise(
-                model, fit.noise, stopping=Stopping(updates=1, give_up_above=give_up_above, check_all=False),
+                model, fit.noise,
+                stopping=Stopping(updates=1, give_up_above=give_up_above, until=until, check_all=False),
                 jacobian=jacobian, torque=torque,
             )  # fmt: skip
         return None
+
+
+def _tried(effect_at: EffectAtJoint, result: Contender | Outcome) -> Tried:
+    if isinstance(result, Outcome):
+        return Tried(effect_at, result)
+    return Tried(effect_at, Outcome.LEFT_EARLY if result.fit.given_up else Outcome.FITTED, result.delta_bic)
 
 
 def _coefficients(columns: Array, residual: Array) -> Array:

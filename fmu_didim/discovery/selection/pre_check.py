@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +11,14 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
 
 
-def pre_check(
-    builder: LoopModelBuilder, base: Fit, options: Options, say: Callable[[str], None]
-) -> tuple[Fit, list[Step]]:
+def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Watch) -> tuple[Fit, list[Step]]:
     """The base model with the effects that are found before all others, and one step for each of them.
 
     Values at the upper quantiles of the measured torque of each joint are tried in full simulations.
@@ -29,8 +27,8 @@ def pre_check(
     for name, effect in builder.effects.items():
         if effect.pre_check is None or name in options.forbid:
             continue
-        say(f"pre-check: {effect.class_name}")
-        found = _checked(name, effect.pre_check, Competition(builder, fit), options, say)
+        watch.say(f"pre-check: {effect.class_name}")
+        found = _checked(name, effect.pre_check, Competition(builder, fit), options, watch)
         if found is not None:
             step, fit = found
             steps.append(step)
@@ -38,7 +36,7 @@ def pre_check(
 
 
 def _checked(
-    name: str, check: PreCheck, competition: Competition, options: Options, say: Callable[[str], None]
+    name: str, check: PreCheck, competition: Competition, options: Options, watch: Watch
 ) -> tuple[Step, Fit] | None:
     """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
     fit = competition.fit
@@ -66,7 +64,7 @@ def _checked(
         )
     if reason:
         return None
-    say(f"added: {name} on joint {best.effect_at.joint}")
+    watch.say(f"added: {name} on joint {best.effect_at.joint}")
     return replace(step_of(best, found, competition, options), remark=remark), best.fit
 
 

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Competition, Contender, Screened
+from fmu_didim.discovery.selection.contenders import Competition, Contender, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_description import EffectAtJoint
 
-Say = Callable[[str], None]
+
+class Ending(Enum):
+    """Whether a search is at its end."""
+
+    COMPLETE = "complete"
+    RUNNING = "running"
+    TIME_UP = "time up"
 
 
 @dataclass(frozen=True)
@@ -29,26 +37,58 @@ class Discovery:
     Attributes:
         base, final: fits without and with the effects; steps: one an effect that stayed.
         refused: contenders that were best in the last round but not accepted, and why.
+        tried: the candidates that were worth a fit, round by round.
+        ending: whether it is at its end.
     """
 
     base: Fit
     final: Fit
     steps: tuple[Step, ...]
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
+    tried: tuple[tuple[Tried, ...], ...] = ()
+    ending: Ending = Ending.COMPLETE
 
 
-def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say) -> Discovery:
-    """Add effects to the base model as long as the data ask for them."""
-    fit, steps = pre_check(builder, base, options, say)
+def run_rounds(
+    builder: LoopModelBuilder,
+    base: Fit,
+    options: Options,
+    watch: Watch,
+    keep: Callable[[Discovery], None] = lambda discovery: None,
+) -> Discovery:
+    """Add effects to the base model as long as the data ask for them.
+
+    Args:
+        keep: called with what is known before the first round and after each one.
+    """
+    keep(Discovery(base, base, (), ending=Ending.RUNNING))
     candidates = _candidates(builder, options)
-    say(f"signatures of {len(candidates)} candidates")
-    catalogue = SignatureCatalogue(builder, fit, candidates=candidates)
-    say("competition of the candidates")
+    if watch.is_over:
+        checked = [name for name, effect in builder.effects.items() if effect.pre_check and name not in options.forbid]
+        before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
+        return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
+    fit, steps = pre_check(builder, base, options, watch)
+    if steps:
+        keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
+    watch.say(f"signatures of {len(candidates)} candidates")
+    catalogue = SignatureCatalogue(builder, fit, candidates=candidates, watch=watch)
+    watch.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
+    tried: list[tuple[Tried, ...]] = []
+    ending = Ending.COMPLETE
     while len(steps) < options.rounds:
+        if catalogue.left:  # the best may be among them
+            tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
+            ending = Ending.TIME_UP
+            break
         competition = Competition(builder, fit)
         screened = competition.screen(catalogue)
-        contenders = competition.contend(competition.shortlist(screened), progress=say)
+        contest = competition.contend(competition.shortlist(screened), watch=watch)
+        tried.append(contest.tried)
+        if contest.is_cut:
+            ending = Ending.TIME_UP
+            break
+        contenders = contest.contenders
         held = partial(_with_shapes_held, competition, screened)
         accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
         if isinstance(accepted, Contender):
@@ -57,16 +97,21 @@ def run_rounds(builder: LoopModelBuilder, base: Fit, options: Options, say: Say)
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
             step = step_of(accepted, contenders, competition, options)
-            say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
+            watch.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, steps, options, say)
+            fit, steps = _backward(builder, accepted.fit, steps, options, watch)
+            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
-                catalogue = SignatureCatalogue(builder, fit, candidates=left)
+                catalogue = SignatureCatalogue(builder, fit, candidates=left, watch=watch)
         else:
             refused = accepted
             break
-    return Discovery(base, fit, tuple(steps), refused)
+    return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
+
+
+def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[Tried, ...]:
+    return tuple(Tried(effect_at, Outcome.NOT_TRIED) for effect_at in candidates)
 
 
 def _with_shapes_held(
@@ -95,7 +140,7 @@ def _present(builder: LoopModelBuilder) -> set[tuple[str, int]]:
 
 
 def _backward(
-    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, say: Say
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, watch: Watch
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
@@ -109,7 +154,7 @@ def _backward(
         worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
         if worth < options.threshold or size < limits.KEPT_GAIN * options.smallest_gain:
-            say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
+            watch.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
     return fit, steps

@@ -22,6 +22,7 @@ from fmu_didim.discovery.external_torques.rivals import external_effect, rivalle
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
 from fmu_didim.discovery.findings import ValueFound
 from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
@@ -257,15 +258,16 @@ def test_one_effect_must_explain_more_than_all_torques(
     monkeypatch.setattr(Competition, "screen", lambda *_: screened)
     monkeypatch.setattr(
         Competition, "contend",
-        lambda _, chosen, progress: seen.append(chosen) or ([] if bic is None else [SimpleNamespace(delta_bic=bic)]),
+        lambda _, chosen, watch: seen.append(chosen)
+        or SimpleNamespace(contenders=() if bic is None else (SimpleNamespace(delta_bic=bic),)),
     )  # fmt: skip
     fitted = FittedExternalTorques(None, None, "x", 100.0, 0.9)
     builder = Catalogue(*EFFECTS, joints=2)
-    assert rivalled(fitted, table_fit(5.0), builder) is better
+    assert rivalled(fitted, table_fit(5.0), builder, watch=Watch()) is better
     assert [f"{c.effect}{c.joint}" for c in seen[0]] == ["payload1", "payload2", "presliding1", "presliding2"]
     assert seen[1] == [screened[0], screened[2]]  # each at its best joint
     del seen[:]
-    rivalled(fitted, table_fit(5.0), builder, forbid=frozenset({"payload"}))
+    rivalled(fitted, table_fit(5.0), builder, forbid=frozenset({"payload"}), watch=Watch())
     assert [c.effect for c in seen[0]] == ["presliding"] * 2
 
 

@@ -15,10 +15,12 @@ from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
 from fmu_didim.discovery.selection.contenders import (
     Competition,
+    Outcome,
     Screened,
     _idle,
     proposal_of,
 )
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
@@ -444,22 +446,52 @@ def competing(
 ) -> tuple[Any, list[str]]:
     said: list[str] = []
     competition = Competition(builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()))
-    return competition.contend(candidates, progress=said.append), said
+    return competition.contend(candidates, watch=Watch(said.append)).contenders, said
 
 
 def test_contenders_come_the_best_first() -> None:
     found, said = competing(tried(50.0, name="a", v=0.0, others=None, size=2.0), tried(100.0))
     assert {c.effect_at.effect for c in found} == {"a", "gear"}
     assert [c.delta_bic for c in found] == sorted((c.delta_bic for c in found), reverse=True)
-    assert (
-        said[0] == f"a on joint 1: BIC difference {next(c for c in found if c.effect_at.effect == 'a').delta_bic:.0f}"
-    )
+    worth = {c.effect_at.effect: f"{c.delta_bic:.0f}" for c in found}
+    first, last = sorted(said)
+    assert first.startswith("fitting candidate 1 of 2, about ")
+    assert first.endswith(f" s left: a on joint 1, BIC difference {worth['a']}")
+    assert last == f"fitting candidate 2 of 2: gear on joint 1, BIC difference {worth['gear']}"
 
 
 def test_one_that_cannot_be_simulated_is_left_out() -> None:
     found, said = competing(tried(100.0), builder=Builder(effect_of("gear"), broken=0.0))
-    assert found == [] and said == []
-    assert competing() == ([], [])
+    assert (found, said) == ((), ["fitting candidate 1 of 1: gear on joint 1 cannot be simulated"])
+    assert competing() == ((), [])
+
+
+def outcomes(watch: Watch, **more: Any) -> list[tuple[str, Outcome]]:
+    """Of two candidates."""
+    competition = Competition(Builder(effect_of("gear"), effect_of("a"), **more), fitted(plant()))
+    candidates = [tried(100.0), tried(50.0, name="a", v=0.0, others=None, size=2.0)]
+    contest = competition.contend(candidates, watch=watch)
+    assert contest.is_cut == any(t.outcome is Outcome.NOT_TRIED for t in contest.tried)
+    assert [t.delta_bic for t in contest.tried if t.delta_bic is not None] == [c.delta_bic for c in contest.contenders]
+    return [(t.effect_at.effect, t.outcome) for t in contest.tried]
+
+
+def test_what_became_of_each_candidate_is_told() -> None:
+    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.FITTED)]
+    assert outcomes(Watch(), broken=0.0) == [("gear", Outcome.NOT_SIMULABLE), ("a", Outcome.NOT_SIMULABLE)]
+    assert outcomes(Watch(ends=0.0)) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+
+
+def test_what_is_out_of_reach_of_the_best_is_left_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    refit = Competition.refit
+    monkeypatch.setattr(Competition, "refit", lambda *given, **more: refit(*given, **{**more, "give_up_above": -1e9}))
+    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.LEFT_EARLY)]  # one starts at its minimum
+
+
+def test_a_fit_in_whose_middle_the_time_ends_does_not_count() -> None:
+    readings = iter([0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0])  # told, begin of the first, its scan, after its fit, ...
+    watch = Watch(ends=1.0, now=lambda: next(readings))
+    assert outcomes(watch) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
 
 
 def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -476,7 +508,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.Mon
     squares = iter([900.0, 400.0, 600.0, 300.0])
     before = fitted(plant())
 
-    def one(self: Any, proposal: Proposal, *, give_up_above: float) -> Fit | None:
+    def one(self: Any, proposal: Proposal, *, give_up_above: float, until: float) -> Fit | None:
         asked.append(give_up_above)
         square = next(squares)
         return None if square == 600.0 else replace(before, chi_square=square)
@@ -485,7 +517,8 @@ def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.Mon
     monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
         Competition, "contender",
-        lambda self, at, fit: found.append(fit.chi_square) or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square),
+        lambda self, at, fit: found.append(fit.chi_square)
+        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit),
     )  # fmt: skip
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     result, _ = competing(
@@ -501,7 +534,7 @@ def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.
     monkeypatch.setattr(Competition, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     monkeypatch.setattr(
-        Competition, "contender", lambda self, at, fit: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square)
+        Competition, "contender", lambda self, at, fit: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square, fit=fit)
     )
     assert [c.delta_bic for c in competing(tried(100.0))[0]] == [400.0]
 

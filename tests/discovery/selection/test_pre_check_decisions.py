@@ -16,6 +16,7 @@ from fmu_didim.discovery.selection import pre_check as checking
 from fmu_didim.discovery.selection.contenders import Competition, Contender
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
@@ -128,7 +129,7 @@ LIMIT = effect_of("limit", class_name="a limit", pre_check=CHECK)
 def checked(builder: Any = None, *, white: Noise = WHITE, **options: Any) -> tuple[Any, Any, list[str], Any]:
     said: list[str] = []
     base = ramp(white)
-    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), said.append)
+    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), Watch(said.append))
     return fit, steps, said, base
 
 

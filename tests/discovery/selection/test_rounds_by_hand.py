@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.discovery.selection import rounds
-from fmu_didim.discovery.selection.contenders import Contender, Screened
+from fmu_didim.discovery.selection.contenders import Contender, Contest, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.rounds import _backward, _candidates, _with_shapes_held, run_rounds
+from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
@@ -50,6 +51,8 @@ class ByHand:
         self.stepped: list[tuple[Any, ...]] = []
         self.backward: list[list[Any]] = []
         self.helds: list[Any] = []
+        self.left: tuple[EffectAtJoint, ...] = ()
+        self.cut_in = 0
         self._outcomes, self._checked = list(outcomes), list(checked)
         for name in ("pre_check", "decide", "minimise", "step_of", "_backward"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
@@ -59,9 +62,9 @@ class ByHand:
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
         return (with_effects("limit") if self._checked else base), list(self._checked)
 
-    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint]) -> Any:
+    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], watch: Watch) -> Any:
         self.catalogues.append((fit, candidates))
-        return SimpleNamespace(fit=fit)
+        return SimpleNamespace(fit=fit, left=self.left)
 
     def do_competition(self, builder: Any, fit: Fit) -> Any:
         def screen(catalogue: Any) -> list[Any]:
@@ -71,11 +74,16 @@ class ByHand:
         return SimpleNamespace(
             builder=builder, fit=fit, finished="to the end", screen=screen,
             shortlist=lambda screened: [*screened, "shortlisted"],
-            contend=lambda chosen, *, progress: [*chosen, "fitted"],
+            contend=self.do_contend,
         )  # fmt: skip
 
+    def do_contend(self, chosen: Any, *, watch: Watch) -> Contest:
+        cut = len(self.screened) == self.cut_in
+        tried = [Tried(EffectAtJoint("a", 1), Outcome.FITTED, 7.0)]
+        return Contest((*chosen, "fitted"), (*tried, Tried(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried)
+
     def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
-        assert contenders == ["screened", "shortlisted", "fitted"]
+        assert contenders == ("screened", "shortlisted", "fitted")
         assert finished == "to the end"
         competition, screened = held.args
         assert (competition.builder, competition.fit) == (EFFECTS, fit)
@@ -101,7 +109,7 @@ BASE = with_effects()
 
 def run(**options: Any) -> tuple[Any, list[str]]:
     said: list[str] = []
-    return run_rounds(EFFECTS, BASE, Options(**options), said.append), said
+    return run_rounds(EFFECTS, BASE, Options(**options), Watch(said.append)), said
 
 
 def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,6 +140,56 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     assert [len(steps) for steps in competition.backward] == [1, 2]
     assert len(competition.catalogues) == 1  # the motion hardly changes
     assert found.refused == ()
+
+
+def test_what_is_known_is_kept_before_the_first_round_and_after_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    ByHand(monkeypatch, added("a"), added("ab"), ())
+    kept: list[Any] = []
+    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    assert [[s.effect_at.effect for s in d.steps] for d in kept] == [[], ["a"], ["a", "b"]]
+    assert all(d.ending is Ending.RUNNING and d.base is BASE for d in kept)
+    assert [d.final.simulations for d in kept] == [0, 77, 77]
+
+
+def test_what_the_pre_check_found_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    ByHand(monkeypatch, (), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
+    kept: list[Any] = []
+    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    assert [len(d.steps) for d in kept] == [0, 1]
+
+
+@pytest.mark.parametrize("cut_in", [1, 2])
+def test_a_round_that_the_time_cuts_decides_nothing(monkeypatch: pytest.MonkeyPatch, cut_in: int) -> None:
+    """The best may be among those that were not tried: what complete rounds have accepted stays."""
+    ByHand(monkeypatch, added("a"), added("ab"), ()).cut_in = cut_in
+    found, _ = run()
+    assert [s.effect_at.effect for s in found.steps] == ["a"][: cut_in - 1]
+    assert found.ending is Ending.TIME_UP and found.refused == ()
+    assert [len(contest) for contest in found.tried] == [1] * (cut_in - 1) + [2]
+
+
+def test_without_all_signatures_nothing_is_decided(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"))
+    competition.left = (EffectAtJoint("b", 1),)
+    found, _ = run()
+    assert found.ending is Ending.TIME_UP and not competition.screened
+    assert [(t.effect_at.effect, t.outcome) for t in found.tried[0]] == [
+        (name, Outcome.NOT_TRIED) for name in ("a", "b", "shift")
+    ]
+
+
+def test_nothing_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a pre-check would have tried is named, too."""
+    competition = ByHand(monkeypatch)
+    builder = Catalogue(*EFFECTS.effects.values(), effect_of("limit", is_proposed=False, pre_check="at the peaks"))
+    found = run_rounds(builder, BASE, Options(forbid=frozenset({"a"})), Watch(ends=0.0))
+    assert found.ending is Ending.TIME_UP and not competition.catalogues
+    assert {t.effect_at.effect for t in found.tried[0]} == {"limit", "b", "shift"}
+
+
+def test_a_search_that_went_through_is_complete(monkeypatch: pytest.MonkeyPatch) -> None:
+    ByHand(monkeypatch, added("a"), ())
+    assert run()[0].ending is Ending.COMPLETE
 
 
 @pytest.mark.parametrize(("most", "count"), [(0, 0), (1, 1), (2, 2)])
@@ -210,7 +268,7 @@ def backward(
     steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
     said: list[str] = []
     fit, left = _backward(
-        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), said.append
+        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Watch(said.append)
     )  # fmt: skip
     return fit, [s.effect_at.effect for s in left], calls, said
 

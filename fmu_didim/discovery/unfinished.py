@@ -1,0 +1,81 @@
+"""How far a search came that is not at its end, in words."""
+
+from __future__ import annotations
+
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.discovery import thresholds as limits
+from fmu_didim.discovery.findings import VERDICT_TEXT, FindingsDocument, UnfinishedResult
+from fmu_didim.discovery.selection.contenders import Outcome, Tried
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
+from fmu_didim.prediction.loop_description import EffectAtJoint
+
+SEARCH_RUNNING = CATALOGUE(
+    "search-running", DOUBT, rank=1,
+    meaning="The findings were written while the search went on; if it no longer runs, it was ended from outside.",
+    next_step="Wait for it, or run discover once more.",
+)  # fmt: skip
+SEARCH_CUT = CATALOGUE(
+    "search-cut", DOUBT, rank=1,
+    meaning="The time limit ended the search: what was not tried may explain the data better, or something else.",
+    next_step="Give it more time (--time-limit), or fewer effects to try (--forbid).",
+)  # fmt: skip
+
+
+def unfinished_result(discovery: Discovery, limit_s: float | None) -> UnfinishedResult | None:
+    """How far a search is; None where it came to its end."""
+    if discovery.ending is Ending.COMPLETE:
+        return None
+    if discovery.ending is Ending.RUNNING:
+        accepted = ", ".join(_named(step.effect_at) for step in discovery.steps) or "no effect"
+        text = f"The search was still running when this was written, with {accepted} accepted; others may follow."
+        return _result(Diagnostic(SEARCH_RUNNING, text), len(discovery.tried), [])
+    last = discovery.tried[-1]
+    untried = [t.effect_at for t in last if t.outcome is Outcome.NOT_TRIED]
+    number = len(discovery.tried)
+    text = (
+        f"The time limit of {limit_s or 0.0:g} s ended the search in round {number}: {len(untried)} of its "
+        f"{len(last)} candidates were not tried ({_listed(untried)}){_leader(last)}."
+    )
+    return _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), number - 1, untried)
+
+
+def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -> FindingsDocument:
+    """A document of a search that lacks its last part, which the time did not allow.
+
+    Args:
+        what: was not looked for.
+    """
+    told = document.unfinished
+    if told is not None:
+        more = told.model_copy(update={"text": f"{told.text} Nor were {what} looked for."})
+        return document.model_copy(update={"unfinished": more})
+    text = f"The time limit of {limit_s or 0.0:g} s ended the search before {what} were looked for."
+    more = _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), len(document.findings), [])
+    update = {"verdict": "unfinished", "text": VERDICT_TEXT["unfinished"], "unfinished": more}
+    return document.model_copy(update=update)
+
+
+def _result(found: Diagnostic, rounds: int, untried: list[EffectAtJoint]) -> UnfinishedResult:
+    return UnfinishedResult(
+        code=found.code.name, text=found.text, next_step=found.advice, rounds=rounds,
+        untried=[(a.effect, a.joint) for a in untried],
+    )  # fmt: skip
+
+
+def _listed(untried: list[EffectAtJoint]) -> str:
+    shown = ", ".join(map(_named, untried[: limits.SHOWN_UNTRIED]))
+    more = len(untried) - limits.SHOWN_UNTRIED
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+def _leader(tried: tuple[Tried, ...]) -> str:
+    """The best of those that were fitted, which is none of the findings."""
+    fitted = [(t.delta_bic, t.effect_at) for t in tried if t.outcome is Outcome.FITTED and t.delta_bic is not None]
+    if not fitted:
+        return ""
+    worth, best = max(fitted, key=lambda f: f[0])
+    return f"; of those that were, {_named(best)} leads with a BIC difference of {worth:.0f}"
+
+
+def _named(effect_at: EffectAtJoint) -> str:
+    return f"{effect_at.effect} on joint {effect_at.joint}"
