@@ -155,7 +155,7 @@ def _check(options: argparse.Namespace) -> int:
 def _discover(options: argparse.Namespace) -> int:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
-    The exit code is 3 where the time limit ended the search.
+    The exit code is 0, 4 where the answer is doubtful, 3 where the time limit ended the search.
     """
     from fmu_didim.workflow import discover
 
@@ -176,7 +176,7 @@ def _discover(options: argparse.Namespace) -> int:
     print(found.summary())
     took = f"({time.perf_counter() - started:.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
-    return 0 if found.document.unfinished is None else EXIT_NOT_SETTLED
+    return found.exit_code
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -119,7 +119,7 @@ def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
 
     script = load("examples/arm2r/make_data.py")
     document = discover("examples/arm2r/discover.yaml", tmp_path)
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert {(f.effect, f.joint) for f in document.findings} == {("actuator_lag", 2), ("stribeck", 1)}
     lag = next(p for f in document.findings for p in f.parameters if p.name == "T_2")
     assert lag.std is not None

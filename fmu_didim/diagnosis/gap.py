@@ -7,7 +7,7 @@ is what remains of the residual r when the noise is taken out; 1 means a model e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -94,16 +94,37 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
 
 def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
     """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    labels = before.model.validation_labels
-    if not labels:
+    if not before.model.validation_labels:
         return None
     try:
-        second = np.concatenate([after.model.residual(after.values, label) for label in labels])
+        first, second = _held_out(before), _held_out(after)
     except SimulationError:
         return Ratio(np.inf, np.inf, np.inf)
-    first = np.concatenate([before.model.residual(before.values, label) for label in labels])
-    rate = before.model.experiments[labels[0]].rate_hz
-    return rms_ratio(first, second, before.noise, block=max(round(limits.BLOCK_S * rate), 1), seed=seed)
+    return rms_ratio(first, second, before.noise, block=_block(before), seed=seed)
+
+
+def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
+    """Joint, from 1, and its ratio of the held-out RMS of two models; nothing where there is none to compare."""
+    if not before.model.validation_labels:
+        return []
+    try:
+        first, second = _held_out(before), _held_out(after)
+    except SimulationError:
+        return []
+    noise, block = before.noise, _block(before)
+    own = [replace(noise, deviation=noise.deviation[[j]]) for j in range(first.shape[1])]
+    return [(j + 1, rms_ratio(first[:, [j]], second[:, [j]], one, block=block, seed=seed)) for j, one in enumerate(own)]
+
+
+def _held_out(fit: Fit) -> Array:
+    """(Nv, n) residual of all held-out experiments."""
+    labels = fit.model.validation_labels
+    return np.concatenate([fit.model.residual(fit.values, label) for label in labels])
+
+
+def _block(fit: Fit) -> int:
+    """Samples in a block of the bootstrap."""
+    return max(round(limits.BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:

@@ -36,7 +36,7 @@ LOG_CLOCK = CATALOGUE(
     "log-clock", DOUBT, rank=12,
     meaning="What the model leaves of the measured torque follows the rate of that torque alone, as it does when the "
     "stamps of the log are late or early, or when the loop has a delay that the case does not tell.",
-    next_step="Free the clock of the log or the delay of the loop: identify: {late: {of: log}}, or {wait: {of: delay}}.",
+    next_step="Free the clock of the log or the delay: identify: {late: {of: log}}, or {wait: {of: delay}}.",
 )  # fmt: skip
 TORQUE_RATE = "rate of the torque"
 """The function of the motion that a shift of the log's clock leaves."""

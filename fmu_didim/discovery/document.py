@@ -10,10 +10,10 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.diagnosis.localise import Region, force_windows
-from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import (
-    VERDICT_TEXT,
+    ANSWER_TEXT,
+    Answer,
     CandidateResult,
     FindingResult,
     FindingsDocument,
@@ -22,17 +22,16 @@ from fmu_didim.discovery.findings import (
     RegionResult,
     Rival,
     ValueFound,
-    Verdict,
     WindowResult,
 )
+from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery
-from fmu_didim.discovery.unfinished import unfinished_result
+from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
 from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, relative_error_percent
@@ -53,6 +52,7 @@ def findings_document(
     notes: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
     limit_s: float | None = None,
+    case: str = "",
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
@@ -61,16 +61,19 @@ def findings_document(
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
         found_regions: where the base model disagrees; notes: further remarks.
-        limit_s: time that the search had.
+        limit_s: time that the search had; case: file of the case, for the commands that reasons name.
     """
     residuals = _residuals(discovery)
-    unfinished = unfinished_result(discovery, limit_s)
-    verdict = "unfinished" if unfinished is not None else _verdict(discovery)
+    told, unfinished = unfinished_search(discovery, limit_s)
+    judgement = judged(discovery, told)
+    answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
         name=name,
-        verdict=verdict,
-        text=VERDICT_TEXT[verdict],
+        answer=answer,
+        text=ANSWER_TEXT[answer],
+        verdict=judgement.verdict,
+        reasons=judgement.saved(case),
         unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in discovery.base.model.experiments.items()},
@@ -96,18 +99,6 @@ def findings_document(
         files={},
         provenance={**(provenance or {}), "catalogue": sorted(builder.effects)},
     )  # fmt: skip
-
-
-def _verdict(discovery: Discovery) -> Verdict:
-    remains = bool((joint_gaps(discovery.final.residual, discovery.final.noise) > limits.REMAINDER).any())
-    if discovery.steps or has_external_torques(discovery.final.model):
-        return "named_with_remainder" if remains else "named"
-    return "unknown" if remains else "nothing"
-
-
-def has_external_torques(model: LoopModel) -> bool:
-    """Whether torques from outside were found in an experiment that was fitted."""
-    return any(model.experiments[label].external_torques for label in model.estimation_labels)
 
 
 def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> FindingResult:

@@ -9,16 +9,18 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, ValidationError
 
 from fmu_didim.cache import whole_file
+from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.documents import Number, Strict
 from fmu_didim.errors import InputError
 
 FINDINGS_FILE = "findings.json"
-Verdict = Literal["nothing", "named", "named_with_remainder", "unknown", "unfinished"]
-VERDICT_TEXT: dict[str, str] = {
+Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]
+ANSWER_TEXT: dict[str, str] = {
     "nothing": "nothing that matters is missing in the model",
     "named": "the missing effects are named",
     "named_with_remainder": "effects are named, part of the gap remains",
     "unknown": "something is missing that no effect of the catalogue explains",
+    "disagreement": "the experiments do not agree: what was held out is predicted far worse than what was fitted",
     "unfinished": "the search is not at its end: more or other effects may be missing",
 }
 
@@ -130,10 +132,12 @@ class CandidateResult(_Document):
 class FindingsDocument(_Document):
     """The content of ``findings.json``; while the search goes on, the best answer so far."""
 
-    schema_version: Literal[2] = 2
+    schema_version: Literal[3] = 3
     name: str
-    verdict: Verdict
-    text: str
+    answer: Answer = Field(description="what the model lacks")
+    text: str = Field(description="the answer in words")
+    verdict: Verdict = Field(description="whether the answer and the values of the final model may be used")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
     unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")

@@ -16,11 +16,12 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.all_thresholds import all_thresholds
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.document import findings_document, has_external_torques
+from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
+from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.selection.thresholds import HELD_OUT
@@ -67,6 +68,7 @@ def discover(
     provenance: Mapping[str, Any] | None = None,
     watch: Watch | None = None,
     keep: Keep | None = None,
+    case: str = "",
 ) -> Found:
     """Find the effects that a model lacks.
 
@@ -75,6 +77,7 @@ def discover(
         description: the robot, None for a plant that is a black box.
         effects: the catalogue by name.
         watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
+        case: file of the case, for the commands that reasons name.
         keep: called with the best answer so far when the base model is fitted and after each round.
 
     Raises:
@@ -86,7 +89,7 @@ def discover(
         return document.model_copy(update={"seconds": clock.perf_counter() - begin})
 
     kept = None if keep is None else lambda document: keep(timed(document))
-    ask = _Question(description, name, effects, options or Options(), provenance, watch or Watch(), kept)
+    ask = _Question(description, name, effects, options or Options(), provenance, watch or Watch(), kept, case)
     later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
     found = _look(ask, later, _prepared(later, ask.watch))
     if found.discovery.final is found.discovery.base:  # nothing was found
@@ -105,6 +108,7 @@ class _Question:
     provenance: Mapping[str, Any] | None
     watch: Watch
     keep: Keep | None
+    case: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -142,7 +146,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
             ask.name, discovery, builder,
             ratio=ratio, outside=outside, windows=windows, found_regions=disagreement, notes=[*own_notes, *notes],
             provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
-            limit_s=watch.limit_s,
+            limit_s=watch.limit_s, case=ask.case,
         )  # fmt: skip
         return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
 

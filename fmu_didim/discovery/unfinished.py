@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from fmu_didim.diagnosis.judgement import diagnostic_result, judgement
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.discovery import thresholds as limits
-from fmu_didim.discovery.findings import VERDICT_TEXT, FindingsDocument, UnfinishedResult
+from fmu_didim.discovery.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 from fmu_didim.discovery.selection.contenders import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.prediction.loop_description import EffectAtJoint
@@ -21,10 +22,12 @@ SEARCH_CUT = CATALOGUE(
 )  # fmt: skip
 
 
-def unfinished_result(discovery: Discovery, limit_s: float | None) -> UnfinishedResult | None:
-    """How far a search is; None where it came to its end."""
+def unfinished_search(
+    discovery: Discovery, limit_s: float | None
+) -> tuple[Diagnostic, UnfinishedResult] | tuple[None, None]:
+    """How far a search is; twice None where it came to its end."""
     if discovery.ending is Ending.COMPLETE:
-        return None
+        return None, None
     if discovery.ending is Ending.RUNNING:
         accepted = ", ".join(_named(step.effect_at) for step in discovery.steps) or "no effect"
         text = f"The search was still running when this was written, with {accepted} accepted; others may follow."
@@ -50,13 +53,18 @@ def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -
         more = told.model_copy(update={"text": f"{told.text} Nor were {what} looked for."})
         return document.model_copy(update={"unfinished": more})
     text = f"The time limit of {limit_s or 0.0:g} s ended the search before {what} were looked for."
-    more = _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), len(document.findings), [])
-    update = {"verdict": "unfinished", "text": VERDICT_TEXT["unfinished"], "unfinished": more}
+    cut = Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s")
+    _, more = _result(cut, len(document.findings), [])
+    reasons = [diagnostic_result(cut), *document.reasons]
+    update = {
+        "answer": "unfinished", "text": ANSWER_TEXT["unfinished"], "unfinished": more,
+        "verdict": judgement([], settled=False).verdict, "reasons": reasons,
+    }  # fmt: skip
     return document.model_copy(update=update)
 
 
-def _result(found: Diagnostic, rounds: int, untried: list[EffectAtJoint]) -> UnfinishedResult:
-    return UnfinishedResult(
+def _result(found: Diagnostic, rounds: int, untried: list[EffectAtJoint]) -> tuple[Diagnostic, UnfinishedResult]:
+    return found, UnfinishedResult(
         code=found.code.name, text=found.text, next_step=found.advice, rounds=rounds,
         untried=[(a.effect, a.joint) for a in untried],
     )  # fmt: skip

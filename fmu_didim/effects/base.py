@@ -25,6 +25,8 @@ from fmu_didim.effects.first_order import FirstOrder
 from fmu_didim.effects.joint import Column, JointType, OperatingRange, Parameter, Search, Surroundings, Values
 from fmu_didim.signals import Variable
 
+SURE = 2.0
+"""Standard deviations by which a value must lie where no machine can be, to be said to."""
 Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
 
@@ -167,6 +169,16 @@ class Effect(ABC):
         """A value of a parameter moved into its limits."""
         low, high = self.limits.get(name, (-math.inf, math.inf))
         return min(max(value, low), high)
+
+    def impossible(self, values: Values, deviations: Values, link: Values) -> str:
+        """Which of the values found no machine can have, in words, or an empty string.
+
+        Args:
+            deviations: their standard deviations; link: inertial parameters of the link, as far as they are known.
+        """
+        least = {p.name: p.least for p in self.own_parameters if p.least is not None and p.name in values}
+        bad = [name for name, bound in least.items() if values[name] < bound - SURE * deviations[name]]
+        return "; ".join(f"{n} = {values[n]:.3g} ± {deviations[n]:.2g} below {least[n]:g}" for n in bad)
 
     def outside_limits(self, values: Mapping[str, float]) -> str:
         """Which of these values lie outside their limits, in words, or an empty string."""

@@ -19,7 +19,7 @@ class ContactStopLower(TorqueEffect):
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qlower"})
     acts_on_link = True
-    own_parameters = (Parameter("klower", "stiffness", "stiffness of the contact"),)
+    own_parameters = (Parameter("klower", "stiffness", "stiffness of the contact", least=0.0),)
     own_shapes = (
         Parameter("qlower", "position", "position where the contact begins", (-1.0, -0.1), search=contact_positions),
         contact_width,

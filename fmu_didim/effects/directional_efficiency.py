@@ -24,8 +24,8 @@ class DirectionalEfficiency(TorqueEffect):
     )
     needs = frozenset({"load"})
     own_parameters = (
-        Parameter("Fldrive", "1", "loss per transmitted torque while the motor drives"),
-        Parameter("Flback", "1", "loss per transmitted torque while the load drives"),
+        Parameter("Fldrive", "1", "loss per transmitted torque while the motor drives", least=0.0),
+        Parameter("Flback", "1", "loss per transmitted torque while the load drives", least=0.0),
     )
     own_shapes = (smoothing_velocity,)
 

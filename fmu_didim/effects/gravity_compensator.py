@@ -29,8 +29,8 @@ class GravityCompensator(TorqueEffect):
     signed = frozenset({"qc"})
     acts_on_link = True
     own_parameters = (
-        Parameter("Fgc", "N", "force of the compensator's spring at its reference length"),
-        Parameter("kgc", "N/m", "stiffness of the compensator's spring"),
+        Parameter("Fgc", "N", "force of the compensator's spring at its reference length", least=0.0),
+        Parameter("kgc", "N/m", "stiffness of the compensator's spring", least=0.0),
     )
     own_shapes = (
         Parameter("Lc", "m", "distance of the foot of the spring", 0.5),

@@ -89,6 +89,8 @@ class Parameter:
         unit: a field of :class:`JointUnits` (``torque``) or a unit (``kg``); None for a type of joint that lacks it.
         start: value as long as nothing else is said.
         neutral: value with which all is as without the effect; limits: lowest and highest sensible value.
+        least: below it no machine can be: a fit that comes there has found something else; None where it can be
+            anything.
         search: how it is searched for, if it is.
     """
 
@@ -98,6 +100,7 @@ class Parameter:
     start: Either[float] = 0.0
     neutral: float | None = None
     limits: tuple[float, float] | None = None
+    least: float | None = None
     search: Either[Search | None] = None
 
     def __call__(self, joint_type: JointType) -> Variable:

@@ -19,7 +19,7 @@ class LoadDependentFriction(TorqueEffect):
     experiment = "The same path with two payloads."
     source = "Hamon, Gautier, Garrec: friction depending on load and velocity, AIM 2010 and ICRA 2011"
     needs = frozenset({"load"})
-    own_parameters = (Parameter("Fl", "1", "friction per transmitted torque"),)
+    own_parameters = (Parameter("Fl", "1", "friction per transmitted torque", least=0.0),)
     own_shapes = (smoothing_velocity,)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

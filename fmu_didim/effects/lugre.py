@@ -25,8 +25,8 @@ class LuGre(BristleFriction):
     )
     is_composed = True
     own_parameters = (
-        Parameter("Fz", "torque", "Coulomb friction that builds up over a distance"),
-        Parameter("Fzs", "torque", "static friction above that, likewise"),
+        Parameter("Fz", "torque", "Coulomb friction that builds up over a distance", least=0.0),
+        Parameter("Fzs", "torque", "static friction above that, likewise", least=0.0),
     )
     own_shapes = (
         presliding_distance,

@@ -1,6 +1,6 @@
 import casadi as ca
 
-from fmu_didim.effects.base import TorqueEffect
+from fmu_didim.effects.base import SURE, TorqueEffect
 from fmu_didim.effects.joint import PAYLOAD, Column, OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.effects.steps import instants, rise
 
@@ -39,6 +39,12 @@ class PayloadChange(TorqueEffect):
     def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         step = rise(at.time, shapes["t_load"], shapes["w_load"])
         return tuple({i: step * at.link[name][i] for i in range(at.all_q.numel())} for name in PAYLOAD)
+
+    def impossible(self, values: Values, deviations: Values, link: Values) -> str:
+        left, mass = values.get("dM", 0.0), link.get("M", 0.0)  # a load that is taken off is no more than all there is
+        if mass > 0 and left < -mass - SURE * deviations["dM"]:
+            return f"dM = {left:.3g} ± {deviations['dM']:.2g} kg taken off a link of {mass:.3g} kg"
+        return ""
 
     def own_rate(self, shapes: Values, within: OperatingRange) -> ca.SX:
         return 1 / shapes["w_load"]

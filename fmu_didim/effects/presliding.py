@@ -21,7 +21,7 @@ class Presliding(BristleFriction):
     source = "Dahl: A solid friction model, Aerospace Corporation 1968"
     # Friction that sticks before it slides leaves steps of the size of its breakaway.
     rivals_external_torque = True
-    own_parameters = (Parameter("Fd", "torque", "Coulomb friction that builds up over a distance"),)
+    own_parameters = (Parameter("Fd", "torque", "Coulomb friction that builds up over a distance", least=0.0),)
     own_shapes = (smoothing_velocity, presliding_distance)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

@@ -16,7 +16,7 @@ class Spring(TorqueEffect):
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
     acts_on_link = True
-    own_parameters = (Parameter("k", "stiffness", "stiffness"),)
+    own_parameters = (Parameter("k", "stiffness", "stiffness", least=0.0),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.q,)

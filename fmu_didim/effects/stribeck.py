@@ -21,7 +21,7 @@ class Stribeck(TorqueEffect):
         "Armstrong-Helouvry, Dupont, Canudas de Wit: A survey of models, Automatica 1994; Bittencourt, Wernholt, "
         "Sander-Tavallaey, Brogardh: An extended friction model, IROS 2010"
     )
-    own_parameters = (Parameter("Fs", "torque", "static friction above Coulomb friction"),)
+    own_parameters = (Parameter("Fs", "torque", "static friction above Coulomb friction", least=0.0),)
     own_shapes = (smoothing_velocity, stribeck_velocity.searched((Search(0.02, 1.0, 9), Search(0.001, 0.05, 9))))
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

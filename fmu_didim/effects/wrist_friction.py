@@ -25,8 +25,8 @@ class WristFriction(TorqueEffect):
     needs = frozenset({"other joints"})
     reach = 1
     own_parameters = (
-        Parameter("Fvw", "viscous", "viscous friction of the motor of both joints"),
-        Parameter("Fcw", "torque", "Coulomb friction of the motor of both joints"),
+        Parameter("Fvw", "viscous", "viscous friction of the motor of both joints", least=0.0),
+        Parameter("Fcw", "torque", "Coulomb friction of the motor of both joints", least=0.0),
     )
     own_shapes = (smoothing_velocity,)
 

@@ -9,7 +9,7 @@ from fmu_didim.report import discovery_words as words
 from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
 from fmu_didim.report.numbers import at, noise_text, significant
-from fmu_didim.report.table import clipped, column, entries, joined, listing, wrapped
+from fmu_didim.report.table import clipped, column, entries, joined, listing, reason_lines, wrapped
 
 BAR = 14
 """Characters of the longest bar."""
@@ -24,7 +24,7 @@ def discovery_table(document: FindingsDocument) -> str:
     """The text shown after a discovery; begins with what is missing in the model."""
     end = verdict_of(document)
     sections = [
-        [*wrapped(f"{end.head}: {end.text}", "", "  "), *wrapped(document.name)],
+        [*wrapped(f"{end.head}: {end.text}", "", "  "), *reason_lines(end), *wrapped(document.name)],
         *(_finding(number, finding) for number, finding in enumerate(document.findings, start=1)),
         _gaps(document),
         listing("Where the base model disagrees", regions_by_joint(document)),

@@ -15,13 +15,18 @@ HEADS = {
     "named": ("good", "NAMED"),
     "named_with_remainder": ("doubtful", "NAMED IN PART"),
     "unknown": ("refused", "UNKNOWN"),
+    "disagreement": ("doubtful", "THE EXPERIMENTS DO NOT AGREE"),
     "unfinished": ("doubtful", "NOT FINISHED"),
 }
+DOUBTED = {"nothing": "NOTHING FOUND", "named": "NAMED, WITH DOUBTS"}
+"""Heads of answers that are good unless the verdict doubts them."""
 
 
 def verdict_of(document: FindingsDocument) -> Banner:
     """The verdict as a sentence for the one who runs the drive."""
-    grade, head = HEADS[document.verdict]
+    grade, head = HEADS[document.answer]
+    if document.verdict != "valid" and document.answer in DOUBTED:
+        grade, head = "doubtful", DOUBTED[document.answer]
     sentences = [capitalised(document.text)]
     if document.unfinished is not None:
         sentences += [f"{document.unfinished.text} {document.unfinished.next_step}".rstrip(".")]
@@ -31,12 +36,12 @@ def verdict_of(document: FindingsDocument) -> Banner:
     if judged:
         label = max(judged, key=lambda label: _size(document.gap[label].after))
         sentences.append(_change(document.gap[label], _data(document, label), bool(document.findings)))
-    if document.verdict == "named_with_remainder":
+    if document.answer == "named_with_remainder":
         sentences += _remainder(document)
-    if document.verdict == "unknown":
+    if document.answer == "unknown":
         worst = strongest_regions(document, count=1)
         sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"]
-    return Banner(grade, head, ". ".join(sentences) + ".")
+    return Banner(grade, head, ". ".join(sentences) + ".", document.reasons)
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:

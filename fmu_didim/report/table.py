@@ -20,7 +20,7 @@ from fmu_didim.report.numbers import (
     pretty_unit,
     significant,
 )
-from fmu_didim.report.verdict import reason_text, verdict
+from fmu_didim.report.verdict import Banner, reason_text, verdict
 
 WIDTH = 100
 SHOWN_CORRELATIONS = 5
@@ -212,8 +212,15 @@ def _validity(document: ResultDocument) -> list[str]:
     first, *others = end.text.splitlines() or [""]
     lines = wrapped(f"{end.head}: {first}", "", "  ")
     lines += [line for other in others for line in wrapped(other.strip(), "  ", "    ")]
-    for number, reason in enumerate(end.reasons, start=1):
+    return lines + reason_lines(end)
+
+
+def reason_lines(banner: Banner) -> list[str]:
+    """The reasons of a verdict, numbered, each with what to do about it; the same advice only once."""
+    lines = []
+    for number, reason in enumerate(banner.reasons, start=1):
         lines += wrapped(reason_text(reason), f"{number:3}. ", "     ")
-        if reason.next_step:
+        others = banner.reasons[number:]
+        if reason.next_step and not any(other.next_step == reason.next_step for other in others):
             lines += wrapped(f"Next: {reason.next_step}", "     ")
     return lines

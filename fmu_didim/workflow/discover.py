@@ -73,6 +73,7 @@ def discover(
         provenance={**record, "loop": model.systems[model.first].describe()},
         watch=watch,
         keep=None if out is None else partial(_kept, Path(out)),
+        case=case.path.name,
     )
     document = found.document if out is None else _saved(case, found, description, Path(out), watch)
     return Discovered(document, found)

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from fmu_didim.diagnosis.judgement import EXIT_CODES, DiagnosticResult, Verdict
 from fmu_didim.discovery.findings import (
+    Answer,
     FindingResult,
     FindingsDocument,
     GapPair,
     NoiseResult,
     RegionResult,
     ValueFound,
-    Verdict,
     WindowResult,
 )
 from fmu_didim.discovery.run import Found
@@ -40,13 +41,28 @@ class Discovered:
     found: Found
 
     @property
+    def answer(self) -> Answer:
+        """``nothing``, ``named``, ``named_with_remainder``, ``unknown``, ``disagreement`` or ``unfinished``."""
+        return self.document.answer
+
+    @property
     def verdict(self) -> Verdict:
-        """``nothing``, ``named``, ``named_with_remainder``, ``unknown`` or ``unfinished``."""
+        """Whether it may be used: ``valid``, ``doubtful`` or ``not_settled``."""
         return self.document.verdict
 
     @property
+    def reasons(self) -> list[DiagnosticResult]:
+        """Why it is not valid, the weightiest first."""
+        return self.document.reasons
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line ends with."""
+        return EXIT_CODES[self.verdict]
+
+    @property
     def text(self) -> str:
-        """The verdict in words."""
+        """The answer in words."""
         return self.document.text
 
     @property
@@ -160,7 +176,7 @@ class Discovered:
 
     def __repr__(self) -> str:
         effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)
-        return f"Discovered({self.document.name!r}, {self.verdict}" + (f": {effects})" if effects else ")")
+        return f"Discovered({self.document.name!r}, {self.answer}" + (f": {effects})" if effects else ")")
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, findings and gaps."""

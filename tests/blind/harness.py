@@ -13,10 +13,10 @@ from typing import Any
 from tests.blind.translate import CASE_FILE, translate
 
 Discover = Callable[[Path, Path], Mapping[str, Any]]
-"""(case file, folder for the results) -> verdict, findings and gap, as in ``findings.json``."""
+"""(case file, folder for the results) -> verdict (the ``answer``), findings and gap, as in ``findings.json``."""
 RUNS = {"estimation": "train", "validation": "test"}
 """Label of an experiment of the project -> name of the run in a blind case, and in a line."""
-VERDICTS = ("nothing", "named", "named_with_remainder", "unknown")
+VERDICTS = ("nothing", "named", "named_with_remainder", "unknown", "disagreement")
 
 
 def project_discover(case: Path, out: Path) -> Mapping[str, Any]:
@@ -37,7 +37,8 @@ def found_only(case: Path, out: Path) -> Mapping[str, Any]:
 def _line(found: dict[str, Any]) -> Mapping[str, Any]:
     gap = {RUNS[label]: [pair["before"], pair["after"]] for label, pair in found["gap"].items()}
     findings = [{**item, "ambiguous": [rival["effect"] for rival in item["ambiguous"]]} for item in found["findings"]]
-    return {**found, "findings": findings, "gap": {**gap, "ratio_interval": found["ratio_interval"]}}
+    gap["ratio_interval"] = found["ratio_interval"]
+    return {**found, "verdict": found["answer"], "findings": findings, "gap": gap}
 
 
 def case_folders(folder: Path, only: Sequence[str] = ()) -> list[Path]:

@@ -160,7 +160,7 @@ def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Sc
     for line in lines:
         truth, verdict = truths[line["case"]], line["verdict"]
         serious = _serious(line["findings"], truth)
-        refused = verdict == "unknown" or (verdict == "nothing" and not line["findings"])
+        refused = verdict in ("unknown", "disagreement") or (verdict == "nothing" and not line["findings"])
         called = str(serious[0]["effect"]) if serious else ("unknown" if verdict == "unknown" else verdict)
         called = "clutter only" if not serious and verdict.startswith("named") else called
         hidden = " + ".join(effect for effect, _ in truth.effects) or "nothing"

@@ -105,6 +105,7 @@ def contender_of(
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
     """An effect of the catalogue, as far as decisions look at it."""
     known = dict(is_linear=True, shows_on_neighbours=False, is_proposed=True, pre_check=None, neutral={})
+    known["impossible"] = lambda values, deviations, link: ""
     return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
 
 
@@ -128,6 +129,9 @@ class Catalogue:
 
     def joints(self, name: str) -> tuple[int, ...]:
         return tuple(range(1, self._joints + 1))
+
+    def link_values(self, joint: int) -> dict[str, float]:
+        return {}
 
     def can_add(self, effect_at: EffectAtJoint) -> bool:
         return True

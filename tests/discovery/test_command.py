@@ -46,7 +46,7 @@ def document_of(printed: tuple[Path, str]) -> FindingsDocument:
 
 def test_planted_effect_is_found_with_its_size(printed: tuple[Path, str]) -> None:
     document = document_of(printed)
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert [(f.effect, f.joint) for f in document.findings] == [("quadratic_viscous", 1)]
     (value,) = document.findings[0].parameters
     assert value.name == "Fq1"
@@ -156,7 +156,7 @@ def test_augmented_case_is_the_base_of_the_next_discovery(printed: tuple[Path, s
     """With the effect added nothing is missing any more; the folder may lie elsewhere, seen from the case."""
     shutil.copytree(printed[0], tmp_path / "moved")
     document = discover(tmp_path / "moved" / "out" / "case_augmented.yaml")
-    assert document.verdict == "nothing"
+    assert document.answer == "nothing"
     assert document.gap["validation"].before < 0.4  # type: ignore[operator]
 
 
@@ -194,7 +194,7 @@ def test_a_run_that_is_killed_leaves_what_it_knew(friction_case: Path, tmp_path:
     with pytest.raises(KeyboardInterrupt):
         discover(friction_case, tmp_path, progress=kill)
     document = load_findings(tmp_path)
-    assert document.verdict == "unfinished"
+    assert document.answer == "unfinished"
     assert document.unfinished is not None
     assert (document.unfinished.code, document.unfinished.rounds) == ("search-running", rounds)
     assert [f.effect for f in document.findings] == ["quadratic_viscous"][:rounds]
@@ -210,7 +210,7 @@ def test_time_that_is_up_is_told_everywhere(
     printed = " ".join(capsys.readouterr().out.split())
     page = (tmp_path / "discovery.html").read_text(encoding="utf-8")
     document = load_findings(tmp_path)
-    assert document.verdict == "unfinished" and document.findings == []
+    assert document.answer == "unfinished" and document.findings == []
     assert document.unfinished is not None
     assert {name for name, _ in document.unfinished.untried} >= {"quadratic_viscous", "torque_saturation", "backlash"}
     assert "Nor were torques from outside looked for." in document.unfinished.text
@@ -225,7 +225,7 @@ def test_time_that_is_up_is_told_everywhere(
 
 def test_enough_time_changes_nothing(friction_case: Path, printed: tuple[Path, str]) -> None:
     document = discover(friction_case, time_limit=1000.0)
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert document.document.unfinished is None
     assert [p.value for p in document.findings[0].parameters] == [
         p.value for p in document_of(printed).findings[0].parameters
@@ -285,7 +285,7 @@ def test_effect_from_outside_is_named(tmp_path: Path) -> None:
 
 def test_no_rounds_only_localise(friction_case: Path) -> None:
     document = discover(friction_case, rounds=0)
-    assert document.verdict == "unknown"
+    assert document.answer == "unknown"
     assert document.findings == []
     assert document.regions
     assert document.regions[0].joint == 1
@@ -293,7 +293,7 @@ def test_no_rounds_only_localise(friction_case: Path) -> None:
 
 def test_same_seed_gives_the_same_findings(friction_case: Path, printed: tuple[Path, str]) -> None:
     first, second = document_of(printed), discover(friction_case)
-    for name in ("verdict", "findings", "gap", "ratio_interval", "base_parameters"):
+    for name in ("answer", "findings", "gap", "ratio_interval", "base_parameters"):
         ours, theirs = (without_text(getattr(d, name)) for d in (first, second))
         assert ours == theirs, name
 

@@ -32,7 +32,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FindingsDocume
 
 
 def assert_only_shift(document: FindingsDocument, seconds: float) -> None:
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert [(f.effect, f.class_, f.joint) for f in document.findings] == [("log_time_shift", "lag", 1)]
     (value,) = document.findings[0].parameters
     assert (value.name, value.unit) == ("log_shift", "s")

@@ -120,7 +120,7 @@ def test_it_is_no_effect_of_the_tree() -> None:
 
 def test_it_is_found_on_its_joint_with_its_size(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert [(f.effect, f.joint) for f in document.findings] == [(NAME, 1)]
     values = {v.name: v for v in document.findings[0].parameters}
     for name, key in (("Ff", "Ff1"), ("vf", "vf_1"), ("Tf", "Tf_1")):

@@ -38,7 +38,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FindingsDocum
 
 def test_an_effect_that_one_of_two_experiments_shows_is_found(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
-    assert document.verdict == "named"
+    assert document.answer == "named"
     assert named(document) == [("quadratic_viscous", 1)]
     (value,) = document.findings[0].parameters
     assert value.value == pytest.approx(0.3, abs=4 * value.std)  # type: ignore[operator]
@@ -183,7 +183,7 @@ def loaded(*own: str) -> dict[str, Run]:
 
 def test_a_payload_of_one_experiment_is_no_effect(tmp_path: Path) -> None:
     document = discover(arm_experiments(tmp_path, loaded("ZZ1", "MX1", "MY1")))
-    assert (document.verdict, document.findings) == ("nothing", [])
+    assert (document.answer, document.findings) == ("nothing", [])
     base = {p.name: p for p in document.base_parameters}
     truth = {f"{name}1": TRUTH[0][name] for name in ("ZZ", "MX", "MY", "Fv", "Fc")}
     truth |= {f"{name}[loaded]": value for name, value in PAYLOAD.items()} | {"MY1[loaded]": TRUTH[0]["MY"]}
@@ -194,5 +194,5 @@ def test_a_payload_of_one_experiment_is_no_effect(tmp_path: Path) -> None:
 
 def test_the_same_payload_shared_by_all_experiments_leaves_a_gap(tmp_path: Path) -> None:
     document = discover(arm_experiments(tmp_path, loaded()))
-    assert document.verdict != "nothing"
+    assert document.answer != "nothing"
     assert min(document.gap[label].before for label in ("empty", "loaded")) > 1.0  # type: ignore[type-var]

@@ -9,7 +9,7 @@ import pytest
 
 from fmu_didim.discovery.selection.contenders import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.discovery.unfinished import ended_before, unfinished_result
+from fmu_didim.discovery.unfinished import ended_before, unfinished_search
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.loop_description import EffectAtJoint
@@ -47,10 +47,11 @@ def test_how_far_it_came(
     contests: list[list[Tried]], steps: list[EffectAtJoint], ending: Ending, rounds: int, text: str
 ) -> None:
     done: Any = tuple(SimpleNamespace(effect_at=a) for a in steps)
-    found = unfinished_result(Discovery(BASE, BASE, done, (), tuple(map(tuple, contests)), ending), 30.0)
+    told, found = unfinished_search(Discovery(BASE, BASE, done, (), tuple(map(tuple, contests)), ending), 30.0)
+    assert told is not None
     assert found is not None
-    assert found.text == text
-    assert found.code == ("search-running" if ending is Ending.RUNNING else "search-cut")
+    assert told.text == found.text == text
+    assert told.code.name == found.code == ("search-running" if ending is Ending.RUNNING else "search-cut")
     assert found.rounds == rounds
     last = contests[-1] if contests else []
     assert found.untried == [(t.effect_at.effect, t.effect_at.joint) for t in last if t.outcome is Outcome.NOT_TRIED]
@@ -58,13 +59,14 @@ def test_how_far_it_came(
 
 
 def test_a_search_at_its_end_is_not_unfinished() -> None:
-    assert unfinished_result(Discovery(BASE, BASE, ()), 30.0) is None
+    assert unfinished_search(Discovery(BASE, BASE, ()), 30.0) == (None, None)
 
 
 def test_what_was_not_looked_for_at_the_end_makes_it_unfinished() -> None:
     """A verdict of all rounds does not hold for what they did not see."""
-    found = ended_before(document(verdict="nothing", findings=[]), 5.0, "gears")
-    assert (found.verdict, found.unfinished.code) == ("unfinished", "search-cut")  # type: ignore[union-attr]
+    found = ended_before(document(answer="nothing", findings=[]), 5.0, "gears")
+    assert (found.answer, found.unfinished.code) == ("unfinished", "search-cut")  # type: ignore[union-attr]
+    assert (found.verdict, [reason.code for reason in found.reasons]) == ("not_settled", ["search-cut"])
     assert found.unfinished.text == "The time limit of 5 s ended the search before gears were looked for."  # type: ignore[union-attr]
     again = ended_before(found, 5.0, "pushes")
     assert again.unfinished.text.endswith("before gears were looked for. Nor were pushes looked for.")  # type: ignore[union-attr]

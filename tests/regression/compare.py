@@ -158,7 +158,7 @@ def _of_discovery(result: Mapping[str, Any]) -> _Parts:
         name = f"{finding['effect']}@{finding['joint']}"
         names.append(name)
         values |= {f"{name} {p['name']}": Value(p["value"], p["std"]) for p in finding["parameters"]}
-    return result["verdict"], tuple(sorted(names)), values
+    return result.get("answer", result["verdict"]), tuple(sorted(names)), values
 
 
 def difference(parameter: str, a: Value | None, b: Value | None) -> Difference | None:

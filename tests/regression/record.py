@@ -167,7 +167,8 @@ def _case(job: Job, work: Path) -> Case:
 def _outcome(result: Mapping[str, Any]) -> str:
     if "findings" not in result:
         return str(result["status"])
-    return " ".join([result["verdict"], *(f"{f['effect']}@{f['joint']}" for f in result["findings"])])
+    answer = result.get("answer", result["verdict"])
+    return " ".join([answer, *(f"{f['effect']}@{f['joint']}" for f in result["findings"])])
 
 
 def _write(file: Path, content: Mapping[str, Any]) -> None:

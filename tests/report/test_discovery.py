@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.judgement import DiagnosticResult
 from fmu_didim.discovery.findings import FindingsDocument, ValueFound, load_findings, save_findings
 from fmu_didim.errors import InputError
 from fmu_didim.report.discovery_figures import binned
@@ -97,7 +98,8 @@ def regions() -> list[dict[str, Any]]:
 def document(**changes: Any) -> FindingsDocument:
     """Two effects found on two joints; made by hand."""
     content: dict[str, Any] = {
-        "name": "Two-joint arm, torque at 100 Hz", "verdict": "named", "text": VERDICTS["named"][2],
+        "name": "Two-joint arm, torque at 100 Hz", "answer": "named", "text": VERDICTS["named"][2],
+        "verdict": "valid", "reasons": [],
         "findings": [stribeck(), backlash()],
         "roles": {"estimation": "estimation", "validation": "validation"},
         "gap": {
@@ -124,15 +126,15 @@ def document(**changes: Any) -> FindingsDocument:
     return FindingsDocument.model_validate(content | changes)
 
 
-def verdict_document(verdict: str) -> FindingsDocument:
-    text = VERDICTS[verdict][2]
-    if verdict in ("named", "named_with_remainder"):
-        return document(verdict=verdict, text=text)
-    part = 0.1 if verdict == "nothing" else 1.0
+def answered(answer: str, **changes: Any) -> FindingsDocument:
+    content: dict[str, Any] = {"answer": answer, "text": VERDICTS[answer][2], **changes}
+    if answer in ("named", "named_with_remainder"):
+        return document(**content)
+    part = 0.1 if answer == "nothing" else 1.0
     each = [(2.451 * part,) * 2, (1.683 * part,) * 2]
     gap = {label: pair(2.104 * part, 2.104 * part, each) for label in ("estimation", "validation")}
-    return document(verdict=verdict, text=text, findings=[], gap=gap, ratio_interval=None,
-                    regions=regions() if verdict == "unknown" else [])  # fmt: skip
+    return document(**content, findings=[], gap=gap, ratio_interval=None,
+                    regions=regions() if answer == "unknown" else [])  # fmt: skip
 
 
 def many(joints: int) -> FindingsDocument:
@@ -157,7 +159,7 @@ def several() -> FindingsDocument:
     gap = dict(zip(labels, (one, other, one, other), strict=True))
     errors = dict.fromkeys(labels, (9.6, 4.4))
     return document(
-        roles=labels, gap=gap, error_percent=errors, windows=[], verdict="named_with_remainder",
+        roles=labels, gap=gap, error_percent=errors, windows=[], answer="named_with_remainder",
         text=VERDICTS["named_with_remainder"][2], findings=[stribeck() | {"gap": gap}],
     )  # fmt: skip
 
@@ -276,10 +278,10 @@ def test_text_is_this() -> None:
     assert discovery_table(document()) == GOLDEN
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_text_and_page_begin_with_the_verdict(tmp_path: Path, verdict: str) -> None:
-    grade, head, text = VERDICTS[verdict]
-    result = verdict_document(verdict)
+@pytest.mark.parametrize("answer", VERDICTS)
+def test_text_and_page_begin_with_the_answer(tmp_path: Path, answer: str) -> None:
+    grade, head, text = VERDICTS[answer]
+    result = answered(answer)
     assert discovery_table(result).startswith(f"{head}: {text[0].upper()}{text[1:]}.")
     page = page_of(saved(tmp_path, result))
     assert f'<div class="banner {grade}"><b>{head}</b>' in page
@@ -288,15 +290,30 @@ def test_text_and_page_begin_with_the_verdict(tmp_path: Path, verdict: str) -> N
     assert names == ({"base model", "final model"} if result.findings else {"base model"})
 
 
+@pytest.mark.parametrize(("answer", "head"), [("nothing", "NOTHING FOUND"), ("named", "NAMED, WITH DOUBTS")])
+def test_a_doubtful_answer_is_never_called_good(tmp_path: Path, answer: str, head: str) -> None:
+    reason = DiagnosticResult(
+        code="worse-on-held-out", place="validation: joint 1", text="The torque error is twice that of the fit.",
+        value=2.0, bound=1.25, unit="1", next_step="Run fmu-didim discover case.yaml.",
+    )  # fmt: skip
+    result = answered(answer, verdict="doubtful", reasons=[reason])
+    text = discovery_table(result)
+    assert text.startswith(f"{head}: ")
+    assert "1. validation: joint 1: The torque error is twice that of the fit. [worse-on-held-out]" in text
+    page = page_of(saved(tmp_path, result))
+    assert f'<div class="banner doubtful"><b>{head}</b>' in page
+    assert "[worse-on-held-out]" in page
+
+
 def test_unknown_says_where_and_a_remainder_on_which_joint() -> None:
-    assert "Most of it: joint 1: at low speed, |dq| < 0.12 rad/s" in discovery_table(verdict_document("unknown"))
-    part = verdict_document("named_with_remainder")
+    assert "Most of it: joint 1: at low speed, |dq| < 0.12 rad/s" in discovery_table(answered("unknown"))
+    part = answered("named_with_remainder")
     left = part.gap["estimation"].model_copy(update={"after_per_joint": [0.4, 1.234]})
     text = discovery_table(part.model_copy(update={"gap": {**part.gap, "estimation": left}}))
     assert "is on joint 2: 1.23 times the noise" in " ".join(text.split())
 
 
-@pytest.mark.parametrize("result", [document(), verdict_document("unknown"), many(6), several()])
+@pytest.mark.parametrize("result", [document(), answered("unknown"), many(6), several()])
 def test_text_stays_within_100_columns(result: FindingsDocument) -> None:
     long = result.model_copy(update={"notes": ["word " * 60], "name": "A long name " * 20})
     assert max(len(line) for line in discovery_table(long).splitlines()) <= 100

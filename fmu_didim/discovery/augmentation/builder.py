@@ -182,6 +182,10 @@ class LoopModelBuilder:
         )
         return self._with(added_effects, replace(model, free_parameters=free_parameters))
 
+    def link_values(self, joint: int) -> dict[str, float]:
+        """Inertial parameters of the link of a joint, counted from 1, by their plain names; nothing for a black box."""
+        return {} if self.description is None else dict(self.description.joints[joint - 1].parameters)
+
     def described(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription | None:
         """The robot description with all effects, wherever they act."""
         if self.description is None:

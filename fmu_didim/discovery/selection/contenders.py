@@ -18,6 +18,7 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
+from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import with_fitting_substeps
@@ -65,6 +66,7 @@ class Contender:
         torque_change: how much it changes the torque when it is switched off and nothing else changes, in the same
         units.
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
+        implausible: why its values say nothing or cannot be, or an empty string.
     """
 
     effect_at: EffectAtJoint
@@ -74,6 +76,7 @@ class Contender:
     share: float
     torque_change: float
     cost: float
+    implausible: str = ""
 
 
 class Outcome(Enum):
@@ -270,7 +273,8 @@ class Competition:
         size, share = explained(fit.residual, found.residual, fit.noise)
         raw = self.torque_change_without(effect_at, found)
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
-        return Contender(effect_at, whole, gain, size, share, raw, cost)
+        why = implausible(whole, index, builder.effect(effect_at), builder.link_values(effect_at.joint))
+        return Contender(effect_at, whole, gain, size, share, raw, cost, why)
 
     def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, part_of_first
+from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
@@ -128,9 +128,15 @@ def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) ->
     if part < options.smallest_part:
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
+    if candidate.implausible:
+        return candidate.implausible
     ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
     if ratio is not None and ratio.high >= limits.HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
+    worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > limits.WORSE_JOINT]
+    if worse:
+        joint, one = worse[0]
+        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval begins at {one.low:.3f}"
     return ""
 
 

@@ -69,6 +69,15 @@ SMALLEST_PART = TABLE(
     "And as a fraction of the gap that the base model had on the joint where it explains most: a refinement of what "
     "was found is not another effect. On EMPS a lag of 0.30 ms and presliding explain 2 % each.",
 )  # fmt: skip
+WORSE_JOINT = TABLE(
+    "WORSE_JOINT", 1.02, "1",
+    "Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse; the "
+    "base parameters, fitted anew, may move others by a little.",
+)  # fmt: skip
+ZERO = TABLE(
+    "ZERO", 0.05, "1",
+    "Probability, by its covariance, with which an effect may be zero and still be named: that of a 95 % interval.",
+)  # fmt: skip
 HELD_OUT = TABLE(
     "HELD_OUT", 1.0, "1", "The interval of the held-out RMS ratio must lie below: else a model may be worse."
 )

@@ -31,7 +31,7 @@ def test_hidden_effect_is_named_and_spliced_in(
 ) -> None:
     found = discover(vendor_case(tmp_path, hidden, joint, **values), tmp_path / "out")
     assert [(f.class_, f.joint) for f in found.findings] == [(kind, joint)]
-    assert found.verdict == "named"
+    assert found.answer == "named"
     truth = {name: value for name, value in values.items() if name in ("T", "Fs", "vs")}
     for value in found.findings[0].parameters:
         wanted = truth[value.name.rstrip("12").rstrip("_")]
@@ -60,7 +60,7 @@ def test_late_log_is_named_and_told_to_the_case(tmp_path: Path) -> None:
 
 def test_nothing_is_named_on_a_plant_that_is_complete(tmp_path: Path) -> None:
     found = discover(vendor_case(tmp_path))
-    assert (found.verdict, found.findings) == ("nothing", [])
+    assert (found.answer, found.findings) == ("nothing", [])
 
 
 OWN = sorted(

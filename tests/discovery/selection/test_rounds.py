@@ -57,7 +57,7 @@ def assert_gap_shrinks(document: FindingsDocument, *, to: float = 0.4) -> None:
 def test_nothing_is_named_on_a_clean_plant(run: RunWithParameters) -> None:
     document, truth, _ = run((), 1)
     assert truth == []
-    assert document.verdict == "nothing"
+    assert document.answer == "nothing"
     assert document.findings == []
     assert document.gap["estimation"].after == document.gap["estimation"].before
     assert document.ratio_interval is None
@@ -90,7 +90,7 @@ def test_hidden_effect_is_named_first_on_its_joint(run: RunWithParameters, effec
         assert document.findings[0].joint == truth[0][1]
     else:
         assert first_is_right(document, truth)
-    assert document.verdict in ("named", "named_with_remainder")
+    assert document.answer in ("named", "named_with_remainder")
     assert_gap_shrinks(document)
     first = document.findings[0]
     assert first.delta_bic > 10
@@ -136,7 +136,7 @@ def test_an_elastic_gear_is_told_from_that_of_the_next_joint_and_from_one_with_p
 def test_a_sweep_that_sounds_like_noise_is_not_called_nothing(cluttered: Run) -> None:
     """At 20 Hz a torque sweeping up to 4 Hz, which does not repeat, makes the periods differ like noise, but slowly."""
     document, _ = cluttered("unknown_chirp", 14, rate_hz=20)
-    assert document.verdict == "unknown"
+    assert document.answer == "unknown"
     assert "does not repeat" in document.notes[0]
 
 
@@ -196,7 +196,7 @@ def test_two_hidden_effects_are_both_named(run: RunWithParameters) -> None:
 @pytest.mark.slow
 def test_coupling_outside_the_catalogue_is_refused(run: RunWithParameters) -> None:
     document, _, _ = run(("unknown_coupling",), 18)
-    assert document.verdict == "unknown"
+    assert document.answer == "unknown"
     assert document.findings == []
     assert document.regions, "it is told where"
 
@@ -207,7 +207,7 @@ def test_push_in_one_period_is_no_noise(run: RunWithParameters) -> None:
     *nothing*."""
     document, truth, _ = run(("unknown_push",), 17)
     joint = truth[0][1]
-    assert document.verdict != "nothing"
+    assert document.answer != "nothing"
     assert {f.effect for f in document.findings} <= {"external_force"}
     named = {f.joint for f in document.findings}
     assert joint in named | {w.joint for w in document.windows}

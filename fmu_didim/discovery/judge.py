@@ -1,0 +1,72 @@
+"""The judgement of a discovery: whether what it says of the model, and the values of the final one, may be used."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fmu_didim.diagnosis.gap import joint_gaps
+from fmu_didim.diagnosis.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
+from fmu_didim.diagnosis.judgement import Judgement, judgement
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.discovery import thresholds as limits
+from fmu_didim.discovery.findings import Answer
+from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_model import LoopModel
+
+GAP_REMAINS = CATALOGUE(
+    "gap-remains", DOUBT, rank=52,
+    meaning="The final model still disagrees with the data by more than their noise: something is missing that no "
+    "effect of the catalogue explains, or its form is another one.",
+    next_step="Look at where it disagrees in the report; add an effect of your own (--effect PACKAGE.MODULE:NAME).",
+)  # fmt: skip
+
+
+def judged(discovery: Discovery, unfinished: Diagnostic | None) -> Judgement:
+    """The judgement of what was found.
+
+    Args:
+        unfinished: why the search is not at its end, if it is not.
+    """
+    final = discovery.final
+    found = [*remaining_gaps(final), *([unfinished] if unfinished is not None else []), *_held_out(final)]
+    return judgement(found, settled=unfinished is None)
+
+
+def answer_of(discovery: Discovery, judged: Judgement) -> Answer:
+    """What the model lacks, of a search that came to its end."""
+    codes = {reason.code for reason in judged.reasons}
+    if discovery.steps or has_external_torques(discovery.final.model):
+        return "named_with_remainder" if GAP_REMAINS in codes else "named"
+    if GAP_REMAINS in codes:
+        return "unknown"
+    return "disagreement" if WORSE_HELD_OUT in codes else "nothing"
+
+
+def has_external_torques(model: LoopModel) -> bool:
+    """Whether torques from outside were found in an experiment that was fitted."""
+    return any(model.experiments[label].external_torques for label in model.estimation_labels)
+
+
+def remaining_gaps(fit: Fit) -> list[Diagnostic]:
+    """The joints on which a model leaves more than noise."""
+    gaps = joint_gaps(fit.residual, fit.noise)
+    return [
+        Diagnostic(
+            GAP_REMAINS, f"The model error is {gaps[j]:.2g} times the noise.", f"joint {j + 1}", float(gaps[j]),
+            limits.REMAINDER, "1",
+        )
+        for j in np.flatnonzero(gaps > limits.REMAINDER)
+    ]  # fmt: skip
+
+
+def _held_out(fit: Fit) -> list[Diagnostic]:
+    model, held, failures = fit.model, {}, {}
+    for label in model.validation_labels:
+        try:
+            held[label] = Residual.of(model.measured_in(label), model.torque(fit.values, label))
+        except SimulationError as error:
+            failures[label] = error.what
+    fitted = Residual.of(model.measured, fit.torque)
+    return held_out_diagnostics(model, fit.values, fit.covariance, fitted, held, failures)

@@ -1,0 +1,60 @@
+"""Whether the values of an effect that was fitted say anything, and whether a machine can have them.
+
+An effect says nothing if by the covariance C of its amplitudes a they may all be as without it, a_0:
+
+    (a - a_0)' C^-1 (a - a_0)  below the quantile of a chi-square      (Wald's test)
+
+Source: A. Wald, Transactions of the American Mathematical Society 54 (1943).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import stats
+
+from fmu_didim.discovery.selection import thresholds as limits
+from fmu_didim.effects import Effect
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.free_parameter import plain_name
+from fmu_didim.signals import Array
+
+
+def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
+    """Why the values of an effect say nothing or cannot be, or an empty string.
+
+    Args:
+        index: of the effect among those of the model; link: what is known of the inertia of its link.
+    """
+    places = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index and not p.is_shape]
+    if not places:
+        return ""
+    joint = fit.model.added_effects[index].joint
+    names = [plain_name(fit.model.free_parameters[i].name, joint) for i in places]
+    values = fit.values[places]
+    covariance = fit.covariance[np.ix_(places, places)]
+    deviations = np.sqrt(np.diag(covariance))
+    found = dict(zip(names, values.tolist(), strict=True))
+    why = effect.impossible(found, dict(zip(names, deviations.tolist(), strict=True)), link)
+    if why:
+        return f"no machine has this: {why}"
+    chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
+    if chance > limits.ZERO:
+        text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
+        return f"may be absent: {text} (p = {chance:.2g})"
+    return ""
+
+
+def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:
+    """Probability of values (k,) as far from neutral ones by chance; what is absent where it is infinite, such as a
+    stiffness, is as far away as its inverse is from zero."""
+    inverse = ~np.isfinite(neutral)
+    scale = np.where(inverse, 1 / np.where(inverse, values, 1.0) ** 2, 1.0)
+    covariance = covariance * np.outer(scale, scale)
+    off = np.where(inverse, values * scale, values - np.where(inverse, 0.0, neutral))
+    acting = np.diag(covariance) > 0
+    if not acting.any():
+        return 0.0
+    part = covariance[np.ix_(acting, acting)]
+    return float(stats.chi2.sf(off[acting] @ np.linalg.pinv(part, hermitian=True) @ off[acting], int(acting.sum())))

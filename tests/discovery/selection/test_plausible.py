@@ -1,0 +1,72 @@
+"""Values that say nothing, and values that no machine can have."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fmu_didim.discovery.selection.plausible import chance_of_none, implausible
+from fmu_didim.effects import EFFECTS
+from fmu_didim.prediction.free_parameter import FreeParameter
+from fmu_didim.prediction.loop_description import EffectAtJoint
+
+
+def fit(effect: str, values: dict[str, tuple[float, float]], joint: int = 2) -> Any:
+    """A fit with a base parameter and the values and deviations of an effect."""
+    free = [FreeParameter("ZZ1", "kg.m2", "base", "ZZ1", 1.0, 1.0)]
+    free += [FreeParameter(f"{n}{joint}", "1", "plant", n, v, 1.0, effect=0) for n, (v, _) in values.items()]
+    model = SimpleNamespace(free_parameters=free, added_effects=(EffectAtJoint(effect, joint),))
+    deviations = [0.1, *(s for _, s in values.values())]
+    return SimpleNamespace(
+        model=model, values=np.array([p.value for p in free]), covariance=np.diag(np.square(deviations))
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "link", "reason"),
+    [
+        ("stribeck", {"Fs": (1.0, 0.1)}, {}, ""),
+        ("stribeck", {"Fs": (0.1, 1.5)}, {}, "may be absent: Fs = 0.1 ± 1.5 (p = 0.9"),
+        ("stribeck", {"Fs": (-1.0, 0.1)}, {}, "no machine has this: Fs = -1 ± 0.1 below 0"),
+        ("stribeck", {"Fs": (-0.1, 0.1)}, {}, "may be absent"),
+        ("spring", {"k": (-50.0, 2.0)}, {}, "no machine has this: k = -50 ± 2 below 0"),
+        ("torque_offset", {"offset": (-1.0, 0.1)}, {}, ""),
+        ("asymmetric_coulomb", {"Fca": (-1.0, 0.1)}, {}, ""),
+        ("controller_gain", {"controller_gain": (1.05, 0.01)}, {}, ""),
+        ("controller_gain", {"controller_gain": (0.1, 1.5)}, {}, "may be absent: controller_gain = 0.1 ± 1.5"),
+        ("controller_gain", {"controller_gain": (1.01, 0.01)}, {}, "may be absent"),
+        ("payload_change", {"dM": (-336.0, 5.0)}, {"M": 36.0}, "no machine has this: dM = -336 ± 5 kg taken off"),
+        ("payload_change", {"dM": (-5.0, 0.1)}, {"M": 36.0}, ""),
+        ("payload_change", {"dM": (-336.0, 5.0)}, {}, ""),
+        ("payload_change", {"dM": (0.0, 1.0), "dMX": (2.0, 0.1)}, {}, ""),
+        ("joint_elasticity", {"K": (1e4, 100.0)}, {}, ""),
+        ("joint_elasticity", {"K": (1e6, 0.7e6)}, {}, "may be absent"),
+        ("actuator_lag", {"T": (0.002, 0.0001)}, {}, ""),
+        ("actuator_lag", {"T": (0.0, 0.0001)}, {}, "may be absent"),
+    ],
+)  # fmt: skip
+def test_values(effect: str, values: dict[str, tuple[float, float]], link: dict[str, float], reason: str) -> None:
+    found = implausible(fit(effect, values), 0, EFFECTS[effect], link)
+    assert found.startswith(reason) if reason else found == ""
+
+
+def test_chance_is_that_of_noise() -> None:
+    """Estimates of nothing are called something in 5 % of the draws, however they are correlated."""
+    rng = np.random.default_rng(0)
+    root = np.array([[1.0, 0.0], [0.9, 0.1]])
+    draws = np.array([3.0, -1.0]) + rng.normal(size=(2000, 2)) @ root.T
+    chances = [chance_of_none(draw, root @ root.T, np.array([3.0, -1.0])) for draw in draws]
+    assert abs(np.mean(np.array(chances) < 0.05) - 0.05) < 0.015
+    assert stats.kstest(chances, "uniform").pvalue > 0.01
+
+
+def test_effects_that_cannot_be_negative_say_so_for_amplitudes_they_have() -> None:
+    for name, effect in EFFECTS.items():
+        for parameter in effect.own_parameters:
+            if parameter.least is not None:
+                low = effect.limits.get(parameter.name, (-np.inf, np.inf))[0]
+                assert low <= parameter.least, name
