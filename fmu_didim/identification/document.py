@@ -10,6 +10,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
+from fmu_didim.diagnosis.residual import lack_of_fit
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.identification.result import (
@@ -20,6 +21,7 @@ from fmu_didim.identification.result import (
     ExperimentResult,
     IntegrationResult,
     IterationResult,
+    NoiseResult,
     ParameterResult,
     ResultDocument,
     StageResult,
@@ -94,6 +96,10 @@ def result_document(
         correlations=estimate.correlations(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
+        noise=[
+            NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()})
+            for test in lack_of_fit(estimate.colours, estimate.stated_noise)
+        ],
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},

@@ -13,6 +13,7 @@ from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.uncertainty import Colour
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
 
@@ -57,6 +58,8 @@ class Estimate:
         integration_error: relative difference of the torque when the plant's substeps are doubled; integration_shift:
             (p,) by how many standard deviations the values would move then; NaN where it cannot be tried.
         integration: method and substeps of the plant, where they are known.
+        colours: the noise that the residual shows, by rate and joint; stated_noise: (n,) standard deviation of the
+            torque that the case states, where the residual is one of the torque log.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         remarks: what the user should know.
         provenance: versions, options, hashes, loop.
@@ -80,6 +83,8 @@ class Estimate:
     integration_error: float = float("nan")
     integration_shift: Array = field(default_factory=lambda: np.full(1, np.nan))
     integration: Integration | None = None
+    colours: tuple[Colour, ...] = ()
+    stated_noise: Array | None = None
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
