@@ -8,6 +8,9 @@ loop, both divided by the standard deviation of the noise:
     paper (eq. 8)   C = (W'W)^-1
     DIDIM           C = (W'S)^-1 (W'W) (S'W)^-1      its fixed point solves W'(y - tau_s(chi)) = 0
     Gauss-Newton    C = (S'S)^-1                     the Cramer-Rao bound for normal noise
+
+The last two are Phi' Phi of the influence Phi of the noise on the estimate: Phi' = (W'S)^-1 W' and (S'S)^-1 S'. Noise
+with a colour goes between (:mod:`fmu_didim.prediction.uncertainty`).
 """
 
 from __future__ import annotations
@@ -99,10 +102,17 @@ def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:
     return np.asarray(np.maximum(np.sqrt((residual**2).sum(axis=0) / np.maximum(freedom, 1.0)), floor))
 
 
-def covariance_sandwich(w: Array, s: Array) -> Array:
-    """(W'S)^-1 (W'W) (S'W)^-1 of the whitened regressor and sensitivity (r, p)."""
-    cross = np.linalg.inv(w.T @ s)
-    return np.asarray(cross @ (w.T @ w) @ cross.T)
+def influence_of_instruments(w: Array, s: Array) -> Array:
+    """(r, p) W (S'W)^-1 of the whitened regressor and sensitivity: how the noise of each row moves the estimate."""
+    sizes = np.linalg.norm(s, axis=0)
+    return np.asarray(np.linalg.solve((w / sizes).T @ (s / sizes), (w / sizes).T).T / sizes)
+
+
+def influence_efficient(s: Array) -> Array:
+    """(r, p) S (S'S)^-1 of a whitened sensitivity: the same of least squares."""
+    norms = np.linalg.norm(s, axis=0)
+    q, r = np.linalg.qr(s / norms)
+    return np.asarray(np.linalg.solve(r, q.T).T / norms)
 
 
 def covariance_efficient(a: Array) -> Array:

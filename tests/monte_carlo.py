@@ -1,10 +1,12 @@
 """Monte Carlo of the SCARA identification: coverage of the intervals and efficiency.
 
     python -m tests.monte_carlo --rate 10 --seeds 1000 --json monte_carlo_10hz.json
+    python -m tests.monte_carlo --rate 200 --noise half-coloured --low-pass 4
 
 For each seed, normal noise of 5 % of each joint's RMS torque is added to the simulated torque of the truth,
-and the robot is identified. Three kinds of 95 % intervals are counted: those of the estimate (after the
-efficient finish), those of DIDIM by the corrected formula, and those of DIDIM by the paper's eq. (8).
+and the robot is identified. The noise is white, or half of its power is a first-order autoregression of 50 ms.
+Three kinds of 95 % intervals are counted: those of the estimate (after the efficient finish), those of DIDIM by the
+corrected formula, and those of DIDIM by the paper's eq. (8).
 """
 
 from __future__ import annotations
@@ -17,16 +19,21 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
+from scipy import signal, stats
 
+from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
 from fmu_didim.prediction.fit import point
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.weighting import NoiseOfResidual
-from tests.helpers import ROOT, model_of, with_torque
+from tests.helpers import ROOT, with_torque
 
-CASES = {10: "identify.yaml", 200: "identify_200hz.yaml"}
+RATES = (4, 10, 20, 50, 200)
 NOISE = 0.05
+MEMORY_S = 0.05
+SPIN_UP = 20
+"""Memories of coloured noise before the log begins."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +47,30 @@ class DesignContext:
     bound: np.ndarray
 
 
+@dataclass(frozen=True)
+class Design:
+    """What is varied: the rate of the log, the colour of its noise, the filter of the tool."""
+
+    rate_hz: int
+    coloured: bool = False
+    low_pass_hz: float | None = None
+
+
+def half_coloured(rng: np.random.Generator, shape: tuple[int, int], rate_hz: float) -> np.ndarray:
+    """Noise of variance one, half of it white and half a first-order autoregression with a memory of 50 ms."""
+    rho = np.exp(-1 / (rate_hz * MEMORY_S))
+    before = int(np.ceil(SPIN_UP * MEMORY_S * rate_hz))
+    driven = rng.normal(size=(before + shape[0], shape[1])) * np.sqrt(1 - rho**2)
+    slow = signal.lfilter([1.0], [1.0, -rho], driven, axis=0)[before:]
+    return np.sqrt(0.5) * (slow + rng.normal(size=shape))
+
+
 @lru_cache
 def context(rate_hz: int) -> DesignContext:
     """The SCARA example with torque at ``rate_hz``."""
-    model = model_of(ROOT / "examples/scara" / CASES[rate_hz])
+    case = load_case(ROOT / "examples/scara/identify_200hz.yaml").with_(train={"torque": {"rate_hz": rate_hz}})
+    model = case.model
+    assert model is not None
     torque = model.torque(model.start)
     noise = NOISE * np.sqrt((torque**2).mean(axis=0))
     clean = with_torque(model, torque)
@@ -52,17 +79,22 @@ def context(rate_hz: int) -> DesignContext:
     return DesignContext(clean, model.start, torque, noise, np.sqrt(np.diag(bound)))
 
 
-def one_seed(rate_hz: int, seed: int) -> dict[str, list[float]]:
+def one_seed(design: Design, seed: int) -> dict[str, list[float]]:
     """Values and standard deviations of one identification."""
-    here = context(rate_hz)
-    measured = here.torque + here.noise * np.random.default_rng(seed).normal(size=here.torque.shape)
-    estimate = Didim(start="reference", tolerance=1e-5).estimate(with_torque(here.model, measured))
+    here, rng = context(design.rate_hz), np.random.default_rng(seed)
+    size = here.torque.shape
+    noise = half_coloured(rng, size, design.rate_hz) if design.coloured else rng.normal(size=size)
+    model = with_torque(here.model, here.torque + here.noise * noise)
+    if design.low_pass_hz:
+        model = replace(model, low_pass=LowPass(design.low_pass_hz))
+    estimate = Didim(start="reference", tolerance=1e-5).estimate(model)
     didim = estimate.stages["didim"]
     return {
         "value": estimate.value.tolist(),
         "std": estimate.standard_deviation.tolist(),
         "didim_value": didim.value.tolist(),
         "didim_std": didim.standard_deviation.tolist(),
+        "half": (estimate.interval()[:, 1] - estimate.value).tolist(),
         "freedom": [estimate.freedom],
         "paper_std": didim.formulas["paper"].tolist(),
     }
@@ -78,66 +110,76 @@ class Summary:
     coverage_paper: np.ndarray
     efficiency: np.ndarray
     efficiency_didim: np.ndarray
+    stated: np.ndarray
 
     def text(self) -> str:
         """A table."""
-        lines = ["              coverage of the 95 % interval, %         empirical std / Cramer-Rao bound"]
-        lines += ["parameter     estimate   DIDIM   DIDIM, eq. (8)        estimate   DIDIM"]
+        lines = ["              coverage of the 95 % interval, %         empirical std / Cramer-Rao bound   stated std"]
+        lines += ["parameter     estimate   DIDIM   DIDIM, eq. (8)        estimate   DIDIM                / empirical"]
         for i, name in enumerate(self.names):
             lines.append(
                 f"{name:12} {self.coverage[i]:9.1f} {self.coverage_didim[i]:7.1f} {self.coverage_paper[i]:12.1f}"
                 f" {self.efficiency[i]:18.3f} {self.efficiency_didim[i]:9.3f}"
+                f" {self.stated[i]:20.2f}"
             )
         lines.append(
             f"{'pooled':12} {self.coverage.mean():9.1f} {self.coverage_didim.mean():7.1f} "
             f"{self.coverage_paper.mean():12.1f} {np.sqrt((self.efficiency**2).mean()):18.3f}"
-            f" {np.sqrt((self.efficiency_didim**2).mean()):9.3f}"
+            f" {np.sqrt((self.efficiency_didim**2).mean()):9.3f} {self.stated.mean():20.2f}"
         )
         return "\n".join(lines)
 
 
-def summarise(rate_hz: int, runs: list[dict[str, list[float]]]) -> Summary:
-    """Coverage and efficiency over the seeds."""
-    here = context(rate_hz)
+def summarise(design: Design, runs: list[dict[str, list[float]]]) -> Summary:
+    """Coverage and efficiency over the seeds; the bound is that of white noise."""
+    here = context(design.rate_hz)
     table = {key: np.array([run[key] for run in runs]) for key in runs[0]}
-    half = stats.t.ppf(0.975, runs[0]["freedom"][0])
+    factor = stats.t.ppf(0.975, table["freedom"])
+    scatter = table["value"].std(axis=0, ddof=1)
 
-    def coverage(value: str, std: str) -> np.ndarray:
-        return 100 * (np.abs(table[value] - here.truth) <= half * table[std]).mean(axis=0)
+    def coverage(value: str, half: np.ndarray) -> np.ndarray:
+        return 100 * (np.abs(table[value] - here.truth) <= half).mean(axis=0)
 
     return Summary(
         names=here.model.names,
-        coverage=coverage("value", "std"),
-        coverage_didim=coverage("didim_value", "didim_std"),
-        coverage_paper=coverage("didim_value", "paper_std"),
-        efficiency=table["value"].std(axis=0, ddof=1) / here.bound,
+        coverage=coverage("value", table["half"]),
+        coverage_didim=coverage("didim_value", factor * table["didim_std"]),
+        coverage_paper=coverage("didim_value", factor * table["paper_std"]),
+        efficiency=scatter / here.bound,
         efficiency_didim=table["didim_value"].std(axis=0, ddof=1) / here.bound,
+        stated=np.sqrt((table["std"] ** 2).mean(axis=0)) / scatter,
     )
 
 
-def run(rate_hz: int, seeds: int, *, processes: int = 1) -> Summary:
+def run(design: Design, seeds: int, *, processes: int = 1) -> Summary:
     """Identify once for each seed 0 ... seeds - 1."""
-    context(rate_hz)
-    work = [(rate_hz, seed) for seed in range(seeds)]
+    context(design.rate_hz)
+    work = [(design, seed) for seed in range(seeds)]
     if processes == 1:
-        return summarise(rate_hz, [one_seed(*item) for item in work])
+        return summarise(design, [one_seed(*item) for item in work])
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        return summarise(rate_hz, pool.starmap(one_seed, work, chunksize=10))
+        return summarise(design, pool.starmap(one_seed, work, chunksize=10))
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description="Coverage and efficiency of the SCARA identification")
-    parser.add_argument("--rate", type=int, choices=CASES, default=10, help="torque rate in Hz")
+    parser.add_argument("--rate", type=int, choices=RATES, default=10, help="torque rate in Hz")
+    parser.add_argument("--noise", choices=("white", "half-coloured"), default="white")
+    parser.add_argument("--low-pass", type=float, help="cut-off in Hz of the filter of torque and regressor")
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    summary = run(options.rate, options.seeds, processes=options.processes)
-    print(f"SCARA, torque at {options.rate} Hz, {options.seeds} seeds\n{summary.text()}")
+    design = Design(options.rate, options.noise != "white", options.low_pass)
+    summary = run(design, options.seeds, processes=options.processes)
+    filtered = f", low-pass filter at {options.low_pass:g} Hz" if options.low_pass else ""
+    print(
+        f"SCARA, torque at {options.rate} Hz, {options.noise} noise{filtered}, {options.seeds} seeds\n{summary.text()}"
+    )
     if options.json:
         content = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(summary).items()}
-        options.json.write_text(json.dumps({"rate_hz": options.rate, "seeds": options.seeds, **content}, indent=1))
+        options.json.write_text(json.dumps({**vars(design), "seeds": options.seeds, **content}, indent=1))
 
 
 if __name__ == "__main__":

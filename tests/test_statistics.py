@@ -11,7 +11,8 @@ from fmu_didim.statistics import (
     correlation,
     covariance_efficient,
     covariance_paper,
-    covariance_sandwich,
+    influence_efficient,
+    influence_of_instruments,
     least_squares,
     noise_deviation,
     relative_deviation_percent,
@@ -25,6 +26,12 @@ def regressor(rows: int = 60, columns: int = 3, seed: int = 1) -> np.ndarray:
     """Correlated columns of very different sizes."""
     rng = np.random.default_rng(seed)
     return rng.normal(size=(rows, columns)) @ (np.eye(columns) + 0.5) * 10.0 ** np.arange(columns)
+
+
+def sandwich(w: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Covariance of the fixed point of W'(y - S chi) = 0 with white noise."""
+    influence = influence_of_instruments(w, s)
+    return influence.T @ influence
 
 
 def test_least_squares_equals_numpy() -> None:
@@ -83,8 +90,9 @@ def test_covariances_equal_their_closed_forms() -> None:
     np.testing.assert_allclose(covariance_paper(w), np.linalg.inv(w.T @ w), rtol=1e-10)
     np.testing.assert_allclose(covariance_efficient(s), np.linalg.inv(s.T @ s), rtol=1e-10)
     left, right = np.linalg.inv(w.T @ s), np.linalg.inv(s.T @ w)
-    np.testing.assert_allclose(covariance_sandwich(w, s), left @ (w.T @ w) @ right, rtol=1e-8)
-    np.testing.assert_allclose(covariance_sandwich(w, w), covariance_paper(w), rtol=1e-8)
+    np.testing.assert_allclose(sandwich(w, s), left @ (w.T @ w) @ right, rtol=1e-8)
+    np.testing.assert_allclose(sandwich(w, w), covariance_paper(w), rtol=1e-8)
+    np.testing.assert_allclose(influence_efficient(s), np.linalg.pinv(s).T, rtol=1e-8)
 
 
 def test_covariances_equal_the_scatter_of_the_estimates() -> None:
@@ -94,7 +102,7 @@ def test_covariances_equal_the_scatter_of_the_estimates() -> None:
     s = w @ np.array([[0.8, 0.3, 0.0], [0.0, 1.3, 0.2], [0.1, 0.0, 0.7]]) + 0.5 * regressor(seed=7)
     noise = rng.normal(size=(60, DRAWS))
     for matrix, formula in (
-        (np.linalg.solve(w.T @ s, w.T), covariance_sandwich(w, s)),
+        (np.linalg.solve(w.T @ s, w.T), sandwich(w, s)),
         (np.linalg.pinv(s), covariance_efficient(s)),
         (np.linalg.pinv(w), covariance_paper(w)),
     ):
@@ -103,7 +111,7 @@ def test_covariances_equal_the_scatter_of_the_estimates() -> None:
         # The standard deviation of a sampled variance is sqrt(2 / DRAWS) = 2.2 % of it.
         np.testing.assert_allclose(scatter / np.outer(sizes, sizes), correlation(formula), rtol=0, atol=0.09)
     # In the sense of matrices no unbiased estimator is better than the efficient one.
-    excess = covariance_sandwich(w, s) - covariance_efficient(s)
+    excess = sandwich(w, s) - covariance_efficient(s)
     sizes = np.sqrt(np.diag(excess))
     assert np.linalg.eigvalsh(excess / np.outer(sizes, sizes)).min() > -1e-10
 

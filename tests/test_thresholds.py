@@ -20,6 +20,7 @@ DECIDING = [
     *sorted((ROOT / "diagnosis").glob("*.py")),
     *(ROOT / "prediction" / f"{n}.py" for n in ("noise", "repetition", "least_squares", "differences", "guard")),
     *(ROOT / "prediction" / f"{n}.py" for n in ("sensitivity", "base_projection", "weighting")),
+    *(ROOT / "prediction" / f"{n}.py" for n in ("colour", "uncertainty", "fit_uncertainty")),
 ]
 MOTIONS = ("programs.py", "motions.py")
 """How proposed motions look is written where they are made."""
@@ -76,11 +77,12 @@ def test_the_values_that_options_take_by_default() -> None:
 
 @pytest.mark.parametrize("path", DECIDING, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_no_other_number_decides(path: Path) -> None:
-    """Every number is written down, or one of arithmetic."""
+    """Every number is written down, or one of arithmetic, or the rank of a diagnostic."""
     if path.name in (*MOTIONS, "thresholds.py"):
         return
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    shown = {id(node) for text in ast.walk(tree) if isinstance(text, ast.JoinedStr) for node in ast.walk(text)}
+    shown = {id(k.value) for k in ast.walk(tree) if isinstance(k, ast.keyword) and k.arg == "rank"}
+    shown |= {id(node) for text in ast.walk(tree) if isinstance(text, ast.JoinedStr) for node in ast.walk(text)}
     found = {
         node.value
         for node in ast.walk(tree)

@@ -54,7 +54,7 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
             notes.append("The period of the motion is no whole number of torque samples, so periods were not compared.")
             continue
         noise = noise_from_periods(
-            experiment.with_gaps(experiment.torque),
+            experiment.with_gaps(model.measured_in(label)),
             count,
             rate_hz=experiment.rate_hz,
             skip=round(limits.TRANSIENT * count),
@@ -63,6 +63,17 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
         if noise is not None:
             found[label] = replace(noise, period_s=period)
     return found, notes
+
+
+def known_noise(model: LoopModel) -> Array | None:
+    """(n,) standard deviation of the torque logs without any model: as the case states it, or as the differences of
+    periods show it; None where neither is there."""
+    if model.torque_deviation is not None:
+        return model.torque_deviation
+    repeated, _ = repeated_noise(model)
+    if set(repeated) != set(model.estimation_labels):
+        return None
+    return pooled(list(repeated.values())).deviation
 
 
 def noise_beside_fit(fit: Fit) -> Noise:

@@ -89,13 +89,13 @@ def motion_dependence(
     values: Array,
     residuals: Mapping[str, Array],
     sensitivities: Mapping[str, Array],
-    coefficients: Sequence[Array],
+    coefficients: Mapping[tuple[int, float], Array],
 ) -> list[Dependence]:
     """How the residual of each joint depends on the simulated motion.
 
     Args:
         residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
-        coefficients: (n,) of (order,), of the autoregression of the noise of each joint.
+        coefficients: joint, from 1, and rate of the log in Hz -> (order,) of the autoregression of its noise.
     """
     tables = {label: functions_of_motion(model, values, label) for label in residuals}
     found = []
@@ -106,7 +106,8 @@ def motion_dependence(
         for label, residual in residuals.items():
             motion = np.column_stack([tables[label][j][name] for name in names])
             stacked = np.column_stack([residual[:, j], sensitivities[label][:, j], motion])
-            parts.append(filtered(stacked, coefficients[j], model.experiments[label]))
+            experiment = model.experiments[label]
+            parts.append(filtered(stacked, coefficients.get((j + 1, experiment.rate_hz), np.zeros(0)), experiment))
         whole = np.concatenate(parts)
         found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
     return found

@@ -21,6 +21,7 @@ from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import point
+from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -69,15 +70,14 @@ class Clie(Estimator):
             start, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
-        fit, covariance = minimum.fit, minimum.fit.bound
-        sigma = np.sqrt(np.diag(covariance))
-        reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
+        fit, known = minimum.fit, fit_uncertainty(minimum.fit)
+        reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=list(minimum.iterations), got=reason,
                 next_step=ADVICE,
             )  # fmt: skip
         return torque_estimate(
-            minimum, covariance, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(fit.values, sigma)},
+            minimum, known, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
+            stages={self.name: Stage(fit.values, known.deviation)},
         )  # fmt: skip

@@ -25,15 +25,17 @@ from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import Start, start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import Fit, point
+from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient, covariance_paper, covariance_sandwich, relative_error_percent
+from fmu_didim.statistics import covariance_efficient, covariance_paper, relative_error_percent
 
 MAXIMUM_HALVINGS = 6
 GROWTH = 1.5
@@ -205,35 +207,30 @@ class Didim(Estimator):
     ) -> Estimate:
         """Statistics, the efficient finish, the check of what is physical."""
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
-        stages = {"didim": self._stage(fit)}
+        known = fit_uncertainty(fit, _inverse(prediction)[0])
+        stages = {"didim": self._stage(fit, known)}
         if self.finish or fit.values.size > model.linear_count:
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, settled and minimum.fit.settled
-            covariance = fit.bound
-            stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
+            known = fit_uncertainty(fit)
+            stages["finish"] = Stage(fit.values, known.deviation)
         else:
             minimum = Minimum(fit, integration_error(fit))
-            covariance = covariance_sandwich(
-                whitened(_inverse(prediction)[0], fit.deviation), whitened(fit.jacobian, fit.deviation)
-            )
-        sigma = np.sqrt(np.diag(covariance))
-        reason = physical_problem(model, fit.values, sigma) or tracking_problem(model.measured, fit.torque)
+        reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise _NonPhysicalError(fit.values, reason)
-        return torque_estimate(
-            minimum, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages
-        )
+        return torque_estimate(minimum, known, estimator=self.name, settled=settled, iterations=history, stages=stages)
 
-    def _stage(self, fit: Fit) -> Stage:
-        """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""
+    def _stage(self, fit: Fit, known: Uncertainty) -> Stage:
+        """DIDIM's own answer with its standard deviation; beside it, for white noise, the paper's and the bound."""
         assert fit.prediction is not None
         count = fit.model.linear_count
         w = whitened(_inverse(fit.prediction)[0], fit.deviation)
         s = whitened(fit.jacobian[:, :, :count], fit.deviation)
         return Stage(
             fit.values[:count],
-            np.sqrt(np.diag(covariance_sandwich(w, s))),
+            known.deviation,
             {
                 "paper": np.sqrt(np.diag(covariance_paper(w))),
                 "cramer_rao": np.sqrt(np.diag(covariance_efficient(s))),

@@ -8,6 +8,7 @@ Needs positions measured at the rate of the torque.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,10 @@ from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import spread
 from fmu_didim.prediction.reference_start import observed_on
-from fmu_didim.prediction.weighting import weighted_solution, whitened
+from fmu_didim.prediction.uncertainty import Uncertainty, stretches, uncertainty
+from fmu_didim.prediction.weighting import noise_floor, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_paper, relative_error_percent
+from fmu_didim.statistics import covariance_paper, influence_efficient, noise_deviation, relative_error_percent
 
 
 @dataclass(frozen=True)
@@ -51,20 +53,18 @@ class IdimLs(Estimator):
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         self.base_alone(model)
         rows = [self._rows(model, label) for label in model.estimation_labels]
-        time, columns, target, known = (np.concatenate([row[i] for row in rows]) for i in range(4))
+        time, columns, target, offset = (np.concatenate([row[i] for row in rows]) for i in range(4))
         solution, deviation = weighted_solution(model, columns, target, model.names)
         value = solution.solution
         residual = target - columns @ value
-        freedom = float(target.size - value.size)
-        spread = float(np.sum(whitened(residual, deviation) ** 2)) / freedom
-        covariance = spread * covariance_paper(whitened(columns, deviation))
-        measured = target + known
+        known = self._uncertainty(model, [row[0] for row in rows], columns, residual, deviation)
+        freedom = float(target.size - value.size) / known.inflation**2
+        measured = target + offset
         simulated = measured - residual
         error = relative_error_percent(measured, simulated)[0]
         iteration = Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number)
         progress(iteration)
-        sigma = np.sqrt(np.diag(covariance))
-        reason = physical_problem(model, value, sigma)
+        reason = physical_problem(model, value, known.deviation)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=[iteration], got=reason,
@@ -75,7 +75,7 @@ class IdimLs(Estimator):
             names=model.names,
             units=model.units,
             value=value,
-            covariance=covariance,
+            covariance=known.covariance,
             freedom=freedom,
             time=time,
             measured=measured,
@@ -84,10 +84,31 @@ class IdimLs(Estimator):
             condition_number=solution.condition_number,
             status=Status.CONVERGED,
             iterations=(iteration,),
-            stages={"idim_ls": Stage(value, sigma)},
+            stages={"idim_ls": Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
             base_count=model.parameters.count,
+            colours=known.colours,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )
+
+    @staticmethod
+    def _uncertainty(
+        model: LoopModel, times: Sequence[Array], columns: Array, residual: Array, deviation: Array
+    ) -> Uncertainty:
+        """Of the solution, from the residual (M, n) and columns (M, n, b) of the decimated rows of all logs."""
+        flat = whitened(columns, deviation)
+        influence = influence_efficient(flat).reshape(columns.shape) / deviation[:, None]
+        freedom = residual.size - columns.shape[2]
+        spread = deviation * np.sqrt(np.sum(whitened(residual, deviation) ** 2) / freedom)
+        if model.joint_weights == "equal":
+            leverage = np.einsum("mjp,mjp->mj", columns, influence)
+            spread = noise_deviation(residual, leverage, floor=noise_floor(residual))
+        return uncertainty(residual, columns, influence, spread, stretches(times))
+
+    @staticmethod
+    def _paper(columns: Array, residual: Array, deviation: Array) -> Array:
+        """(b,) standard deviations by the paper's formula, for white noise."""
+        spread = np.sum(whitened(residual, deviation) ** 2) / (residual.size - columns.shape[2])
+        return np.asarray(np.sqrt(spread * np.diag(covariance_paper(whitened(columns, deviation)))))
 
     def _rows(self, model: LoopModel, label: str) -> tuple[Array, Array, Array, Array]:
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""

@@ -7,7 +7,7 @@ by SciPy's trust-region least squares; every derivative is a further simulation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,10 +23,12 @@ from fmu_didim.master import sample_operator
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.prediction import predict
 from fmu_didim.prediction.sensitivity import parameter_sizes
+from fmu_didim.prediction.uncertainty import Stretch, stretches, uncertainty
 from fmu_didim.signals import Array, Trajectory
-from fmu_didim.statistics import covariance_efficient, relative_error_percent
+from fmu_didim.statistics import influence_efficient, relative_error_percent
 
 PENALTY = 1e3
 """Residual, in standard deviations, of parameters whose simulation fails: the trust region shrinks away."""
@@ -81,21 +83,27 @@ class OutputError(Estimator):
             residual, start / scale, jac=jacobian, method="trf", x_scale="jac",
             ftol=self.tolerance, xtol=self.tolerance, gtol=None, max_nfev=self.maximum_iterations,
         )  # fmt: skip
-        return self._conclude(model, found, scale, spread, history)
+        return self._conclude(model, found, scale, spread, history, stretches([log.time for log in logs.values()]))
 
     def _conclude(
-        self, model: LoopModel, found: Any, scale: Array, spread: Array, history: list[Iteration]
+        self,
+        model: LoopModel,
+        found: Any,
+        scale: Array,
+        spread: Array,
+        history: list[Iteration],
+        rows: Sequence[Stretch],
     ) -> Estimate:
         value = found.x * scale
         n = model.joint_count
         freedom = float(found.fun.size - value.size)
-        # The noise of each joint from its own residual, as the weights assume one for all.
+        # The noise of each joint from its own residual, while the weights take one for all.
         per_joint = found.fun.reshape(-1, n)
-        deviation = np.sqrt((per_joint**2).sum(axis=0) / (freedom / n)) + 1e-300
-        s = (found.jac.reshape(-1, n, value.size) / deviation[None, :, None]).reshape(-1, value.size)
-        covariance = covariance_efficient(s) * np.outer(scale, scale)
-        sigma = np.sqrt(np.diag(covariance))
-        reason = physical_problem(model, value, sigma)
+        deviation = np.sqrt((per_joint**2).sum(axis=0) / (freedom / n)) + TINY
+        sensitivity = -found.jac / scale
+        influence = influence_efficient(sensitivity).reshape(-1, n, value.size)
+        known = uncertainty(per_joint, sensitivity.reshape(influence.shape), influence, deviation, rows)
+        reason = physical_problem(model, value, known.deviation)
         if reason or (np.abs(found.fun) >= PENALTY).all():
             raise RefusedError(
                 "The identified model is not physical.", iterations=history, got=reason or "no simulation succeeded",
@@ -109,8 +117,8 @@ class OutputError(Estimator):
             names=model.names,
             units=model.units,
             value=value,
-            covariance=covariance,
-            freedom=freedom,
+            covariance=known.covariance,
+            freedom=freedom / known.inflation**2,
             time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
             measured=measured,
             simulated=torque,
@@ -118,8 +126,9 @@ class OutputError(Estimator):
             condition_number=float(singular[0] / singular[-1]),
             status=Status.CONVERGED if found.status > 0 else Status.MAXIMUM_ITERATIONS,
             iterations=tuple(history),
-            stages={self.name: Stage(value, sigma)},
+            stages={self.name: Stage(value, known.deviation)},
             base_count=model.parameters.count,
+            colours=known.colours,
             remarks=(
                 f"Standard deviation of the position residual: {', '.join(f'{v:.3g}' for v in deviation * spread)}.",
                 f"Torque error at the solution: {error:.2f} % (the positions were fitted, not the torque).",

@@ -15,6 +15,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
+from fmu_didim.diagnosis.log_noise import known_noise
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
@@ -23,6 +24,7 @@ from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
+from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
 from fmu_didim.signals import Array
 
@@ -133,33 +135,34 @@ def integration_error(fit: Fit) -> IntegrationError:
     return IntegrationError(relative, shift, max(excess, float(shift.max()) / limits.INTEGRATION_SHIFT))
 
 
-def degrees_of_freedom(model: LoopModel, count: int) -> float:
+def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
     """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
-    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give."""
+    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; and of samples that are not
+    independent only so many as would leave the same uncertainty."""
     total = model.measured.size - count
-    if model.torque_deviation is not None or model.joint_weights == "equal":
+    if model.torque_deviation is not None and inflation <= 1:
         return float(total)
-    return total / model.joint_count
+    return total / model.joint_count / inflation**2
 
 
 def torque_estimate(
     minimum: Minimum,
-    covariance: Array,
+    known: Uncertainty,
     *,
     estimator: str,
     settled: bool,
     iterations: Sequence[Iteration],
     stages: Mapping[str, Stage],
 ) -> Estimate:
-    """The estimate at a minimum, or at another point of the closed loop, with covariance (p, p)."""
+    """The estimate at a minimum, or at another point of the closed loop, with how well its values are known."""
     fit, model = minimum.fit, minimum.fit.model
     return Estimate(
         estimator=estimator,
         names=model.names,
         units=model.units,
         value=fit.values,
-        covariance=covariance,
-        freedom=degrees_of_freedom(model, fit.values.size),
+        covariance=known.covariance,
+        freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
         measured=model.measured,
         simulated=fit.torque,
@@ -173,5 +176,8 @@ def torque_estimate(
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
         agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
+        colours=known.colours,
+        known_noise=known_noise(model),
+        jacobian=fit.jacobian,
         remarks=minimum.remarks,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.judgement import Judgement, diagnostic_result
+from fmu_didim.diagnosis.residual import lack_of_fit
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import Diagnostic, by_weight
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
@@ -22,6 +23,7 @@ from fmu_didim.identification.result import (
     ExperimentResult,
     IntegrationResult,
     IterationResult,
+    NoiseResult,
     ParameterResult,
     ResultDocument,
     StageResult,
@@ -109,6 +111,10 @@ def result_document(
         correlations=estimate.correlations(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
+        noise=[
+            NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()})
+            for test in lack_of_fit(estimate.colours, estimate.known_noise)
+        ],
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},

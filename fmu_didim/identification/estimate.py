@@ -13,6 +13,7 @@ from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.uncertainty import Colour
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
 
@@ -57,6 +58,9 @@ class Estimate:
         integration_error: relative difference of the torque when the plant's substeps are doubled; integration_shift:
             (p,) by how many standard deviations the values would move then; NaN where it cannot be tried.
         integration: method and substeps of the plant, where they are known.
+        colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
+            torque log that the case states, or periods that repeat show; None where it is not known.
+        jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         remarks: what the user should know.
         provenance: versions, options, hashes, loop.
@@ -80,6 +84,9 @@ class Estimate:
     integration_error: float = float("nan")
     integration_shift: Array = field(default_factory=lambda: np.full(1, np.nan))
     integration: Integration | None = None
+    colours: tuple[Colour, ...] = ()
+    known_noise: Array | None = None
+    jacobian: Array | None = field(default=None, repr=False)
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)

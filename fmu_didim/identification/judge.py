@@ -10,6 +10,8 @@ from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
+from fmu_didim.diagnosis.motion_dependence import motion_dependence, motion_diagnostics
+from fmu_didim.diagnosis.residual import lack_of_fit, residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.identification import thresholds as limits
@@ -67,11 +69,27 @@ def judged(
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
+    found += residual_diagnostics(lack_of_fit(estimate.colours, estimate.known_noise))
+    found += _motion_diagnostics(model, estimate)
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def _motion_diagnostics(model: LoopModel, estimate: Estimate) -> list[Diagnostic]:
+    """Whether the residual depends on the motion, where it is that of a simulated torque."""
+    if estimate.jacobian is None:
+        return []
+    rows = model.rows
+    found = motion_dependence(
+        model, estimate.value,
+        {label: estimate.residual[part] for label, part in rows.items()},
+        {label: estimate.jacobian[part] for label, part in rows.items()},
+        {(colour.joint, colour.rate_hz): colour.coefficients for colour in estimate.colours},
+    )  # fmt: skip
+    return motion_diagnostics(found)
 
 
 def plant_diagnostics(consistency: Consistency | None) -> list[Diagnostic]:

@@ -106,6 +106,21 @@ class ExperimentResult(Strict):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
+class NoiseResult(Strict):
+    """Noise that the residual of a joint shows, in all fitted logs of one rate."""
+
+    joint: int = Field(description="counted from 1")
+    rate_hz: float
+    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
+    coefficients: list[float] = Field(description="a_1 ... of it")
+    lag1: float = Field(description="correlation of neighbouring samples")
+    whiteness_p: float = Field(description="p value, by Ljung and Box, of what the autoregression leaves")
+    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
+    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
+    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
+    chi_square_least: Number = Field(description="below which it is smaller")
+
+
 class IntegrationResult(Strict):
     """How the plant was integrated."""
 
@@ -134,6 +149,7 @@ class ResultDocument(Strict):
     noise_std: list[Number] = Field(
         description="standard deviation of the torque residual of all fitted experiments, per joint"
     )
+    noise: list[NoiseResult] = Field(default=[], description="by rate and joint, with its colour")
     torque_unit: list[str] = Field(description="per joint")
     experiments: dict[str, ExperimentResult] = Field(description="by label")
     relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")

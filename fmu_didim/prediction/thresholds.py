@@ -71,6 +71,40 @@ DEPENDENT = TABLE(
     "sensitivities lies above it, that of the arithmetic below.",
 )  # fmt: skip
 
+# The colour of a residual ---------------------------------------------------------------------------------------------
+GATE_LAGS = TABLE(
+    "GATE_LAGS", 3, "samples", "A residual is white if its correlations up to this lag are: colour shows there first."
+)
+NOT_WHITE = TABLE(
+    "NOT_WHITE", 0.05, "1",
+    "Probability of the correlations of all joints by chance, below which they have a colour. A false alarm costs "
+    "little, since what is then estimated is nearly white; a colour that is not seen costs coverage.",
+)  # fmt: skip
+CLEARLY_NOT_WHITE = TABLE(
+    "CLEARLY_NOT_WHITE", 0.01, "1", "The same of one joint where all together look white; there are several to ask."
+)
+FEWEST_COLOURED = TABLE("FEWEST_COLOURED", 20, "samples", "Fewer are too few to see a colour in.")
+ORDERS = TABLE(
+    "ORDERS", 10.0, "1",
+    "Largest order of an autoregression, over the decimal logarithm of the samples: usual, and enough for noise of "
+    "50 ms at 200 Hz, which needs about seven.",
+)  # fmt: skip
+SAMPLES_A_COEFFICIENT = TABLE("SAMPLES_A_COEFFICIENT", 5.0, "samples", "At least, for each coefficient tried.")
+COLOUR_ROUNDS = TABLE(
+    "COLOUR_ROUNDS", 3, "rounds", "Of colour and what the fit takes from it: a fourth moves no deviation by 1 %."
+)
+LEAST_NOISE_LEFT = TABLE(
+    "LEAST_NOISE_LEFT", 0.5, "1",
+    "Of the variance of a residual, that must be noise rather than error of the values, for the difference to count.",
+)  # fmt: skip
+WHITENESS_LAGS = TABLE(
+    "WHITENESS_LAGS", 10, "samples", "Correlations, beyond the order of the colour, that are tested after it."
+)
+EXCESS = TABLE(
+    "EXCESS", 0.001, "1",
+    "Probability of as large a residual by chance, below which a joint is said to be off by more than its known noise.",
+)  # fmt: skip
+
 # A log that repeats --------------------------------------------------------------------------------------------------
 REPEATS_TORQUE = TABLE(
     "REPEATS_TORQUE", 1e-5, "1",

@@ -8,7 +8,7 @@ import time
 from multiprocessing.pool import Pool
 
 from tests.benchmarks.figure import Figure, Settings
-from tests.monte_carlo import context, one_seed
+from tests.monte_carlo import Design, context, one_seed
 
 RATE_HZ = 10
 
@@ -16,7 +16,7 @@ RATE_HZ = 10
 def _ready(_: int) -> int:
     """The process that did this, its imports and FMUs loaded."""
     context(RATE_HZ)
-    one_seed(RATE_HZ, 0)
+    one_seed(Design(RATE_HZ), 0)
     time.sleep(0.05)
     return os.getpid()
 
@@ -44,7 +44,9 @@ def run(settings: Settings) -> list[Figure]:
             _warm(pool, processes)
             start = time.perf_counter() - begin
             begin = time.perf_counter()
-            found = pool.starmap(one_seed, [(RATE_HZ, seed) for seed in range(count)], chunksize=max(1, count // 20))
+            found = pool.starmap(
+                one_seed, [(Design(RATE_HZ), seed) for seed in range(count)], chunksize=max(1, count // 20)
+            )
             seconds[processes] = time.perf_counter() - begin
             begin = time.perf_counter()
             pool.map(_spin, range(100), chunksize=5)

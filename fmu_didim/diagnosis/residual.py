@@ -1,0 +1,136 @@
+"""Whether the residual of a fit is noise: as large as the noise, and white once its colour is taken out.
+
+Model error shows in both. At high rates it makes neighbouring samples alike, whatever the noise is; at low rates it
+shows only as a residual that is larger than the noise, where that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.prediction.uncertainty import Colour, chi_square_bound, least_chi_square
+from fmu_didim.signals import Array
+
+NOISE_COLOURED = CATALOGUE(
+    "noise-coloured", REMARK, rank=80,
+    meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
+    "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
+    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+RESIDUAL_ABOVE_NOISE = CATALOGUE(
+    "residual-above-noise", DOUBT, rank=60,
+    meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
+    "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
+    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+STATED_NOISE_LARGE = CATALOGUE(
+    "stated-noise-large", REMARK, rank=70,
+    meaning="The residual of a joint is smaller than the noise that the case states. Standard deviations are those of "
+    "the stated noise, as if it were white.",
+    next_step="Check torque_std, or leave it out: the noise is then taken from the residual.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """The residual of a joint, in all fitted logs of one rate.
+
+    Attributes:
+        joint: counted from 1; rate_hz: of the logs.
+        chi_square_per_sample: variance of the noise by the residual over the known one, 1 if the model is right; None
+            where the noise is not known. chi_square_bound, chi_square_least: what chance hardly leaves.
+        lag1: correlation of neighbouring samples.
+        order, coefficients: of the autoregression that gives the colour; 0 where the residual counts as white.
+        whiteness_p: p value of Ljung and Box's test of what the autoregression leaves.
+        inflation: standard deviations that come from the joint, over those with white noise.
+    """
+
+    joint: int
+    rate_hz: float
+    chi_square_per_sample: float | None
+    chi_square_bound: float | None
+    chi_square_least: float | None
+    lag1: float
+    order: int
+    coefficients: Array
+    whiteness_p: float
+    inflation: float
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """Whether the residual is larger than the known noise."""
+        if self.chi_square_per_sample is None or self.chi_square_bound is None:
+            return False
+        return self.chi_square_per_sample > self.chi_square_bound
+
+    @property
+    def is_below_noise(self) -> bool:
+        """Whether it is smaller."""
+        if self.chi_square_per_sample is None or self.chi_square_least is None:
+            return False
+        return self.chi_square_per_sample < self.chi_square_least
+
+
+def lack_of_fit(colours: Sequence[Colour], deviation: Array | None) -> tuple[ResidualTest, ...]:
+    """What the residual of each joint says of the model.
+
+    Args:
+        colours: as an estimate has them.
+        deviation: (n,) known standard deviation of the noise, of a case or of periods that repeat; None: not known.
+    """
+    return tuple(
+        ResidualTest(
+            joint=colour.joint,
+            rate_hz=colour.rate_hz,
+            chi_square_per_sample=None
+            if deviation is None
+            else colour.residual_variance / deviation[colour.joint - 1] ** 2,
+            chi_square_bound=None if deviation is None else chi_square_bound(colour.samples),
+            chi_square_least=None if deviation is None else least_chi_square(colour.samples),
+            lag1=colour.lag_one,
+            order=colour.coefficients.size,
+            coefficients=colour.coefficients,
+            whiteness_p=colour.whiteness,
+            inflation=colour.inflation,
+        )
+        for colour in colours
+    )
+
+
+def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
+    """What the user should know of the residual."""
+    found, rates = [], {test.rate_hz for test in tests}
+    for test in tests:
+        place = f"joint {test.joint}" + (f", logs at {test.rate_hz:g} Hz" if len(rates) > 1 else "")
+        if test.exceeds_noise:
+            found.append(
+                Diagnostic(
+                    RESIDUAL_ABOVE_NOISE,
+                    f"the residual is larger than the known noise (chi-square per sample "
+                    f"{test.chi_square_per_sample:.3g}, by chance at most {test.chi_square_bound:.3g}); the standard "
+                    "deviations contain this lack of fit.",
+                    place, test.chi_square_per_sample, test.chi_square_bound,
+                )
+            )  # fmt: skip
+        if test.is_below_noise:
+            found.append(
+                Diagnostic(
+                    STATED_NOISE_LARGE,
+                    f"the residual is smaller than the stated noise (chi-square per sample "
+                    f"{test.chi_square_per_sample:.3g}, by chance at least {test.chi_square_least:.3g}); the standard "
+                    "deviations are those of the stated noise.",
+                    place, test.chi_square_per_sample, test.chi_square_least,
+                )
+            )  # fmt: skip
+        if test.order:
+            found.append(
+                Diagnostic(
+                    NOISE_COLOURED,
+                    f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard "
+                    f"deviations are some {test.inflation:.2g} times those with white noise.",
+                    place, test.inflation, 1.0, "1",
+                )
+            )  # fmt: skip
+    return found

@@ -1,0 +1,67 @@
+"""What is told of a residual: larger or smaller than the noise, or with a colour."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics
+from fmu_didim.diagnostics import Severity
+from fmu_didim.prediction.uncertainty import Colour
+
+WHITE = Colour(1, 50.0, 4.0, 4.0, np.zeros(0), 0.02, 0.4, 500.0)
+COLOURED = replace(WHITE, coefficients=np.array([0.6, 0.1]), lag_one=0.63, whiteness=0.2, inflation=2.5)
+
+
+def test_a_test_of_each_joint_against_the_known_noise() -> None:
+    second = replace(COLOURED, joint=2, residual_variance=9.0, samples=100.0)
+    first, other = lack_of_fit([WHITE, second], np.array([2.0, 1.5]))
+    assert first.chi_square_per_sample == pytest.approx(1.0)
+    assert other.chi_square_per_sample == pytest.approx(4.0)
+    assert other.chi_square_bound == pytest.approx(stats.chi2.ppf(0.999, 100) / 100)
+    assert other.chi_square_least == pytest.approx(stats.chi2.ppf(0.001, 100) / 100)
+    assert (other.joint, other.rate_hz, other.lag1, other.whiteness_p, other.inflation) == (2, 50.0, 0.63, 0.2, 2.5)
+    assert (other.order, list(other.coefficients)) == (2, [0.6, 0.1])
+    assert [test.order for test in (first, other)] == [0, 2]
+    assert not first.exceeds_noise and other.exceeds_noise
+
+
+def test_without_known_noise_no_chi_square() -> None:
+    (test,) = lack_of_fit([WHITE], None)
+    assert (test.chi_square_per_sample, test.chi_square_bound, test.chi_square_least) == (None, None, None)
+    assert not test.exceeds_noise and not test.is_below_noise
+
+
+@pytest.mark.parametrize(
+    ("colour", "known", "codes"),
+    [
+        (WHITE, None, []),
+        (WHITE, 2.0, []),
+        (WHITE, 1.0, ["residual-above-noise"]),
+        (WHITE, 4.0, ["stated-noise-large"]),
+        (COLOURED, None, ["noise-coloured"]),
+        (COLOURED, 1.0, ["residual-above-noise", "noise-coloured"]),
+    ],
+    ids=["unknown", "as the noise", "above", "below", "coloured", "coloured, above"],
+)
+def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> None:
+    tests = lack_of_fit([colour], None if known is None else np.array([known]))
+    found = residual_diagnostics(tests)
+    assert [diagnostic.code.name for diagnostic in found] == codes
+    assert all(diagnostic.place == "joint 1" for diagnostic in found)
+    assert {d.code.name for d in found if d.code.severity is Severity.DOUBT} <= {"residual-above-noise"}
+
+
+def test_rates_are_named_where_there_are_several() -> None:
+    found = residual_diagnostics(lack_of_fit([COLOURED, replace(COLOURED, rate_hz=20.0)], None))
+    assert [diagnostic.place for diagnostic in found] == ["joint 1, logs at 50 Hz", "joint 1, logs at 20 Hz"]
+
+
+def test_figures_are_in_the_sentence() -> None:
+    (above,) = residual_diagnostics([ResidualTest(3, 50.0, 7.8, 1.2, 0.8, 0.01, 0, np.zeros(0), 0.5, 2.8)])
+    assert str(above).startswith("joint 3: the residual is larger than the known noise (chi-square per sample 7.8,")
+    assert (above.value, above.bound) == (7.8, 1.2)
+    assert "discover" in above.advice
