@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.acting import check_acting, start_warnings
+from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.consistency import check_consistency
 from fmu_didim.diagnosis.validation import Validation, validate
+from fmu_didim.diagnostics import refuse_problems
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
@@ -21,6 +22,7 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.check import has_own_plant
+from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
 from fmu_didim.workflow.outcome import Outcome
 
@@ -47,7 +49,9 @@ def identify(
     """
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
+    diagnostics = refuse_problems(case_diagnostics(case, model))
     known, remarks = _known_of_plant(case, model)
+    remarks += [f"{found.code.name}: {found}" for found in diagnostics]
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
@@ -66,7 +70,7 @@ def identify(
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
     if out is not None:
         _save(document, validations, Path(out))
-    outcome = Outcome(document, estimate, tuple(validations), found)
+    outcome = Outcome(document, estimate, tuple(validations), found, tuple(diagnostics))
     if out is not None and outcome.robot is not None:
         write_robot(outcome.robot, Path(out) / ROBOT_FILE)
         for label, robot in outcome.robots.items():
@@ -92,7 +96,7 @@ def _known_of_plant(case: Case, model: LoopModel) -> tuple[dict[str, Any], list[
     if model.parameters.has_regressor:
         known["consistency"] = consistency_result(check_consistency(model))
     check_acting(model)
-    return known, start_warnings(model)
+    return known, [f"{found} {found.advice}" for found in start_diagnostics(model)]
 
 
 def _with_warnings(error: RefusedError, found: ConsistencyResult | None, remarks: list[str]) -> RefusedError:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fmu_didim.diagnosis.validation import Validation
+from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.identification.result import ParameterResult, ResultDocument
@@ -30,12 +31,14 @@ class Outcome:
         estimate: the estimate with its arrays.
         validations: of each experiment, fitted or held out, in the order of the case.
         model: the loop with the identified values as start values, for simulations and further fits.
+        diagnostics: what was doubted or remarked of the data before any work, the weightiest first.
     """
 
     document: ResultDocument
     estimate: Estimate
     validations: tuple[Validation, ...]
     model: LoopModel
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def parameters(self) -> Mapping[str, ParameterResult]:
