@@ -50,7 +50,8 @@ def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     one.add_argument("--quiet", action="store_true", help="print the table only")
-    _case_verb(commands, "check", _check, "look at a case before any long work")
+    checked = _case_verb(commands, "check", _check, "look at a case before any long work", optional=True)
+    checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
     two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
     two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
@@ -70,10 +71,16 @@ def _add_case_verbs(commands: _Commands) -> None:
 
 
 def _case_verb(
-    commands: _Commands, name: str, run: Callable[[argparse.Namespace], int], help_: str, case: str = "the case file"
+    commands: _Commands,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    help_: str,
+    case: str = "the case file",
+    *,
+    optional: bool = False,
 ) -> argparse.ArgumentParser:
     verb = commands.add_parser(name, help=help_, description=run.__doc__)
-    verb.add_argument("case", type=Path, metavar="CASE.yaml", help=case)
+    verb.add_argument("case", type=Path, metavar="CASE.yaml", help=case, nargs="?" if optional else None)
     verb.set_defaults(run=run)
     return verb
 
@@ -144,9 +151,15 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Look at plant, parameters, torque logs and start of a case; the exit code is 1 where something must be mended."""
+    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be mended."""
     from fmu_didim.workflow import check
+    from fmu_didim.workflow.codes import codes_text
 
+    if options.codes:
+        print(codes_text(), end="")
+        return 0
+    if options.case is None:
+        raise InputError("check needs a case.", next_step="fmu-didim check CASE.yaml, or fmu-didim check --codes.")
     found = check(options.case)
     print(found.summary(), end="")
     return 0 if found.ok else EXIT_ERROR

@@ -16,6 +16,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
+from fmu_didim.errors import InputError
+
 
 class Severity(Enum):
     """What a diagnostic means for an answer."""
@@ -74,6 +76,14 @@ class Diagnostic:
         return self.next_step or self.code.next_step
 
     @property
+    def figures(self) -> str:
+        """Value and bound with their unit; empty where there is none."""
+        if self.value is None:
+            return ""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return f"{self.value:.3g}{unit}" + (f" (bound {self.bound:.3g}{unit})" if self.bound is not None else "")
+
+    @property
     def excess(self) -> float:
         """How far the figure lies beyond its bound, as a ratio; 1 where there is none."""
         if self.value is None or not self.bound:
@@ -83,6 +93,34 @@ class Diagnostic:
 
     def __str__(self) -> str:
         return f"{self.place}: {self.text}" if self.place else self.text
+
+
+class DiagnosedError(InputError):
+    """Input that diagnostics refuse, named by the weightiest of them.
+
+    Attributes:
+        found: all of them, in order of weight.
+    """
+
+    def __init__(self, found: Iterable[Diagnostic]) -> None:
+        self.found = by_weight(found)
+        first, *others = self.found
+        got = [first.figures, *(f"also {d.code.name} ({d.place})" for d in others)]
+        super().__init__(
+            first.text, where=first.place, got="; ".join(part for part in got if part) or None, next_step=first.advice
+        )
+
+    def _text(self) -> str:
+        what, *lines = super()._text().splitlines()
+        return "\n".join([what, f"  code:  {self.found[0].code.name}", *lines])
+
+
+def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """What was found, in order of weight; raises DiagnosedError where a problem is among it."""
+    ordered = by_weight(found)
+    if any(d.code.severity is PROBLEM for d in ordered):
+        raise DiagnosedError(d for d in ordered if d.code.severity is PROBLEM)
+    return ordered
 
 
 def by_weight(found: Iterable[Diagnostic]) -> list[Diagnostic]:

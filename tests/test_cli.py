@@ -110,11 +110,14 @@ def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureF
         (tmp_path / f"{name}_10hz.csv").write_text("\n".join(lines), encoding="utf-8")
     (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
     assert main(["identify", str(tmp_path / "case.yaml"), "--out", str(tmp_path / "out")]) == 1
-    assert "check the sign" in capsys.readouterr().err
+    assert "runs against the simulated one" in capsys.readouterr().err
     document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert document["status"] == "refused"
     assert document["parameters"] == {}
-    assert document["history"]
+    assert document["verdict"] == "refused"
+    assert {(r["code"], r["place"]) for r in document["reasons"]} == {
+        ("torque-sign", f"{label}: joint {j}") for label in ("estimation", "validation") for j in (1, 2)
+    }
     assert (tmp_path / "out" / "report.html").is_file()
 
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fmu_didim.case.file_checks import check_reference_rate, check_time_unit, torque_of_command
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
@@ -78,6 +79,7 @@ def read_reference(
             )  # fmt: skip
         return source.trajectory(1.0 / step)
     found = read_signals(source, folder, signals)
+    check_reference_rate(found, step, source.file)
     if source.warm_up_s > 0 and source.period_s is not None:
         return _with_warm_up(found, step, source.period_s, source.warm_up_s)
     return found
@@ -136,7 +138,8 @@ def read_experiment(
     log = read_signals(source.torque, folder, signals)
     torque = log.select([f"tau{j}" for j in range(1, joint_count + 1)])
     if source.torque.quantity == "command":
-        torque = torque * np.array(drive_gains or (1.0,) * joint_count)
+        torque = torque_of_command(torque, drive_gains, label)
+    check_time_unit(log, reference, source.torque.file)
     times = log.time
     if source.torque.rate_hz is not None:
         times = decimated_times(log.time, source.torque.rate_hz, source.torque.phase_s)
@@ -147,4 +150,4 @@ def read_experiment(
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
     positions = read_signals(source.positions, folder, signals) if source.positions is not None else None
-    return Experiment(reference, times, torque, operator, positions, label, source.role)
+    return Experiment(reference, times, torque, operator, positions, label, source.role, stamps=log.time)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.diagnosis import thresholds as limits
-from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.errors import SimulationError
 from fmu_didim.master import Recording
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, LOG
@@ -15,6 +16,23 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.signals import Array
 
+PARAMETER_IDLE = CATALOGUE(
+    "parameter-idle", PROBLEM, rank=30,
+    meaning="A parameter that is to be identified has no effect in the plant: the simulation stays the same, to the "
+    "last digit, when it changes.",
+    next_step="Leave it out, name the parameter that acts, or export the plant with tunable parameters.",
+)  # fmt: skip
+PARAMETER_FIXED = CATALOGUE(
+    "parameter-fixed-in-run", PROBLEM, rank=31,
+    meaning="A parameter has no effect while the plant runs, so no regressor can be measured.",
+    next_step="Use the estimator clie, which sets the parameters before each run.",
+)  # fmt: skip
+PLANT_START = CATALOGUE(
+    "plant-start", DOUBT, rank=32,
+    meaning="The plant starts elsewhere than the reference, so that the simulation begins with a jump.",
+    next_step="Name the start values of the plant: plant: {parameter_names: {q_start1: name in the plant}}, or begin "
+    "the reference where the plant stands.",
+)  # fmt: skip
 UNSEEN = (LOG, EXTERNAL_TORQUE)
 """Owners of parameters that change no signal of the loop, or not in its first part."""
 
@@ -25,7 +43,7 @@ def check_acting(model: LoopModel) -> None:
     Needs one short simulation a parameter, and for the regressor measured on the plant one short simulation.
 
     Raises:
-        InputError: parameters do not act in the plant, such as those that an FMU reads when it is instantiated only.
+        DiagnosedError: parameters do not act in the plant, such as those that an FMU reads only when instantiated.
     """
     theta = model.start
     if mass_matrix_problem(model, theta):
@@ -38,19 +56,13 @@ def check_acting(model: LoopModel) -> None:
     except SimulationError:
         return  # the estimator says more about a loop that does not run
     if idle:
-        raise InputError(
-            "Some parameters have no effect in the plant.", where="plant",
-            got=f"{_listed(model, idle)}: the simulation stays the same, to the last digit, when they change",
-            next_step="Leave them out, name the parameter that acts, or export the plant with tunable parameters.",
-        )  # fmt: skip
+        text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
+        raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
     if model.parameters.is_probed:
         silent = _silent(model, theta, limits.FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
-            raise InputError(
-                "Some parameters have no effect while the plant runs, so no regressor can be measured.",
-                where="identify", got=_listed(model, silent),
-                next_step="Use the estimator clie, which sets them before each run.",
-            )  # fmt: skip
+            text = f"Some parameters have no effect while the plant runs: {_listed(model, silent)}."
+            raise DiagnosedError([Diagnostic(PARAMETER_FIXED, text, "identify")])
 
 
 def _listed(model: LoopModel, places: list[int]) -> str:
@@ -101,8 +113,8 @@ def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
     return [int(i) for i in np.flatnonzero(~np.abs(probe.columns).any(axis=(0, 1)))]
 
 
-def start_warnings(model: LoopModel) -> list[str]:
-    """Joints that the plant starts elsewhere than the reference, a line each."""
+def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
+    """Joints that the plant starts elsewhere than the reference."""
     theta = model.start
     reference = model.experiments[model.first].reference
     try:
@@ -116,10 +128,14 @@ def start_warnings(model: LoopModel) -> list[str]:
                 continue
             column = reference.select([f"{name}{j}"])
             here, there = float(first.applied[signal][0]), float(column[0, 0])
-            if abs(here - there) > limits.START_TOLERANCE * max(float(np.ptp(column)), limits.STANDSTILL):
-                found.append(
-                    f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}. "
+            bound = limits.START_TOLERANCE * max(float(np.ptp(column)), limits.STANDSTILL)
+            if abs(here - there) > bound:
+                text = f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}."
+                step = (
                     f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or begin "
-                    f"the reference where the plant stands."
+                    "the reference where the plant stands."
+                )
+                found.append(
+                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(here - there), bound, next_step=step)
                 )
     return found

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.mismatch import unlike_torque
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Observer, Recording
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -28,6 +29,13 @@ from fmu_didim.prediction.prediction import drive_torque
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.signals import Array
+
+PLANT_DIFFERS = CATALOGUE(
+    "plant-differs", DOUBT, rank=33,
+    meaning="The plant that was simulated does not obey the equations of the robot description, from which the "
+    "regressor comes.",
+    next_step="Mend the description or the plant; fmu-didim check CASE.yaml compares them.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -226,3 +234,10 @@ def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str
             float(np.linalg.norm(theirs - ours)) / norm, cosine, 0.0 if silent else other / norm, joint
         )
     return found
+
+
+def plant_diagnostics(consistency: Consistency | None) -> list[Diagnostic]:
+    """Where a plant of its own differs from the robot description."""
+    return [
+        Diagnostic(PLANT_DIFFERS, text, "plant") for text in ([] if consistency is None else consistency.warnings())
+    ]

@@ -13,9 +13,6 @@ from fmu_didim.documents import Number, Strict
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
 
-EXIT_CODES: dict[Verdict, int] = {"valid": 0, "doubtful": 4, "not_settled": 3, "refused": 1}
-"""What the command line ends with; 2 is wrong usage."""
-
 
 class DiagnosticResult(Strict):
     """A diagnostic as it is saved."""

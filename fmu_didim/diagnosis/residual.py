@@ -17,13 +17,13 @@ NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
     meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
     "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
-    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
+    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.yaml.",
 )  # fmt: skip
 RESIDUAL_ABOVE_NOISE = CATALOGUE(
     "residual-above-noise", DOUBT, rank=60,
     meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
     "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
-    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
+    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.yaml.",
 )  # fmt: skip
 STATED_NOISE_LARGE = CATALOGUE(
     "stated-noise-large", REMARK, rank=70,

@@ -6,24 +6,6 @@ from fmu_didim.thresholds import Table
 
 TABLE = Table("diagnosis")
 
-# The torque log ------------------------------------------------------------------------------------------------------
-AGAINST = TABLE("AGAINST", -0.7, "1", "Correlation below which a torque counts as turned round.")
-FOLLOWS = TABLE(
-    "FOLLOWS", 0.7, "1", "Correlation above which a torque follows the simulated one, so that their ratio counts."
-)
-OTHER_ORDER = TABLE(
-    "OTHER_ORDER", 0.1, "1", "Fraction of the error to which another order of the joints must bring it down."
-)
-WRONG_ORDER = TABLE(
-    "WRONG_ORDER", 0.5, "1",
-    "Error for each joint below which the order of the joints is not doubted: half of the mean square of the torque.",
-)  # fmt: skip
-OTHER_UNIT = TABLE(
-    "OTHER_UNIT", 30.0, "1",
-    "Ratio of measured to simulated torque beyond which another unit is suspected, up or down: more than the "
-    "start values of a machine are wrong by.",
-)  # fmt: skip
-
 # Points or averages --------------------------------------------------------------------------------------------------
 NEARLY = TABLE(
     "NEARLY", 1.1, "1",

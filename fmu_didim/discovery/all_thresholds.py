@@ -5,6 +5,7 @@ from __future__ import annotations
 from fmu_didim import statistics
 from fmu_didim.components.fmu import thresholds as fmu
 from fmu_didim.diagnosis import thresholds as diagnosis
+from fmu_didim.diagnosis.data import thresholds as data
 from fmu_didim.discovery import thresholds as discovery
 from fmu_didim.discovery.augmentation import thresholds as augmentation
 from fmu_didim.discovery.external_torques import thresholds as external_torques
@@ -17,7 +18,7 @@ from fmu_didim.thresholds import recorded
 TABLES = tuple(
     module.TABLE
     for module in (
-        statistics, prediction, diagnosis, discovery, augmentation, screening, selection, external_torques,
+        statistics, prediction, diagnosis, data, discovery, augmentation, screening, selection, external_torques,
         next_experiment, fmu,
     )
 )  # fmt: skip

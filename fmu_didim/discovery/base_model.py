@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.log_checks import check_log
+from fmu_didim.diagnosis.data.checks import data_diagnostics
 from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
+from fmu_didim.diagnostics import refuse_problems
 from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
@@ -45,7 +46,7 @@ def prepare(model: LoopModel) -> Prepared:
             got=f"{samples} samples for {count} parameters",
         )
     model = with_nuisances(model)
-    notes = [remark for label in model.experiments for remark in check_log(model, label)]
+    notes = [str(found) for found in refuse_problems(data_diagnostics(model))]
     repeated, further = repeated_noise(model)
     notes += further
     if repeated:

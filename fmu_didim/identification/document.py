@@ -13,7 +13,8 @@ from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.judgement import Judgement, diagnostic_result
 from fmu_didim.diagnosis.residual import lack_of_fit
 from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.diagnostics import Diagnostic, by_weight
+from fmu_didim.diagnostics import REMARK, Diagnostic, by_weight
+from fmu_didim.errors import FmuDidimError
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.identification.result import (
     AgreementResult,
@@ -198,20 +199,25 @@ def refused_document(
     name: str,
     model: LoopModel,
     estimator: str,
-    error: RefusedError,
+    error: FmuDidimError,
     provenance: Mapping[str, Any],
     *,
-    reasons: Sequence[Diagnostic] = (),
+    known: Sequence[Diagnostic] = (),
 ) -> ResultDocument:
-    """The document of a refusal: the reason and the iterations, no values."""
+    """The document of a refusal: the reason and the iterations, no values.
+
+    Args:
+        known: what was found before the work.
+    """
+    iterations = error.iterations if isinstance(error, RefusedError) else ()
     return ResultDocument(
         name=name,
         verdict="refused",
-        reasons=[diagnostic_result(reason) for reason in by_weight(reasons)],
+        reasons=[diagnostic_result(found) for found in by_weight(known) if found.code.severity is not REMARK],
         status="refused",
         advice=str(error),
         estimator=estimator,
-        iterations=len(error.iterations),
+        iterations=len(iterations),
         finish_iterations=0,
         parameters={},
         stages={},
@@ -223,9 +229,9 @@ def refused_document(
         experiments={label: _data(model, label) for label in model.experiments},
         relative_error_percent={},
         integration_error=None,
-        history=_history(model.names, error.iterations),
+        history=_history(model.names, iterations),
         loop=model.systems[model.first].describe(),
         signals={},
-        remarks=[],
+        remarks=[str(found) for found in by_weight(known) if found.code.severity is REMARK],
         provenance=dict(provenance),
     )

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
-from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import motion_dependence, motion_diagnostics
@@ -31,12 +30,6 @@ DISAGREE = CATALOGUE(
     meaning="An experiment does not agree with the others on parameters that they share.",
     next_step="If something changed in between, let the experiment have values of its own: experiments: {...: {own: "
     "[...]}}.",
-)  # fmt: skip
-PLANT_DIFFERS = CATALOGUE(
-    "plant-differs", DOUBT, rank=30,
-    meaning="The plant that was simulated does not obey the equations of the robot description, from which the "
-    "regressor comes.",
-    next_step="Mend the description or the plant; fmu-didim check CASE.yaml compares them.",
 )  # fmt: skip
 TOO_COARSE = CATALOGUE(
     "integration-too-coarse", DOUBT, rank=48,
@@ -90,11 +83,6 @@ def _motion_diagnostics(model: LoopModel, estimate: Estimate) -> list[Diagnostic
         {(colour.joint, colour.rate_hz): colour.coefficients for colour in estimate.colours},
     )  # fmt: skip
     return motion_diagnostics(found)
-
-
-def plant_diagnostics(consistency: Consistency | None) -> list[Diagnostic]:
-    """Where a plant of its own differs from the robot description."""
-    return [Diagnostic(PLANT_DIFFERS, text) for text in ([] if consistency is None else consistency.warnings())]
 
 
 def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:

@@ -11,13 +11,14 @@ from typing import Any
 from fmu_didim import statistics
 from fmu_didim.components.fmu import thresholds as fmu
 from fmu_didim.diagnosis import thresholds as diagnosis
+from fmu_didim.diagnosis.data import thresholds as data
 from fmu_didim.identification import thresholds as identification
 from fmu_didim.prediction import thresholds as prediction
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.thresholds import recorded
 
-TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, identification.TABLE, fmu.TABLE)
+TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, data.TABLE, identification.TABLE, fmu.TABLE)
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 

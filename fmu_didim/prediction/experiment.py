@@ -27,6 +27,7 @@ class Experiment:
         label: name shown to the user.
         role: whether the parameters are fitted to it, or only judged by it.
         external_torques: torques from outside the model that are known to have acted.
+        stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
     """
 
     reference: Trajectory
@@ -37,6 +38,7 @@ class Experiment:
     label: str = "estimation"
     role: Role = "estimation"
     external_torques: tuple[ExternalTorque, ...] = ()
+    stamps: Array | None = None
 
     @property
     def rate_hz(self) -> float:

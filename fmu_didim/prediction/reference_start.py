@@ -25,7 +25,7 @@ def from_reference(model: LoopModel) -> Array:
     Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
     """
     values = model.start
-    pairs = [_rows_of_reference(model, values, label) for label in model.estimation_labels]
+    pairs = [rows_of_reference(model, values, label) for label in model.estimation_labels]
     columns = np.concatenate([w for w, _ in pairs])
     target = model.measured - np.concatenate([known for _, known in pairs])
     count = model.linear_count
@@ -34,7 +34,8 @@ def from_reference(model: LoopModel) -> Array:
     return values
 
 
-def _rows_of_reference(model: LoopModel, values: Array, label: str) -> tuple[Array, Array]:
+def rows_of_reference(model: LoopModel, values: Array, label: str) -> tuple[Array, Array]:
+    """W (N, n, b) and the torque of all that is known (N, n) at the samples, along the reference motion."""
     reference, ticks = model.experiments[label].reference, model.operator(values, label).ticks
     whole = reference_motion(reference, model.joint_count, np.arange(reference.time.size))
     q, dq, ddq = (table[ticks] for table in whole)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.acting import check_acting, start_warnings
+from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.confounding import confounded
-from fmu_didim.diagnosis.consistency import Consistency, check_consistency
-from fmu_didim.diagnosis.log_checks import check_log
-from fmu_didim.errors import FmuDidimError, InputError, SimulationError
+from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
+from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -26,8 +26,21 @@ from fmu_didim.report.numbers import loop_lines, significant
 from fmu_didim.report.table import wrapped
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
+from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
 
+NO_START = CATALOGUE(
+    "no-start", PROBLEM, rank=40,
+    meaning="The torque cannot be simulated at any start: the loop diverges, or the inertia matrix is not positive "
+    "definite.",
+    next_step="Give start values near those of the machine, or check gains, signs and units of controller and "
+    "reference.",
+)  # fmt: skip
+CONFOUNDED = CATALOGUE(
+    "parameters-confounded", PROBLEM, rank=41,
+    meaning="These data do not tell some parameters apart, as far as the start shows it.",
+    next_step="Leave one of them out, or add data that separate them: another payload, gain or motion.",
+)  # fmt: skip
 FROM = {"reference": "the reference trajectory", "description": "the values of the description"}
 """What a start is in words; one that is not listed is that of the case."""
 
@@ -39,7 +52,7 @@ class Checked:
     Attributes:
         name: of the case; parameters: (p,) names of what would be identified.
         experiments: label -> data; loop: a line a component, one for its timing.
-        problems: what must be mended before an identification can succeed; warnings: what should be looked at.
+        diagnostics: what was found, the weightiest first; problems must be mended before an identification can succeed.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
@@ -50,8 +63,7 @@ class Checked:
     parameters: tuple[str, ...]
     experiments: Mapping[str, Experiment]
     loop: tuple[str, ...]
-    problems: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     confounded: tuple[str, ...] = ()
     start: str = ""
     error_percent: Mapping[str, float] = field(default_factory=dict)
@@ -60,11 +72,15 @@ class Checked:
     @property
     def ok(self) -> bool:
         """Whether nothing stands against an identification."""
-        return not self.problems and not self.confounded
+        return not self.found(PROBLEM)
+
+    def found(self, severity: Severity) -> tuple[Diagnostic, ...]:
+        """What was found of one severity."""
+        return tuple(d for d in self.diagnostics if d.code.severity is severity)
 
     def __repr__(self) -> str:
-        problems = len(self.problems) + bool(self.confounded)
-        return f"Checked({self.name!r}, problems: {problems}, warnings: {len(self.warnings)})"
+        counts = ", ".join(f"{severity.value}s: {len(self.found(severity))}" for severity in Severity)
+        return f"Checked({self.name!r}, {counts})"
 
     def summary(self) -> str:
         """What was found, at most 100 columns wide; the verdict comes last."""
@@ -83,19 +99,14 @@ class Checked:
             worst = significant(self.consistency.worst, 2)
             entries.append(("Plant", f"it agrees with the robot description to {worst}"))
         lines = [*wrapped(self.name), "", *(line for head, text in entries for line in _entry(head, text)), ""]
-        for problem in self.problems:
-            lines += _message("PROBLEM", problem)
-        if self.confounded:
-            text = f"these data do not tell {', '.join(self.confounded)} apart: leave one of them out, or add data."
-            lines += _message("PROBLEM", text)
-        for warning in self.warnings:
-            lines += _message("WARNING", warning)
+        for diagnostic in self.diagnostics:
+            lines += _message(diagnostic)
         return "\n".join([*lines, self._verdict()]) + "\n"
 
     def _verdict(self) -> str:
         if not self.ok:
             return "NOT READY: mend the problems above"
-        return "READY, with warnings" if self.warnings else "READY: nothing stands against an identification"
+        return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
 
 
 def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
@@ -113,22 +124,18 @@ def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
     """
     case = case if isinstance(case, Case) else load_case(case)
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
-    consistency, problems, warnings = _of_the_plant(case, model)
-    for label in model.experiments:
-        try:
-            warnings += check_log(model, label)
-        except InputError as error:
-            problems.append(str(error))
+    consistency, diagnostics = _of_the_plant(case, model)
+    diagnostics += case_diagnostics(case, model)
     found = Checked(
         name=case.name,
         parameters=model.names,
         experiments=model.experiments,
         loop=tuple(loop_lines(described_loop(case, model.systems[model.first].describe()))),
-        problems=tuple(problems),
-        warnings=tuple(warnings),
+        diagnostics=tuple(diagnostics),
         consistency=consistency,
     )
-    return _at_the_start(case, model, found)
+    found = _at_the_start(case, model, found)
+    return replace(found, diagnostics=tuple(by_weight(found.diagnostics)))
 
 
 def has_own_plant(case: Case) -> bool:
@@ -136,18 +143,17 @@ def has_own_plant(case: Case) -> bool:
     return case.document.plant.source is not None or case.base is not None
 
 
-def _of_the_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[str], list[str]]:
-    """What is found of a plant of its own: its comparison with the description, problems, and warnings."""
+def _of_the_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
+    """What is found of a plant of its own: its comparison with the description, and what is wrong."""
     if not has_own_plant(case):
-        return None, [], []
+        return None, []
     consistency = check_consistency(model) if model.parameters.has_regressor else None
-    unlike = consistency.warnings() if consistency is not None else []
-    problems = []
+    found = plant_diagnostics(consistency)
     try:
         check_acting(model)
-    except InputError as error:
-        problems.append(str(error))
-    return consistency, problems, [*unlike, *start_warnings(model)]
+    except DiagnosedError as error:
+        found += error.found
+    return consistency, [*found, *start_diagnostics(model)]
 
 
 def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
@@ -165,9 +171,13 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             continue
         errors = {label: relative_error_percent(model.measured_in(label), t)[0] for label, t in torque.items()}
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
-        return replace(found, start=place, error_percent=errors, confounded=_confounded(model, values, fitted))
-    problem = "The torque cannot be simulated at any start:\n" + "\n".join(f"  from {reason}" for reason in reasons)
-    return replace(found, problems=(*found.problems, problem))
+        alike = _confounded(model, values, fitted)
+        told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []
+        return replace(
+            found, start=place, error_percent=errors, confounded=alike, diagnostics=(*found.diagnostics, *told)
+        )
+    text = "The torque cannot be simulated at any start: " + "; ".join(f"from {reason}" for reason in reasons)
+    return replace(found, diagnostics=(*found.diagnostics, Diagnostic(NO_START, text)))
 
 
 def _starts(case: Case) -> Iterator[tuple[Any, str]]:
@@ -199,9 +209,6 @@ def _entry(head: str, text: str) -> list[str]:
     return wrapped(text, f"{head:12}", " " * 12)
 
 
-def _message(head: str, text: str) -> list[str]:
-    first, *others = text.splitlines()
-    return [
-        *wrapped(f"{head}: {first}", "", "  "),
-        *(line for o in others for line in wrapped(o.strip(), "  ", "    ")),
-    ]
+def _message(found: Diagnostic) -> list[str]:
+    head = f"{found.code.severity.value.upper()} {found.code.name}: {found}"
+    return [*wrapped(head, "", "  "), *(wrapped(found.advice, "  Next: ", "    ") if found.advice else [])]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fmu_didim.diagnosis.judgement import EXIT_CODES, DiagnosticResult, Verdict
+from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.discovery.findings import (
     Answer,
     FindingResult,
@@ -21,6 +21,7 @@ from fmu_didim.discovery.run import Found
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.prediction.experiment import Role
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.workflow.exit_codes import EXIT_CODES
 from fmu_didim.workflow.frames import findings_frame
 
 if TYPE_CHECKING:

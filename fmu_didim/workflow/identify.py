@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.acting import check_acting, start_warnings
-from fmu_didim.diagnosis.consistency import Consistency, check_consistency
+from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
+from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.diagnosis.validation import Validation, validate
+from fmu_didim.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
+from fmu_didim.errors import FmuDidimError, IdentificationError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
-from fmu_didim.identification.judge import judged, plant_diagnostics
+from fmu_didim.identification.judge import judged
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import ResultDocument, save_result
 from fmu_didim.identification.start import with_free_delay
@@ -22,6 +24,7 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.check import has_own_plant
+from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
 from fmu_didim.workflow.outcome import Outcome
 
@@ -48,21 +51,34 @@ def identify(
     """
     case = case if isinstance(case, Case) else load_case(case)
     model = case.model
-    consistency, remarks = _known_of_plant(case, model)
-    before = plant_diagnostics(consistency)
-    known = {} if consistency is None else {"consistency": consistency_result(consistency)}
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
+    known: dict[str, Any] = {}
+
+    def refused(error: FmuDidimError, before: Sequence[Diagnostic]) -> None:
+        if out is not None:
+            document = refused_document(case.name, model, case.estimator.name, error, record, known=before)
+            _save(document.model_copy(update={**known, "loop": described_loop(case, document.loop)}), (), Path(out))
+
+    try:
+        of_data = refuse_problems(case_diagnostics(case, model))
+        consistency, of_plant = _known_of_plant(case, model)
+    except DiagnosedError as error:
+        refused(error, error.found)
+        raise
+    before = by_weight([*of_data, *of_plant])
+    if consistency is not None:
+        known["consistency"] = consistency_result(consistency)
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
     except RefusedError as error:
-        if out is not None:
-            refused = refused_document(case.name, model, case.estimator.name, error, record, reasons=before)
-            update = {**known, "remarks": remarks, "loop": described_loop(case, refused.loop)}
-            _save(refused.model_copy(update=update), (), Path(out))
-        raise _with_warnings(error, consistency, remarks) from error
-    estimate = replace(estimate, provenance=record, remarks=(*remarks, *estimate.remarks))
+        refused(error, before)
+        raise _with_known(error, before) from error
+    except IdentificationError as error:
+        refused(error, before)
+        raise
+    estimate = replace(estimate, provenance=record)
     found = _found(model, estimate)
     validations = [validate(found, found.start, label) for label in found.experiments]
     judgement = judged(found, estimate, validations, before=before)
@@ -87,8 +103,8 @@ def _found(model: LoopModel, estimate: Estimate) -> LoopModel:
     return found.with_values(estimate.value)
 
 
-def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[str]]:
-    """What is found of a plant of its own before the long work: its comparison with the description, and remarks.
+def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
+    """What is found of a plant of its own before the long work: its comparison with the description, and what it says.
 
     Raises:
         InputError: an identified parameter has no effect in the plant.
@@ -97,15 +113,15 @@ def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, l
         return None, []
     consistency = check_consistency(model) if model.parameters.has_regressor else None
     check_acting(model)
-    return consistency, start_warnings(model)
+    return consistency, [*plant_diagnostics(consistency), *start_diagnostics(model)]
 
 
-def _with_warnings(error: RefusedError, found: Consistency | None, remarks: list[str]) -> RefusedError:
-    """The refusal with what was known of the plant before, which may be its cause."""
-    known = [*(found.warnings() if found is not None else ()), *remarks]
+def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedError:
+    """The refusal with what was doubted before, which may be its cause."""
+    known = [str(found) for found in before if found.code.severity is not REMARK]
     if not known:
         return error
-    got = "; ".join(str(part) for part in (error.got, "before, it was seen of the plant: " + " ".join(known)) if part)
+    got = "; ".join(str(part) for part in (error.got, "before, it was seen: " + " ".join(known)) if part)
     return RefusedError(error.what, iterations=list(error.iterations), got=got, next_step=error.next_step)
 
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fmu_didim.diagnosis.judgement import EXIT_CODES, DiagnosticResult, Verdict
+from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.identification.result import ParameterResult, ResultDocument
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription
+from fmu_didim.workflow.exit_codes import EXIT_CODES
 from fmu_didim.workflow.frames import parameter_frame
 
 if TYPE_CHECKING:

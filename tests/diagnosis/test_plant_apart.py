@@ -15,7 +15,7 @@ from fmu_didim.block import Block
 from fmu_didim.case import load_case
 from fmu_didim.components import FmuComponent, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.diagnosis.acting import check_acting, start_warnings
+from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency
 from fmu_didim.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
@@ -213,7 +213,7 @@ def test_refusal_says_that_the_plant_differs(tmp_path: Path) -> None:
     """A plant with a link of three metres cannot be identified with this description."""
     first, second = read_robot(ROBOT).joints
     heavy = second.model_copy(update={"a": -3.0})
-    with pytest.raises(RefusedError, match=r"before, it was seen of the plant: .*MX2: the column differs") as caught:
+    with pytest.raises(RefusedError, match=r"before, it was seen: plant: MX2: the column differs") as caught:
         identify(case_with(tmp_path, block(joints=(first, heavy))), out=tmp_path / "out")
     assert caught.value.iterations
     saved = load_result(tmp_path / "out")
@@ -306,14 +306,15 @@ def test_start_value_of_a_state_gets_a_name(tmp_path: Path) -> None:
 
 def test_plant_that_starts_elsewhere_is_told(tmp_path: Path) -> None:
     own = renamed(block(), {"q_start1": "phi", "dq_start2": "w"}).with_parameters({"phi": 0.1})
-    warnings = start_warnings(model_of(case_with(tmp_path, own)))
+    warnings = start_diagnostics(model_of(case_with(tmp_path, own)))
     assert len(warnings) == 2
     first = float(load_case(SCARA).reference("estimation").values[0, 0])
-    assert warnings[0].startswith(f"The plant starts at q1 = 0.1 while the reference starts at {first:.4g}.")
-    assert "parameter_names: {q_start1: name in the plant}" in warnings[0]
-    assert "dq2" in warnings[1]
+    assert warnings[0].text.startswith(f"The plant starts at q1 = 0.1 while the reference starts at {first:.4g}.")
+    assert "parameter_names: {q_start1: name in the plant}" in warnings[0].advice
+    assert warnings[1].place == "plant: joint 2"
     assert (
-        start_warnings(model_of(case_with(tmp_path, own, parameter_names={"q_start1": "phi", "dq_start2": "w"}))) == []
+        start_diagnostics(model_of(case_with(tmp_path, own, parameter_names={"q_start1": "phi", "dq_start2": "w"})))
+        == []
     )
 
 
@@ -328,7 +329,7 @@ def test_parameter_without_effect_is_refused_before_long_work(tmp_path: Path, es
     content["estimator"] = {"kind": estimator}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     seen: list[Any] = []
-    with pytest.raises(InputError, match=r"no effect in the plant(.|\n)*got:   Fc2: "):
+    with pytest.raises(InputError, match=r"no effect in the plant: Fc2"):
         identify(path, progress=seen.append)
     assert seen == []
 
@@ -365,7 +366,7 @@ def test_fmu_that_accepts_a_parameter_and_ignores_it(tmp_path: Path) -> None:
     torque = simulate(path).select(["tau1"])[::5, 0]
     rows = "\n".join(f"{t},{v}" for t, v in zip(time[::5], torque, strict=True))
     (tmp_path / "torque.csv").write_text(f"t,tau1\n{rows}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"no effect(.|\n)*got:   useless \(unused in the plant\): "):
+    with pytest.raises(InputError, match=r"no effect in the plant: useless \(unused in the plant\)"):
         identify(path)
 
 

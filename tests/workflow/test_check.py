@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,15 @@ from fmu_didim import (
     RobotModel,
     build_fmu,
     check,
+    discover,
     identify,
     load_case,
     read_robot,
     trajectory,
 )
 from fmu_didim.cli import main
+from fmu_didim.diagnostics import DOUBT, DiagnosedError
+from fmu_didim.workflow.codes import all_codes
 from tests.workflow.three_experiments import three_experiments
 
 CASE = "examples/scara/identify.yaml"
@@ -34,7 +38,7 @@ def lines(found: Checked) -> str:
 def test_case_without_fault_is_ready() -> None:
     found = check(CASE)
     assert found.ok
-    assert found.problems == found.warnings == found.confounded == ()
+    assert found.diagnostics == found.confounded == ()
     assert found.parameters == load_case(CASE).model.names
     assert found.start == "the reference trajectory"
     assert 4 < found.error_percent["validation"] < 6
@@ -56,9 +60,43 @@ def test_torque_with_the_wrong_sign_is_a_problem() -> None:
     turned = trajectory(log.time, {"tau1": -log.torque[:, 0], "tau2": log.torque[:, 1]})
     found = check(case.with_signals({"train_10hz.csv": turned}))
     assert not found.ok
-    assert "PROBLEM: The measured torque runs against the simulated one." in lines(found)
-    assert "estimation: joint 1" in lines(found)
+    assert "PROBLEM torque-sign: estimation: joint 1: The measured torque runs against the simulated one" in lines(
+        found
+    )
+    assert "Next: Turn the sign of these columns" in lines(found)
     assert lines(found).endswith("NOT READY: mend the problems above")
+
+
+def test_problem_is_refused_by_identify_and_discover_and_a_doubt_goes_on(tmp_path: Path) -> None:
+    case = load_case(CASE)
+    log = case.model.experiments["estimation"]
+    turned = trajectory(log.time, {"tau1": -log.torque[:, 0], "tau2": log.torque[:, 1]})
+    for verb in (identify, discover):
+        with pytest.raises(DiagnosedError, match=r"runs against[\s\S]*torque-sign[\s\S]*estimation: joint 1"):
+            verb(case.with_signals({"train_10hz.csv": turned}))
+    outcome = identify(case.with_(validation={"torque": None}))
+    assert (outcome.verdict, [reason.code for reason in outcome.reasons]) == ("doubtful", ["validation-without-torque"])
+
+
+def test_codes_of_all_modules_are_printed_with_meaning_and_advice(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--codes"]) == 0
+    printed = capsys.readouterr().out
+    flat = " ".join(printed.split())
+    written = {
+        name
+        for path in Path("fmu_didim").rglob("*.py")
+        for name in re.findall(r'(?m)^[A-Z_]+ = CATALOGUE\(\s*"([a-z0-9-]+)"', path.read_text(encoding="utf-8"))
+    }
+    assert {code.name for code in all_codes()} == written and len(written) > 25
+    for code in all_codes():
+        assert f"{code.name} ({code.severity.value}) {code.meaning}" in flat
+        assert not code.next_step or f"Next: {code.next_step}" in flat
+    assert max(map(len, printed.splitlines())) <= 100
+
+
+def test_check_without_a_case_says_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check"]) == 1
+    assert "check needs a case" in capsys.readouterr().err
 
 
 def test_parameters_that_cannot_be_told_apart_are_named() -> None:
@@ -67,7 +105,8 @@ def test_parameters_that_cannot_be_told_apart_are_named() -> None:
     found = check(case)
     assert {"gain1", "gain2"} <= set(found.confounded)
     assert not found.ok
-    assert "leave one of them out" in lines(found)
+    assert "PROBLEM parameters-confounded: These data do not tell" in lines(found)
+    assert "Leave one of them out" in lines(found)
     with pytest.raises(IdentificationError, match="apart"):
         identify(case)
 
@@ -87,8 +126,8 @@ def test_plant_that_is_not_that_of_the_description_is_a_warning(tmp_path: Path) 
     found = check(load_case(CASE).with_(plant={"source": fmu_of(longer, tmp_path)}))
     assert found.consistency is not None
     assert found.consistency.warnings()
-    assert set(found.consistency.warnings()) <= set(found.warnings)
-    assert "WARNING: MX2: the column differs most" in lines(found)
+    assert set(found.consistency.warnings()) <= {d.text for d in found.found(DOUBT) if d.code.name == "plant-differs"}
+    assert "DOUBT plant-differs: plant: MX2: the column differs most" in lines(found)
     same = check(load_case(CASE).with_(plant={"source": fmu_of(ROBOT, tmp_path)}))
     assert same.ok
     assert "it agrees with the robot description" in lines(same)
@@ -111,8 +150,7 @@ def test_parameter_that_does_not_act_is_a_problem_and_the_exit_code_says_so(
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     assert main(["check", str(path)]) == 1
     printed = " ".join(capsys.readouterr().out.split())
-    assert "PROBLEM: Some parameters have no effect in the plant." in printed
-    assert "idle (q_start1 in the plant)" in printed
+    assert "PROBLEM parameter-idle: plant: Some parameters have no effect in the plant: idle (q_start1" in printed
 
 
 def test_loop_that_cannot_be_simulated_is_a_problem() -> None:
@@ -122,5 +160,5 @@ def test_loop_that_cannot_be_simulated_is_a_problem() -> None:
     unstable = case.with_(controller={"parameters": {"Kd1": -400.0}}).with_signals({"train_10hz.csv": nothing})
     found = check(unstable)
     assert found.error_percent == {}
-    assert "PROBLEM: The torque cannot be simulated at any start:" in lines(found)
+    assert "PROBLEM no-start: The torque cannot be simulated at any start:" in lines(found)
     assert "from the values of the description: " in lines(found)

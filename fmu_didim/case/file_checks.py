@@ -1,0 +1,68 @@
+"""What makes the files of an experiment unusable before there is a loop to compare them with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fmu_didim.diagnosis.data import thresholds as limits
+from fmu_didim.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.signals import Array, Trajectory
+
+REFERENCE_RATE = CATALOGUE(
+    "reference-rate", PROBLEM, rank=0,
+    meaning="The reference is not sampled at the control rate: it must have one row a control period.",
+    next_step="Resample the reference to the control rate, or correct the rate of the loop or of the controller.",
+)  # fmt: skip
+TIME_UNIT = CATALOGUE(
+    "time-unit", PROBLEM, rank=0,
+    meaning="The stamps of a file are in milliseconds or microseconds, not in seconds.",
+    next_step="Convert the time column to seconds.",
+)  # fmt: skip
+COMMAND_WITHOUT_GAIN = CATALOGUE(
+    "command-without-gain", PROBLEM, rank=0,
+    meaning="A log of the command becomes a torque by the gains of the drives, which the case does not give.",
+    next_step="Add loop: {drive_gains: [...]}, one a joint, in N.m or N for a unit of the command; ones if the two are "
+    "the same.",
+)  # fmt: skip
+SMALLER_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6}
+
+
+def check_reference_rate(reference: Trajectory, step: float, file: str) -> None:
+    """Raise DiagnosedError where the rows of a reference are not one control period (s) apart."""
+    if reference.time.size < 2 or reference.deviation(step) <= limits.REFERENCE_STEP * step:
+        return
+    steps = np.diff(reference.time)
+    usual = float(np.median(steps))
+    for words, unit in SMALLER_UNITS.items():
+        if abs(usual * unit - step) <= limits.REFERENCE_STEP * step:
+            text = (
+                f"The stamps of the reference seem to be in {words}: its rows are {usual:.6g} apart, a control period "
+                f"lasts {step:.6g} s."
+            )
+            raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, usual, step, "s")])
+    uneven = "unevenly, usually " if np.ptp(steps) > limits.REFERENCE_STEP * usual else ""
+    text = (
+        f"The reference is not sampled at the control rate: its rows are {uneven}{usual:.6g} s apart "
+        f"({1 / usual:.6g} Hz), and the loop runs at {1 / step:.6g} Hz."
+    )
+    raise DiagnosedError([Diagnostic(REFERENCE_RATE, text, file, 1 / usual, 1 / step, "Hz")])
+
+
+def check_time_unit(log: Trajectory, reference: Trajectory, file: str) -> None:
+    """Raise DiagnosedError where a log lasts longer than its reference, and would not with stamps in another unit."""
+    length, lasts = float(np.ptp(reference.time)) + reference.step, float(np.ptp(log.time))
+    for words, unit in SMALLER_UNITS.items():
+        if lasts > length and 0.5 * length <= lasts * unit <= length:
+            text = (
+                f"The stamps of the log seem to be in {words}: it would last {lasts:.6g} s, and its reference lasts "
+                f"{length:.6g} s."
+            )
+            raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, lasts, length, "s")])
+
+
+def torque_of_command(command: Array, drive_gains: tuple[float, ...] | None, label: str) -> Array:
+    """(N, n) torque of a log of the command; raises DiagnosedError without the gains of the drives."""
+    if drive_gains is None:
+        text = "The log shows the command, and the gains of the drives are not given."
+        raise DiagnosedError([Diagnostic(COMMAND_WITHOUT_GAIN, text, f"{label}: torque.quantity")])
+    return np.asarray(command * np.array(drive_gains))

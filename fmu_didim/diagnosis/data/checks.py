@@ -1,0 +1,44 @@
+"""All that can be said of the data of a loop model before any fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fmu_didim.diagnosis.data.expected import expected
+from fmu_didim.diagnosis.data.log import log_diagnostics
+from fmu_didim.diagnosis.data.reference import geometry_diagnostics, reference_diagnostics
+from fmu_didim.diagnosis.data.relation import relation_diagnostics
+from fmu_didim.diagnosis.data.runs import run_diagnostics
+from fmu_didim.diagnosis.data.units import unit_diagnostics
+from fmu_didim.diagnostics import Diagnostic, by_weight
+from fmu_didim.master.system import REFERENCE
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.signals import Array
+
+
+def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) -> list[Diagnostic]:
+    """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
+
+    Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
+    factor of three.
+
+    Args:
+        without_torque: labels of validation experiments that have no log, and are not in the model.
+    """
+    found = [*geometry_diagnostics(model), *run_diagnostics(model, without_torque)]
+    gains = drive_gains(model)
+    for label, experiment in model.experiments.items():
+        found += reference_diagnostics(experiment.reference, model.joint_count, label)
+        given = expected(model, label)
+        found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)
+        found += unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
+    return by_weight(found)
+
+
+def drive_gains(model: LoopModel) -> Array:
+    """(n,) gain from the command to the logged torque of each joint; 1 where there is none."""
+    connections = model.systems[model.first].connections
+    own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
+    return np.array([own.get(target, 1.0) for target in model.logged])

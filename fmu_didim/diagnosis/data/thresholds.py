@@ -1,0 +1,127 @@
+"""Numbers that decide whether data can be those of a loop."""
+
+from __future__ import annotations
+
+import math
+
+from fmu_didim.thresholds import Table
+
+TABLE = Table("data")
+
+# The reference alone -------------------------------------------------------------------------------------------------
+CONTRADICTION = TABLE(
+    "CONTRADICTION", 0.05, "1",
+    "Of what a signal and the integral of its derivative vary by, from which the two contradict each other: far beyond "
+    "the error of the trapezoidal rule at control rates.",
+)  # fmt: skip
+STANDSTILL = TABLE("STANDSTILL", 1e-9, "SI", "Variation below which a signal counts as constant.")
+REFERENCE_STEP = TABLE(
+    "REFERENCE_STEP", 0.01, "1", "Of a control period by which stamps of a reference may lie off, as in the master."
+)
+LARGEST_LENGTH = TABLE(
+    "LARGEST_LENGTH", 20.0, "m", "Of a link, beyond which millimetres are suspected: no machine with joints has it."
+)
+
+# The torque log alone ------------------------------------------------------------------------------------------------
+SAME = TABLE("SAME", 1e-9, "1", "Of the range of a column within which values count as equal: rounding.")
+STRAIGHT = TABLE(
+    "STRAIGHT", 1e-5, "1",
+    "Of the range of a column within which three samples lie on a straight line: the rounding of a text file.",
+)  # fmt: skip
+FEWEST_STAIRS = TABLE("FEWEST_STAIRS", 10, "steps", "Of equal length, below which a staircase may be chance.")
+ON_STAIRS = TABLE("ON_STAIRS", (1.0, 99.0), "%", "Between which the ends of its steps must lie on their grid.")
+NEARLY_CONTROL_RATE = TABLE(
+    "NEARLY_CONTROL_RATE", 0.9, "1",
+    "Of the control rate, from which stairs in a log are those of the held command, as they should be.",
+)  # fmt: skip
+JITTER = TABLE("JITTER", 0.05, "1", "Of a sample period by which stamps may scatter: rounding of clocks is less.")
+COARSE = TABLE(
+    "COARSE", 256, "steps",
+    "Steps in the range of a column up to which it is said to be quantised: 8 bits; finer ones are below usual noise.",
+)  # fmt: skip
+TOO_COARSE = TABLE(
+    "TOO_COARSE", 24, "steps",
+    "Steps in the range up to which it is doubted that quantisation acts as noise: it is above 1 % of the torque.",
+)  # fmt: skip
+ON_GRID = TABLE("ON_GRID", 0.02, "1", "Of a step by which values may lie off the grid of a quantised log: rounding.")
+CLIPPED = TABLE("CLIPPED", 0.01, "1", "Part of the samples at an extreme value from which a log may be saturated,")
+FEWEST_CLIPPED = TABLE("FEWEST_CLIPPED", 5, "samples", "and their smallest number,")
+CLIPPED_SPREAD = TABLE(
+    "CLIPPED_SPREAD", 0.1, "1",
+    "and the part of its range by which the expected torque varies at those samples: at rest, or where the controller "
+    "saturates in the model too, it does not.",
+)  # fmt: skip
+SPIKE = TABLE(
+    "SPIKE", 0.5, "1",
+    "Of the range of a column (its 5 % to 95 % quantile) by which a sample must leave the median of its neighbours: a "
+    "reversal of friction that comes at another moment leaves less.",
+)  # fmt: skip
+NEIGHBOURS = TABLE("NEIGHBOURS", 5, "samples", "Of that median: one or two of them may be spikes.")
+QUANTILES = TABLE("QUANTILES", (5.0, 95.0), "%", "Between which the range of a column is taken, free of outliers.")
+MOST_SPIKES = TABLE("MOST_SPIKES", 0.1, "1", "Part of the samples above which they are no outliers but the rule.")
+
+# Several experiments -------------------------------------------------------------------------------------------------
+COPIED = TABLE("COPIED", 0.5, "1", "Part of the rows of a held-out log that stand in a fitted one, to the last digit.")
+
+# The log against the torque that is expected -------------------------------------------------------------------------
+EXPLAINS = TABLE(
+    "EXPLAINS", 0.5, "1",
+    "Error of a free linear fit along the reference, of the deviation of the torque, below which the reference belongs "
+    "to the log: three quarters of its variance are explained.",
+)  # fmt: skip
+CHANCE = TABLE(
+    "CHANCE", 0.6, "1",
+    "Of the error that the same fit leaves of the log rolled to other instants, the median of SHIFTS of them, above "
+    "which it explains no more than chance: 52 parameters explain a third of any log. Right data: at most 0.6 in all "
+    "examples, with pushes and effects that the model lacks; other runs of the same robot: from 0.65.",
+)  # fmt: skip
+SHIFTS = TABLE("SHIFTS", (0.13, 0.23, 0.31, 0.43, 0.57, 0.69, 0.77), "1", "Of the length of the log: no whole periods.")
+OTHER_JOINT = TABLE(
+    "OTHER_JOINT", 0.5, "1",
+    "By which the correlation with another joint must be higher, mean over the joints that change places.",
+)  # fmt: skip
+AGAINST = TABLE("AGAINST", -0.7, "1", "Correlation below which a torque counts as turned round.")
+FOLLOWS = TABLE(
+    "FOLLOWS", 0.7, "1", "Correlation above which a torque follows the simulated one, so that their ratio counts."
+)
+OTHER_ORDER = TABLE(
+    "OTHER_ORDER", 0.1, "1", "Fraction of the error to which another order of the joints must bring it down."
+)
+WRONG_ORDER = TABLE(
+    "WRONG_ORDER", 0.5, "1",
+    "Error for each joint below which the order of the joints is not doubted: half of the mean square of the torque.",
+)  # fmt: skip
+OTHER_UNIT = TABLE(
+    "OTHER_UNIT", 8.0, "1",
+    "Ratio of measured to simulated torque beyond which another unit is suspected, up or down: start values of a "
+    "machine may be wrong by a factor of three; 8.85 in-lb and 10.2 kgf cm are 1 N.m.",
+)  # fmt: skip
+GAIN_RATIO = TABLE(
+    "GAIN_RATIO", 2.0, "1",
+    "Ratio of measured to simulated torque, up or down, from which it is asked whether the drive gain explains it.",
+)  # fmt: skip
+GAIN_FITS = TABLE(
+    "GAIN_FITS",
+    0.5,
+    "1",
+    "Part of the logarithm of that ratio that may be left, joints together, if the gain explains it.",
+)
+UNLIKE = TABLE(
+    "UNLIKE", 1.0, "1",
+    "Unlikeness of the log to the torque of the nominal values along the reference, 1 - correlation + |ln ratio| / ln "
+    "OTHER_UNIT, mean over the joints, from which other units of the reference are tried,",
+)  # fmt: skip
+LIKE = TABLE("LIKE", 0.5, "1", "and below which they explain the log.")
+LARGEST_RANGE = TABLE(
+    "LARGEST_RANGE",
+    4 * math.pi,
+    "rad",
+    "Of a joint, two turns: if degrees explain the log, they are taken for granted.",
+)
+LARGEST_STROKE = TABLE("LARGEST_STROKE", 20.0, "m", "Of a joint: if millimetres explain the log, they are as well.")
+DEPENDENT = TABLE(
+    "DEPENDENT",
+    1e-12,
+    "1",
+    "Eigenvalue of the normal equations, of the largest one, below which columns depend on others.",
+)

@@ -1,0 +1,223 @@
+"""Where the checks of data decide, on signals made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.diagnosis.data.expected import Expected
+from fmu_didim.diagnosis.data.log import log_diagnostics, stairs, steps_in_range
+from fmu_didim.diagnosis.data.reference import contradiction
+from fmu_didim.diagnosis.data.relation import correlations, relation_diagnostics
+from fmu_didim.diagnosis.data.runs import copied
+from fmu_didim.diagnostics import Diagnostic
+from fmu_didim.master import sample_operator
+from fmu_didim.prediction.experiment import Experiment
+from tests.helpers import reference
+
+Array = np.ndarray
+N = np.arange(400)
+A, B, C = (np.where(N // m % 2 == 0, 1.0, -1.0) for m in (1, 2, 4))
+"""Torques without mean that are not correlated."""
+TIME = 0.01 * N
+
+
+def found(measured: Array, simulated: Array, gains: Any = None) -> list[Diagnostic]:
+    ones = np.ones(measured.shape[1])
+    return relation_diagnostics(Expected(measured, simulated), ones if gains is None else np.array(gains), "train")
+
+
+def names(diagnostics: list[Diagnostic]) -> list[str]:
+    return [d.code.name for d in diagnostics]
+
+
+def mixed(correlation: float, other: Array = C) -> Array:
+    """A torque of this correlation with A."""
+    return np.asarray(correlation * A + np.sqrt(1 - correlation**2) * other)
+
+
+@pytest.mark.parametrize(("correlation", "told"), [(-0.701, True), (-0.699, False), (0.9, False), (-1.0, True)])
+def test_a_torque_that_runs_against_the_simulated_one(correlation: float, told: bool) -> None:
+    one = found(np.column_stack([B, mixed(correlation)]), np.column_stack([B, A]))
+    assert names(one) == (["torque-sign"] if told else [])
+    if told:
+        assert (one[0].place, one[0].bound) == ("train: joint 2", -0.7)
+        assert one[0].value == pytest.approx(correlation)
+
+
+def test_all_torques_that_run_against_it_are_named() -> None:
+    both = found(np.column_stack([-A, -B]), np.column_stack([A, B]))
+    assert [(d.code.name, d.place) for d in both] == [("torque-sign", f"train: joint {j}") for j in (1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("correlation", "ratio", "told"),
+    [
+        (1.0, 8.1, True),
+        (1.0, 7.9, False),
+        (1.0, 1 / 8.1, True),
+        (1.0, 1 / 7.9, False),
+        (0.71, 50, True),
+        (0.69, 50, False),
+    ],
+)
+def test_another_unit(correlation: float, ratio: float, told: bool) -> None:
+    one = found((ratio / correlation * mixed(correlation))[:, None], A[:, None])
+    assert names(one) == (["torque-unit"] if told else [])
+    if told:
+        assert one[0].value == pytest.approx(ratio) and one[0].bound == pytest.approx(8.0 if ratio > 1 else 1 / 8)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "gains", "told"),
+    [
+        ([0.1, 0.05], [10, 20], True),
+        ([10, 20], [10, 20], True),
+        ([0.2, 0.1], [10, 20], True),  # start values are wrong by two
+        ([1.0, 1.0], [10, 20], False),
+        ([0.4, 2.5], [10, 20], False),
+        ([0.1, 0.05], [1, 1], False),
+        ([0.1, 0.05], [100, 300], False),
+    ],
+)
+def test_a_ratio_that_is_the_gain_of_the_drives(ratios: list[float], gains: list[float], told: bool) -> None:
+    simulated = np.column_stack([A, B])
+    assert ("drive-gain" in names(found(ratios * simulated, simulated, gains))) is told
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "told"),
+    # Errors of the own and of the other order, of the mean square, for two joints.
+    [(1.02, 0.09, True), (1.02, 0.11, False), (0.98, 0.05, False), (4.0, 0.39, True)],
+)
+def test_another_order_by_size(own: float, other: float, told: bool) -> None:
+    """Each simulated torque is that of the other joint, but for a part of its own."""
+    angle = np.arccos(1 - (own - other) / 4)  # of two torques of size one that are so far apart
+    measured = np.column_stack([A, np.cos(angle) * A + np.sin(angle) * B])
+    simulated = measured[:, ::-1] + np.sqrt(other / 2) * C[:, None]
+    error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0)
+    np.testing.assert_allclose([np.trace(error), error[0, 1] + error[1, 0]], [own, other], rtol=1e-9)
+    assert ("joint-order" in names(found(measured, simulated))) is told
+
+
+@pytest.mark.parametrize(("own", "other", "told"), [(0.2, 0.75, True), (0.3, 0.75, False), (0.1, 0.69, False)])
+def test_another_order_by_shape(own: float, other: float, told: bool) -> None:
+    """Correlations of two torques with their own and with the other simulated one; sizes say nothing."""
+    simulated = np.column_stack([A, B])
+    rest = np.sqrt(1 - own**2 - other**2) * C
+    measured = 3 * np.column_stack([own * A + other * B + rest, own * B + other * A + rest])
+    np.testing.assert_allclose(correlations(measured, simulated), [[own, other], [other, own]], atol=1e-9)
+    assert ("joint-order" in names(found(measured, simulated))) is told
+
+
+def test_constant_torques_are_not_correlated() -> None:
+    both = correlations(np.column_stack([A, np.ones(400)]), np.column_stack([-A, B]))
+    assert both.tolist() == [[pytest.approx(-1.0), pytest.approx(0.0)], [0.0, 0.0]]
+
+
+def test_a_log_that_nothing_explains_is_foreign_and_one_that_base_parameters_explain_is_not() -> None:
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(400, 1, 3))
+    own, other = columns @ [1.0, 2.0, 3.0], rng.normal(size=(400, 1))
+    for measured, told in ((own, []), (other, ["reference-foreign"])):
+        given = Expected(measured, None, columns, np.zeros_like(measured))
+        assert names(relation_diagnostics(given, np.ones(1), "train")) == told
+
+
+@pytest.mark.parametrize(
+    ("rate", "off"),
+    [
+        (lambda dq: dq, 0.0), (lambda dq: 0 * dq, 1.0), (lambda dq: 0.97 * dq, 0.03), (lambda dq: 1.06 * dq, 0.06),
+        (lambda dq: -dq, 2.0), (lambda dq: 1000 * dq, 1.0),
+    ],
+)  # fmt: skip
+def test_contradiction_is_the_part_that_the_integral_lacks(rate: Any, off: float) -> None:
+    motion = reference(2.0)
+    found = contradiction(motion.time, motion.column("q1"), rate(motion.column("dq1")))
+    assert found == pytest.approx(off, rel=0.06, abs=1e-3)
+
+
+def test_a_joint_at_rest_contradicts_nothing() -> None:
+    assert contradiction(TIME, np.full(400, 0.3), np.zeros(400)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("torque", "order", "every"),
+    [
+        (np.repeat(A[:80], 5), 1, 5.0),
+        (A, 1, 1.0),
+        (np.interp(N, N[::4], np.cumsum(A)[::4] * np.sin(N[::4])), 2, 4.0),
+        (np.sin(0.1 * N), 2, 1.0),
+        (np.where(N < 200, np.sin(N), 0.0), 1, 1.0),  # at rest for half of the time
+        (np.sin(3.0 * np.floor(0.4 * N)), 1, 2.5),  # 40 Hz in a log at 100 Hz
+    ],
+)
+def test_stairs(torque: Array, order: int, every: float) -> None:
+    assert stairs(np.asarray(torque, dtype=float)[:, None], order) == pytest.approx(every, rel=0.02)
+
+
+@pytest.mark.parametrize("steps", [3, 24, 200])
+def test_steps_of_a_quantised_log(steps: int) -> None:
+    values = np.rint(steps / 2 * np.sin(0.37 * N)) * 0.7 + 0.1
+    assert steps_in_range(values) == pytest.approx(steps, abs=1)
+    assert steps_in_range(values + 1e-2 * np.random.default_rng(0).normal(size=400) * 0.7) != steps
+
+
+def test_part_of_a_log_that_stands_in_another() -> None:
+    log = np.column_stack([np.sin(N), np.cos(N)])
+    assert copied(log[100:200], log) == 1.0
+    assert copied(np.vstack([log[:30], log[:70] + 0.5]), log) == pytest.approx(0.3)
+    assert copied(np.ones((100, 2)), np.ones((100, 2))) == 0.0  # at rest: all rows are alike
+
+
+def of_log(torque: Array, **changes: Any) -> list[Diagnostic]:
+    """What is said of a log at 100 Hz that is expected to be a sine."""
+    motion = reference(4.0, joints=1)
+    operator = sample_operator(TIME, start=0.0, step=0.005, tick_count=motion.time.size)
+    given = Expected(torque[:, None], np.sin(0.05 * N)[:, None])
+    return log_diagnostics(
+        replace(Experiment(motion, TIME, torque[:, None], operator), **changes), "train", given, 200.0
+    )
+
+
+NOISY = np.sin(0.05 * N) + 0.01 * np.random.default_rng(4).normal(size=400)
+
+
+@pytest.mark.parametrize(
+    ("torque", "changes", "code", "value"),
+    [
+        (NOISY, {}, None, None),
+        (NOISY, {"time": np.where(N < 100, TIME, TIME + 0.03)}, "samples-missing", 3.0),
+        (NOISY, {"stamps": TIME + 0.0002 * A}, None, None),
+        (NOISY, {"stamps": TIME + 0.001 * A}, "stamps-jitter", 0.1),
+        (NOISY, {"stamps": TIME[::2]}, "rate-above-log", 100.0),
+        (NOISY.clip(-0.5, 0.5), {}, "log-saturated", None),
+        (NOISY.clip(-0.99, 0.99), {}, None, None),
+        (np.where(N == 77, 5.0, NOISY), {}, "log-outliers", None),
+        (np.where(N == 77, NOISY + 0.5, NOISY), {}, None, None),
+        (np.zeros(400), {}, "log-constant", 0.0),
+        (np.rint(NOISY * 50) / 50, {}, "log-quantised", None),
+        (np.rint(NOISY * 8) / 8, {}, "log-coarse", None),
+    ],
+)  # fmt: skip
+def test_log(torque: Array, changes: dict[str, Any], code: str | None, value: float | None) -> None:
+    told = of_log(torque, **changes)
+    assert names(told) == ([code] if code else [])
+    if value is not None:
+        assert told[0].value == pytest.approx(value, rel=0.02)
+
+
+def test_held_command_of_a_slower_control_is_no_upsampling() -> None:
+    """Control at 20 Hz, log at 100 Hz: stairs of five samples are what such a log must show."""
+    held = np.repeat(np.random.default_rng(2).normal(size=80), 5)
+    motion = reference(4.0, joints=1)
+    operator = sample_operator(TIME, start=0.0, step=0.005, tick_count=motion.time.size)
+    log = Experiment(motion, TIME, held[:, None], operator)
+    given = Expected(held[:, None], held[:, None])
+    assert names(log_diagnostics(log, "train", given, 20.0)) == []
+    (told,) = log_diagnostics(log, "train", given, 200.0)
+    assert (told.code.name, told.bound) == ("log-upsampled", pytest.approx(20.0, rel=0.01))
+    assert "rate_hz: 20" in told.advice
