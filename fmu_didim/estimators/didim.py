@@ -209,7 +209,7 @@ class Didim(Estimator):
         if self.finish or fit.values.size > model.linear_count:
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
-            fit, settled = minimum.fit, settled and minimum.fit.settled
+            fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             covariance = fit.bound
             stages["finish"] = Stage(fit.values, np.sqrt(np.diag(covariance)))
         else:

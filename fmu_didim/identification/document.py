@@ -77,7 +77,7 @@ def result_document(
         name=name,
         description=description,
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
-        advice=estimate.status.value,
+        advice=estimate.advice or estimate.status.value,
         estimator=estimate.estimator,
         iterations=estimate.iteration_count,
         finish_iterations=len(estimate.iterations) - estimate.iteration_count,

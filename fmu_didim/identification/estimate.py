@@ -58,7 +58,7 @@ class Estimate:
             (p,) by how many standard deviations the values would move then; NaN where it cannot be tried.
         integration: method and substeps of the plant, where they are known.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
-        remarks: what the user should know.
+        remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
 
@@ -82,6 +82,7 @@ class Estimate:
     integration: Integration | None = None
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
