@@ -184,7 +184,7 @@ def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     if iterations and iterations[-1].note == NO_STEP:
         finer = "state more substeps of it" if model.can_refine else "run it in model exchange"
         return (
-            f"{begin}No step lowers the error any further, where the plant's own step "
+            f"{begin}No step lowers the error any further. Where the plant's own step "
             f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."
         )
     if model.parameters.has_regressor:
