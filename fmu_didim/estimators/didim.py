@@ -212,7 +212,7 @@ class Didim(Estimator):
         if self.finish or fit.values.size > model.linear_count:
             minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
             history.extend(minimum.iterations)
-            fit, settled = minimum.fit, settled and minimum.fit.settled
+            fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = fit_uncertainty(fit)
             stages["finish"] = Stage(fit.values, known.deviation)
         else:

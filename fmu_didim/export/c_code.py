@@ -12,9 +12,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Block
+from fmu_didim.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SUBSTEP_TOLERANCE, Block
 from fmu_didim.errors import InputError
-from fmu_didim.export.variables import SUBSTEPS_NAME, exported_variables, layout
+from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
 from fmu_didim.linearly_implicit import ROS2
 
@@ -39,7 +39,7 @@ def check_exportable(block: Block, *, own_names: Iterable[str] = ()) -> None:
         raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
     _check_texts(block)
     names = [v.own.name for v in exported_variables(block)]
-    names += [*([SUBSTEPS_NAME] if block.sample_time is None else []), *own_names]
+    names += [*([SUBSTEPS_NAME, TOLERANCE_NAME] if block.sample_time is None else []), *own_names]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise InputError(
@@ -130,6 +130,9 @@ def generate_config(block: Block, *, guid: str) -> str:
         # The rule of `choose_substeps` is handed over, not repeated.
         f"#define BLOCK_MINIMUM_SUBSTEPS {block.fewest_substeps}",
         f"#define BLOCK_MAXIMUM_SUBSTEPS {MAXIMUM_SUBSTEPS}",
+        f"#define BLOCK_TOLERANCE {SUBSTEP_TOLERANCE!r}",
+        f"#define BLOCK_FINEST_TOLERANCE {FINEST_TOLERANCE!r}",
+        f"#define BLOCK_REFINEMENT {block.refinement}",
         f"#define READY_COUNT {ready_count(block)}",
         f"#define BLOCK_IMPLICIT {int(implicit is not None)}",
         f"#define SLOPE_COUNT {implicit.slope_count if implicit is not None else 0}",
@@ -148,6 +151,7 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define DERIVATIVE_FIRST {refs.derivatives.start}",
         f"#define SUBSTEPS_REFERENCE {len(variables)}",
         f"#define TIME_REFERENCE {refs.time}",
+        f"#define TOLERANCE_REFERENCE {len(variables) + 2}",
         _c_array("double", "block_start_values", [v.start or "0.0" for v in variables]),
         _c_array("unsigned char", "block_parameter_fixed", [str(flag) for flag in fixed]),
         _c_array("char *const", "block_names", [_c_string(v.own.name) for v in variables]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fmu_didim.block import Block
+from fmu_didim.block import SUBSTEP_TOLERANCE, Block
 from fmu_didim.export.units import derivative_unit
 from fmu_didim.signals import Variable
 
@@ -19,6 +19,15 @@ SUBSTEPS_ATTRIBUTES = {
 }
 """The integer parameter of the number of substeps, but for its value reference and start."""
 
+TOLERANCE_NAME = "relative_tolerance"
+TOLERANCE_ATTRIBUTES = SUBSTEPS_ATTRIBUTES | {
+    "name": TOLERANCE_NAME,
+    "description": "Relative accuracy of the integration in co-simulation: finer than "
+    f"{SUBSTEP_TOLERANCE:g} it takes more substeps; 0: what the master states, or {SUBSTEP_TOLERANCE:g}. "
+    f"'{SUBSTEPS_NAME}' overrides it",
+}
+"""The real parameter of the accuracy, but for its value reference and start."""
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -29,6 +38,7 @@ class Layout:
         derivatives: the derivatives of the states; empty for a sampled block.
         substeps: the integer parameter ``substeps``; None for a sampled block.
         time: the independent variable, where the version of FMI has one.
+        tolerance: the real parameter ``relative_tolerance``; None for a sampled block.
     """
 
     inputs: range
@@ -38,6 +48,7 @@ class Layout:
     derivatives: range
     substeps: int | None
     time: int
+    tolerance: int | None
 
 
 def layout(block: Block) -> Layout:
@@ -49,7 +60,8 @@ def layout(block: Block) -> Layout:
         ranges.append(range(end, end + len(group)))
         end += len(group)
     inputs, outputs, states, parameters, rates = ranges
-    return Layout(inputs, outputs, states, parameters, rates, end if block.sample_time is None else None, end + 1)
+    substeps, tolerance = (end, end + 2) if block.sample_time is None else (None, None)
+    return Layout(inputs, outputs, states, parameters, rates, substeps, end + 1, tolerance)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.least_squares import NO_STEP, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.uncertainty import Uncertainty
@@ -180,4 +180,22 @@ def torque_estimate(
         known_noise=known_noise(model),
         jacobian=fit.jacobian,
         remarks=minimum.remarks,
+        advice="" if settled else _advice(model, iterations),
+    )
+
+
+def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
+    """What to do where the steps have not settled; empty where the status says it."""
+    begin = "The iterations did not settle: the values are those of the last one. "
+    if iterations and iterations[-1].note == NO_STEP:
+        finer = "state more substeps of it" if model.can_refine else "run it in model exchange"
+        return (
+            f"{begin}No step lowers the error any further. Where the plant's own step "
+            f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."
+        )
+    if model.parameters.has_regressor:
+        return ""
+    return (
+        f"{begin}Increase maximum_iterations, start nearer to the truth (start: {{name: value}}), or check the "
+        "controller and the delay of the loop."
     )

@@ -95,7 +95,7 @@ def result_document(
         verdict=judged.verdict,
         reasons=judged.saved(case),
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
-        advice=estimate.status.value,
+        advice=estimate.advice or estimate.status.value,
         estimator=estimate.estimator,
         iterations=estimate.iteration_count,
         finish_iterations=len(estimate.iterations) - estimate.iteration_count,

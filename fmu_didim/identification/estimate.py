@@ -62,7 +62,7 @@ class Estimate:
             torque log that the case states, or periods that repeat show; None where it is not known.
         jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
-        remarks: what the user should know.
+        remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
 
@@ -89,6 +89,7 @@ class Estimate:
     jacobian: Array | None = field(default=None, repr=False)
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property

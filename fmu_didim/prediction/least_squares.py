@@ -32,6 +32,9 @@ from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 
+NO_STEP = "no step lowers the error"
+"""The note of an iteration after which the steps have ended."""
+
 
 @dataclass(frozen=True)
 class Stopping:
@@ -40,7 +43,8 @@ class Stopping:
     Attributes:
         iterations: largest number of steps.
         tolerance: settled when no parameter moves by more than this fraction of the larger of its size and its standard
-            deviation, with a sensitivity taken nearby; None: a minimum of a search, which ends by ``promise``.
+            deviation, with a sensitivity taken nearby, or when the iterations are over and the step that would follow
+            is far below the standard deviations; None: a minimum of a search, which ends by ``promise``.
         promise: a step that promises to lower the cost by less is not made.
         updates: how often the sensitivity may be taken anew; None: as often as the steps need it.
         give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
@@ -144,6 +148,8 @@ class _Solver:
             if outcome in ("settled", "stopped"):
                 break
             deviation = self._deviation(at)
+        else:
+            settled = rules.tolerance is not None and self._is_at_minimum(at)
         return self._end(at, settled, given_up)
 
     def _begin(self, jacobian: Array | None, torque: Array | None) -> _State:
@@ -168,6 +174,12 @@ class _Solver:
 
     def _deviation(self, at: _State) -> Array:
         return self._weighting.deviation(self._measured - at.torque, at.jacobian)
+
+    def _is_at_minimum(self, at: _State) -> bool:
+        """Whether the step that would follow, with the sensitivity of this very point, is far below sigma."""
+        if not at.fresh and at.updates > 0:
+            self._differentiate(at)
+        return at.fresh and _Step.of(at, self._deviation(at), self._measured, self._low, self._high).is_far_below_sigma
 
     def _after(self, at: _State, step: _Step, found: _Found) -> str:
         """What a step has come to: ``settled``, ``stopped`` or ``goes on``; the state moves to where it led."""
@@ -248,7 +260,7 @@ class _Solver:
                 best = found
             else:
                 note = "step damped: the error grew"
-        return best or _Found(at.values, None, step.cost, 0.0, tried, edge, "no step lowers the error")
+        return best or _Found(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
 
     def _shortened(self, at: _State, step: _Step, found: _Found) -> _Found:
         """The least cost along a step that went too far, by the parabola through its slope, its beginning and its end.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +15,10 @@ import yaml
 from fmu_didim.case import load_case
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.estimators import Clie, Didim
+from fmu_didim.identification.conclude import _advice
 from fmu_didim.identification.estimate import RefusedError, Status
+from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.least_squares import NO_STEP
 from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of
@@ -81,3 +87,24 @@ def test_didim_without_a_description_points_to_clie(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     with pytest.raises(InputError, match="The plant lacks outputs that the regressor needs"):
         identify(path)
+
+
+ITERATION = Iteration("clie", 40, np.zeros(1), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("regressor", "refine", "note", "told"),
+    [
+        (True, True, "", None),
+        (False, True, "", r"Increase maximum_iterations, start nearer to the truth(?!.*reference)"),
+        (False, False, NO_STEP, r"No step lowers the error.*model exchange.*start nearer(?!.*maximum_iterations)"),
+        (True, True, NO_STEP, r"No step lowers the error.*more substeps"),
+    ],
+)
+def test_the_advice_fits_the_plant(regressor: bool, refine: bool, note: str, told: str | None) -> None:
+    model: Any = SimpleNamespace(can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor))
+    advice = _advice(model, [replace(ITERATION, note=note)])
+    if told is None:
+        assert advice == ""  # what the status says fits robots
+    else:
+        assert re.search(told, advice) and advice.startswith("The iterations did not settle")

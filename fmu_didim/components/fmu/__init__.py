@@ -3,7 +3,7 @@
 ``component = load_fmu(path)`` is all most callers need; ``probe_fmu(component)`` tells how an FMU behaves.
 """
 
-from fmu_didim.components.fmu.component import SUBSTEPS, FmuComponent
+from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.description import FmuDescription, FmuVariable, Interface
 from fmu_didim.components.fmu.info import info_lines
 from fmu_didim.components.fmu.load import load_fmu
@@ -11,7 +11,6 @@ from fmu_didim.components.fmu.probe import FmuProbe, probe_fmu
 from fmu_didim.components.fmu.reading import read_description
 
 __all__ = [
-    "SUBSTEPS",
     "FmuComponent",
     "FmuDescription",
     "FmuProbe",

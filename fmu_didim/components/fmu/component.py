@@ -15,10 +15,8 @@ from fmu_didim.components.fmu.isolate import IsolatedInstance
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
 from fmu_didim.components.fmu.rerun import find_rerun, known_rerun, tell_isolation
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_SUBSTEPS, STATE, FmuSettings, Rerun
+from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME
 from fmu_didim.signals import Variable
-
-SUBSTEPS = "substeps"
-"""Integer parameter of the FMUs that this framework exports; 0 means chosen automatically."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +35,15 @@ class FmuComponent(FmuSettings):
     def with_substeps(self, count: int) -> FmuComponent | None:
         if self.interface.kind == MODEL_EXCHANGE:
             return replace(self, substeps=count) if self.solver == "rk4" else None
-        if SUBSTEPS not in self.option_types:
+        if SUBSTEPS_NAME not in self.option_types:
             return None
-        return replace(self, options={**self.options, SUBSTEPS: count})
+        return replace(self, options={**self.options, SUBSTEPS_NAME: count})
 
     @property
     def stated_substeps(self) -> int | None:
         if self.interface.kind == MODEL_EXCHANGE:
             return self.substeps
-        return int(self.options.get(SUBSTEPS, 0)) or None
+        return int(self.options.get(SUBSTEPS_NAME, 0)) or None
 
     def pool_key(self) -> Hashable:
         names = (*(v.name for v in self.inputs), "", *(v.name for v in self.outputs))
@@ -82,6 +80,8 @@ class FmuComponent(FmuSettings):
             return None
         if len(self.parameters) != len(self.block.parameters):
             return None  # a start value has become a parameter
+        if self.options.get(TOLERANCE_NAME) and self.stated_substeps is None:
+            return None  # the FMU takes more substeps than the rule
         present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
         return present, self.stated_substeps
 

@@ -22,6 +22,7 @@ from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, S
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
 from fmu_didim.errors import FmuError, InputError
+from fmu_didim.export.variables import TOLERANCE_NAME
 from fmu_didim.signals import Variable
 
 SOLVERS = ("rk4", "cvode")
@@ -116,8 +117,9 @@ def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si
         return [(variable, rule) for variable in shown]
 
     groups = {c: fmu.of_causality(c) for c in ("input", "output")}
-    real = [v for v in fmu.variables if v.type in REAL_TYPES and v.is_settable]
-    options = [v for v in fmu.variables if v.type in OPTION_TYPES and v.is_settable and not v.shape]
+    settable = [v for v in fmu.variables if v.is_settable]
+    real = [v for v in settable if v.type in REAL_TYPES and v.name != TOLERANCE_NAME]
+    options = [v for v in settable if not v.shape and (v.type in OPTION_TYPES or v.name == TOLERANCE_NAME)]
     starts = [v for v in fmu.variables if v.type in REAL_TYPES and v.is_start_value]
     scalar_groups = {**groups, "parameter": tuple(real), "start": tuple(starts)}
     pairs = {c: [p for v in group for p in scalars(v)] for c, group in scalar_groups.items()}

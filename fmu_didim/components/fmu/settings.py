@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from fmu_didim.components.base import Component, Instance, check_names
-from fmu_didim.components.fmu.description import INTEGER_TYPES, FmuDescription, Interface
+from fmu_didim.components.fmu.description import INTEGER_TYPES, REAL_TYPES, FmuDescription, Interface
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import InputError
@@ -62,7 +63,8 @@ class FmuSettings(Component):
         start_references: their value references.
         conversions: of inputs, outputs and parameters from the FMU's units.
         arrays: name of an element of an array parameter -> names of all its elements.
-        option_types: Integer, Boolean, String and Enumeration parameters -> type; options: their values that were set.
+        option_types: Integer, Boolean, String and Enumeration parameters, and the accuracy that FMUs exported here have
+            -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
         solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``.
@@ -164,12 +166,15 @@ _AS_IT_IS = Conversion("")
 def _checked_option(name: str, kind: str, value: Option, path: Path) -> Option:
     if kind == "String":
         fits = isinstance(value, str)
+    elif kind in REAL_TYPES:
+        fits = isinstance(value, int | float) and math.isfinite(value)
     elif kind == "Boolean":
         fits = not isinstance(value, str) and value in (0, 1)
     else:
         fits = not isinstance(value, str) and float(value).is_integer()
     if not fits:
         wanted = {"String": "text", "Boolean": "true, false"}.get(kind, "an integer")
+        wanted = "a number" if kind in REAL_TYPES else wanted
         raise InputError(f"The parameter '{name}' is of type {kind}.", where=str(path), got=repr(value), valid=wanted)
     if kind == "Boolean":
         return bool(value)

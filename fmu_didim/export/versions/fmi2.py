@@ -12,7 +12,7 @@ from fmu_didim.block import Block
 from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables, layout
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, TOLERANCE_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
 
@@ -63,6 +63,8 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
     if refs.substeps is not None:
         named = SUBSTEPS_ATTRIBUTES | {"valueReference": str(refs.substeps)}
         ET.SubElement(ET.SubElement(parent, "ScalarVariable", named), "Integer", start="0", min="0")
+        named = TOLERANCE_ATTRIBUTES | {"valueReference": str(refs.tolerance)}
+        ET.SubElement(ET.SubElement(parent, "ScalarVariable", named), "Real", start="0", min="0")
 
 
 def _folders(platforms: Sequence[Platform], host: Platform) -> dict[str, Platform]:

@@ -12,7 +12,7 @@ from fmu_didim.block import Block
 from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
-from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, exported_variables, layout
+from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, TOLERANCE_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
 
@@ -67,6 +67,7 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
     if refs.substeps is not None:
         numbers = {"valueReference": str(refs.substeps), "start": "0", "min": "0"}
         ET.SubElement(parent, "Int32", SUBSTEPS_ATTRIBUTES | numbers)
+        ET.SubElement(parent, "Float64", TOLERANCE_ATTRIBUTES | numbers | {"valueReference": str(refs.tolerance)})
     time = {"causality": "independent", "variability": "continuous", "unit": "s"}
     ET.SubElement(parent, "Float64", {"name": _TIME, "valueReference": str(refs.time), **time})
 

@@ -208,14 +208,21 @@ APART static int refresh_after_step(Core *core) {
 
 /* ---- variables ----------------------------------------------------------------------------- */
 
+static int is_tolerance(unsigned int reference) { return !BLOCK_SAMPLED && reference == TOLERANCE_REFERENCE; }
+
 static int core_get(Core *core, const unsigned int references[], size_t count, double values[]) {
     const CoreState *s = &core->state;
     for (size_t i = 0; i < count; ++i) {
         const unsigned int reference = references[i];
         int status = CORE_OK;
-        if (reference >= VALUE_COUNT)
+        if (reference >= VALUE_COUNT) {
+            if (is_tolerance(reference)) {
+                values[i] = s->tolerance;
+                continue;
+            }
             return core_fail(core, "there is no floating-point variable with value reference %u; the largest is %d",
                              reference, VALUE_COUNT - 1);
+        }
 #if READY_COUNT
         if (reference >= OUTPUT_FIRST && reference < OUTPUT_FIRST + READY_COUNT) {
             if (s->ready_stale || s->start_stale) status = refresh_ready(core);
@@ -243,9 +250,14 @@ static int core_set(Core *core, const unsigned int references[], size_t count, c
     const int exchanging = !BLOCK_SAMPLED && (s->mode == MODE_EVENT || s->mode == MODE_CONTINUOUS);
     for (size_t i = 0; i < count; ++i) {
         const unsigned int reference = references[i];
-        if (reference >= VALUE_COUNT)
+        if (reference >= VALUE_COUNT) {
+            if (is_tolerance(reference)) {
+                if (core_set_tolerance(core, 0, values[i])) return CORE_ERROR;
+                continue;
+            }
             return core_fail(core, "there is no floating-point variable with value reference %u; the largest is %d",
                              reference, VALUE_COUNT - 1);
+        }
         if (reference >= PARAMETER_FIRST && reference < DERIVATIVE_FIRST) {
             if (!initializing && block_parameter_fixed[reference - PARAMETER_FIRST])
                 return core_fail(core, "parameter '%s' (value reference %u) is fixed: set it before the end of "
@@ -270,6 +282,18 @@ static int core_set_substeps(Core *core, int substeps) {
         return core_fail(core, "parameter 'substeps' is %d; valid: 0 (automatic) to %d", substeps,
                          BLOCK_MAXIMUM_SUBSTEPS);
     s->substeps = substeps;
+    return CORE_OK;
+}
+
+static int core_set_tolerance(Core *core, int stated, double tolerance) {
+    CoreState *s = &core->state;
+    if (s->mode != MODE_INSTANTIATED && s->mode != MODE_INITIALIZATION)
+        return core_fail(core, "parameter 'relative_tolerance' is fixed: set it before the end of the initialization "
+                         "mode");
+    if (tolerance != 0.0 && !(tolerance >= BLOCK_FINEST_TOLERANCE && isfinite(tolerance)))
+        return core_fail(core, "the relative tolerance is %g; valid: 0 (automatic) and numbers from %g", tolerance,
+                         BLOCK_FINEST_TOLERANCE);
+    *(stated ? &s->stated_tolerance : &s->tolerance) = tolerance;
     return CORE_OK;
 }
 
@@ -307,7 +331,8 @@ static int core_finish_initialization(Core *core) {
     return refresh_rate(core);
 }
 
-/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_substeps` of fmu_didim/block.py. */
+/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_substeps` of fmu_didim/block.py. Its error stays below
+ * BLOCK_TOLERANCE, and twice the substeps divide it by BLOCK_REFINEMENT. */
 static int choose_substeps(Core *core, double step, int *substeps) {
     CoreState *s = &core->state;
     *substeps = s->substeps;
@@ -320,6 +345,9 @@ static int choose_substeps(Core *core, double step, int *substeps) {
         return core_fail(core, "the communication step of %.6g s at t=%.9g s needs %.6g substeps (fastest rate %.6g "
                          "1/s), more than the largest number of %d: use a shorter step, softer parameters, or set "
                          "'substeps'", step, s->time, wanted, s->rate, BLOCK_MAXIMUM_SUBSTEPS);
+    const double tolerance = s->tolerance > 0.0 ? s->tolerance : s->stated_tolerance;
+    if (tolerance > 0.0)
+        for (double error = BLOCK_TOLERANCE; error > tolerance; error /= BLOCK_REFINEMENT) count *= 2;
     *substeps = count;
     return CORE_OK;
 }

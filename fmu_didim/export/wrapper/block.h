@@ -41,7 +41,9 @@ typedef struct {
     double time;
     double rate;            /* bound of the fastest rate, 1/s */
     long long sample_index; /* the next sample is due at start_time + sample_index * period */
-    int substeps;           /* 0: chosen from `rate` and the communication step */
+    double tolerance;       /* relative, of the integration; 0: the stated one */
+    double stated_tolerance; /* by the master for the experiment; 0: none */
+    int substeps;           /* 0: chosen from `rate`, the tolerance and the communication step */
     int mode;               /* CoreMode */
     int start_stale, outputs_stale, ready_stale, derivatives_stale, rate_stale; /* 1: recompute before use */
 } CoreState;
@@ -91,6 +93,8 @@ APART static int core_fail(Core *core, const char *format, ...);
 static int core_get(Core *core, const unsigned int references[], size_t count, double values[]);
 static int core_set(Core *core, const unsigned int references[], size_t count, const double values[]);
 APART static int core_set_substeps(Core *core, int substeps);
+/* The parameter, or what the master states for the experiment. */
+APART static int core_set_tolerance(Core *core, int stated, double tolerance);
 static int core_set_time(Core *core, double time); /* before initialisation also the start time */
 static void core_set_mode(Core *core, CoreMode mode);
 /* Is a call allowed now? If not, the message says which function was called when. */

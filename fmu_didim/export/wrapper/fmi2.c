@@ -126,8 +126,9 @@ FMI2(void, fmi2FreeInstance)(fmi2Component c) {
 FMI2(fmi2Status, fmi2SetupExperiment)(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance,
                                       fmi2Real startTime, fmi2Boolean stopTimeDefined, fmi2Real stopTime) {
     Instance *instance = c;
-    (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
+    (void)stopTimeDefined, (void)stopTime;
     if (!in_mode(instance, MODE_BIT(MODE_INSTANTIATED), "fmi2SetupExperiment")) return fmi2Error;
+    if (core_set_tolerance(instance->core, 1, toleranceDefined ? tolerance : 0.0)) return report(instance, CORE_ERROR);
     return report(instance, core_set_time(instance->core, startTime));
 }
 

@@ -6,7 +6,7 @@
  * tunable parameters at once, those of a sampled block at its sample instants only.
  *
  * Float64 variables have the value references of the core; then come the Int32 `substeps`
- * (continuous blocks) and the Float64 `time`.
+ * (continuous blocks), the Float64 `time` and `relative_tolerance` (continuous blocks).
  */
 #include "block.c"
 
@@ -162,8 +162,9 @@ FMI3(fmi3Status, fmi3EnterInitializationMode)(fmi3Instance c, fmi3Boolean tolera
                                               fmi3Float64 startTime, fmi3Boolean stopTimeDefined,
                                               fmi3Float64 stopTime) {
     Instance *instance = c;
-    (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
+    (void)stopTimeDefined, (void)stopTime;
     if (!in_mode(instance, MODE_BIT(MODE_INSTANTIATED), "fmi3EnterInitializationMode")) return fmi3Error;
+    if (core_set_tolerance(instance->core, 1, toleranceDefined ? tolerance : 0.0)) return report(instance, CORE_ERROR);
     if (core_set_time(instance->core, startTime)) return report(instance, CORE_ERROR);
     core_set_mode(instance->core, MODE_INITIALIZATION);
     return fmi3OK;
