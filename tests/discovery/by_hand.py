@@ -135,3 +135,6 @@ class Catalogue:
 
     def can_add(self, effect_at: EffectAtJoint) -> bool:
         return True
+
+    def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
+        pass

@@ -190,6 +190,8 @@ class Competition:
         fit = self.fit
         best = [fit.chi_square - limits.LEAST]
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+        added = [(*fit.model.added_effects, candidate.effect_at) for candidate in chosen]
+        self.builder.compile(added, watch=watch, workers=fit.model.workers)
         told = watch.counted("fitting candidate", len(chosen))
 
         def one(candidate: Screened) -> Contender | Outcome:
