@@ -142,10 +142,12 @@ class Competition:
         residual = base.rest_of(base.weighted(fit.residual))
         count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
         found: dict[EffectAtJoint, list[Screened]] = {}
+        costs: dict[EffectAtJoint, float] = {}
         # A class is named once on a joint: a second member of it would only mend the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         for signature in catalogue:
-            if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
+            effect_at = signature.effect_at
+            if (builder.effect(effect_at).class_name, effect_at.joint) in named:
                 continue
             table = base.weighted(signature.columns)
             rest = base.rest_of(table)
@@ -154,9 +156,11 @@ class Competition:
             if surviving < limits.SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
-            cost = builder.cost(signature.effect_at) - _idle(table)
+            if effect_at not in costs:
+                costs[effect_at] = builder.cost(effect_at)
+            cost = costs[effect_at] - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
-            found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+            found.setdefault(effect_at, []).append(Screened(signature, coefficients, gain, surviving))
         return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
 
     def _best(self, shapes: Sequence[Screened]) -> Screened:
