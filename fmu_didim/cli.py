@@ -182,8 +182,7 @@ def _discover(options: argparse.Namespace) -> int:
     say(f"reading {options.case}")
     found = discover(
         options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
-        rounds=options.rounds, seed=options.seed, time_limit=options.time_limit,
-        progress=say,
+        rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=say,
     )  # fmt: skip
     print()
     print(found.summary())

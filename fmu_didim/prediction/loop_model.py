@@ -104,10 +104,10 @@ class LoopModel(LoopDescription):
         return is_continuous and self.plant.stated_substeps is None and self.plant.with_substeps(2) is not None
 
     @property
-    def has_own_states(self) -> bool:
-        """Whether the plant has states beyond the motion of its joints: bristles, gears, time."""
+    def own_states(self) -> int:
+        """States of the plant beyond the motion of its joints: bristles, gears, time; 0 where they are not known."""
         known = self.plant.equations()
-        return known is not None and len(known[0].states) > 2 * self.joint_count
+        return 0 if known is None else len(known[0].states) - 2 * self.joint_count
 
     def fewest_substeps(self, values: Array) -> int:
         """The fewest substeps of the plant that are stable in all fitted experiments."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array
 
 
@@ -16,7 +17,8 @@ class InertiaColumns:
     """
 
     def __init__(self, q: ca.SX, chi: ca.SX, mass: ca.SX) -> None:
-        self._function = ca.Function("inertia_columns", [q], [ca.densify(ca.jacobian(ca.vec(mass), chi))])
+        self._count = int(chi.numel())
+        self._columns = Vectorised(ca.Function("inertia_columns", [q], [ca.densify(ca.jacobian(ca.vec(mass), chi))]))
         self._last: tuple[bytes, Array] | None = None
 
     def at(self, q: Array) -> Array:
@@ -24,9 +26,8 @@ class InertiaColumns:
         key, last = q.tobytes(), self._last
         if last is not None and last[0] == key:
             return last[1]
-        rows, count = self._function.size1_out(0), self._function.size2_out(0)
-        columns = self._function(q.T).full().reshape(rows, q.shape[0], count).transpose(1, 0, 2)
-        result = np.ascontiguousarray(columns.reshape(-1, count))
+        columns = self._columns(q.shape[0], [q.T]).reshape(q.shape[0], self._count, -1).transpose(0, 2, 1)
+        result = np.ascontiguousarray(columns.reshape(-1, self._count))
         self._last = key, result
         return result
 

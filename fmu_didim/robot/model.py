@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,7 @@ from fmu_didim.robot.equations import Equations
 from fmu_didim.robot.implicit import implicit_stage
 from fmu_didim.robot.inertia import InertiaColumns, smallest_eigenvalue
 from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
+from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array, Variable
 
 LONG = 1e9
@@ -77,6 +79,7 @@ class RobotModel:
         self._chi, self._s = equations.chi, equations.s
         self._e = ca.vertcat(equations.z, equations.clock) if equations.uses_clock else equations.z
         self._e = ca.vertcat(self._e, equations.link)
+        self._vectorised: dict[str, Vectorised] = {}
 
     @property
     def joint_count(self) -> int:
@@ -191,9 +194,18 @@ class RobotModel:
         count, n = q.shape
         s = self.shape_values if shapes is None else shapes
         given = np.zeros((count, len(self.observed))) if observed is None else observed
-        arguments = [q.T, dq.T, ddq.T, np.repeat(s[:, None], count, axis=1)]
-        flat = self.regressor(*arguments, *([given.T] if self.observed else [])).full()
-        return np.ascontiguousarray(flat.reshape(n, count, len(self.parameters)).transpose(1, 0, 2))
+        flat = self.at_points("regressor", q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
+        return np.ascontiguousarray(flat.reshape(count, len(self.parameters), n).transpose(0, 2, 1))
+
+    def at_points(self, name: Literal["inverse", "regressor", "transmitted"], *arguments: Array) -> Array:
+        """(N, m) of one of these functions at N points, its columns one after the other.
+
+        Args:
+            arguments: (n, N) each, or (n,) of what is the same at all points; the first is of the points.
+        """
+        if name not in self._vectorised:
+            self._vectorised[name] = Vectorised(getattr(self, name))
+        return self._vectorised[name](arguments[0].shape[1], arguments)
 
     @cached_property
     def _inertia_columns(self) -> InertiaColumns:

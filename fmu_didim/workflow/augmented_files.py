@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from fmu_didim.export import build_fmu
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.ssp import read_ssp, write_ssp
@@ -192,17 +194,19 @@ def _rerun(path: Path, final: Fit, found: Found) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
     case = load_case(path)
     model = case.model
-    worst = 0.0
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)
-    for label in model.experiments:
-        try:
-            torque = model.torque(model.start, label)
-        except SimulationError as error:
-            return f"The augmented FMU could not be run on {label}: {error}"
-        wanted = alone.torque(final.values, label)
+
+    def apart(label: str) -> float:
+        torque, wanted = model.torque(model.start, label), alone.torque(final.values, label)
         compared = torque[-wanted.shape[0] :]  # discovery leaves out the beginning
-        worst = max(worst, float(np.abs(compared - wanted).max() / np.abs(wanted).max()))
+        return float(np.abs(compared - wanted).max() / np.abs(wanted).max())
+
+    tasks = [partial(apart, label) for label in model.experiments]
+    try:
+        worst = max(side_by_side(tasks, model.allowed_workers(model.start)))
+    except SimulationError as error:
+        return f"The augmented FMU could not be run: {error}"
     return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
 
 

@@ -67,6 +67,9 @@ class TableModel:
     def start(self) -> Array:
         return np.array([parameter.value for parameter in self.free_parameters])
 
+    def allowed_workers(self, values: Array) -> int:
+        return self.workers
+
     def residual(self, values: Array, label: str | None = None) -> Array:
         table = self.own if label in (None, "fitted") else self.held_out[label]
         if table is None:
@@ -135,3 +138,6 @@ class Catalogue:
 
     def can_add(self, effect_at: EffectAtJoint) -> bool:
         return True
+
+    def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
+        pass

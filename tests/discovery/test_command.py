@@ -18,6 +18,7 @@ from fmu_didim.cli import main
 from fmu_didim.components import load_fmu
 from fmu_didim.discovery.findings import FindingsDocument, findings_schema, load_findings
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.export import fmu, variational
 from fmu_didim.robot import read_robot
 from fmu_didim.signals import read_trajectory
 from fmu_didim.workflow import discover, simulate
@@ -232,6 +233,19 @@ def test_enough_time_changes_nothing(friction_case: Path, printed: tuple[Path, s
     ]
     outcomes = {(c.round, c.effect): c.outcome for c in document.document.candidates}
     assert outcomes[1, "quadratic_viscous"] == "fitted"
+
+
+def test_a_second_run_compiles_nothing(friction_case: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code is found again by its content."""
+
+    def compiled(*_: object, **__: object) -> None:
+        raise AssertionError("compiled again")
+
+    discover(friction_case)
+    variational._library.cache_clear()
+    for module in (fmu, variational):
+        monkeypatch.setattr(module, "compile_shared_library", compiled)
+    assert discover(friction_case).verdict == "named"
 
 
 # ---- options ---------------------------------------------------------------------------------------

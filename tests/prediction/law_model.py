@@ -43,7 +43,7 @@ class LawModel:
     workers: int = 1
     substeps: int | None = None
     can_refine: bool = True
-    has_own_states: bool = False
+    own_states: int = 0
     low_pass: Any = "filtered"
     experiments: Mapping[str, Any] = field(default_factory=dict)
     calls: list[tuple[tuple[float, ...], str]] = field(default_factory=list, compare=False)

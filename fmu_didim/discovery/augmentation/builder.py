@@ -9,20 +9,24 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from fmu_didim.block import Block
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
 from fmu_didim.discovery.augmentation.ranges import travelled
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import System, splice_effect
 from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
 
@@ -249,20 +253,41 @@ class LoopModelBuilder:
                 return torque_part(effect)
         return effect if isinstance(effect, SplicedEffect) else None
 
+    def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], *, watch: Watch, workers: int) -> None:
+        """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
+        groups = (self._inner(added_effects) for added_effects in wanted)
+        missing = [inner for inner in dict.fromkeys(groups) if inner and inner not in self._plants]
+        with self._lock:
+            blocks = [self._block(inner) for inner in missing]
+        told = watch.counted("compiling plant", len(missing))
+
+        def one(inner: tuple[EffectAtJoint, ...], block: Block) -> None:
+            if not watch.is_over:
+                self._plants[inner] = self._compiled(block)
+                told("")
+
+        side_by_side([partial(one, inner, block) for inner, block in zip(missing, blocks, strict=True)], workers)
+
     def _plant(self, added_effects: Sequence[EffectAtJoint]) -> Component:
-        inner = tuple(a for a in added_effects if not self.is_spliced(a) and not self.is_of_log(a.effect))
+        inner = self._inner(added_effects)
         if not inner:
             return self.base.plant
+        if inner not in self._plants:
+            self._plants[inner] = self._compiled(self._block(inner))
+        return self._plants[inner]
+
+    def _inner(self, added_effects: Sequence[EffectAtJoint]) -> tuple[EffectAtJoint, ...]:
+        """Those effects that belong into the equations of the plant."""
+        return tuple(a for a in added_effects if not self.is_spliced(a) and not self.is_of_log(a.effect))
+
+    def _block(self, inner: Sequence[EffectAtJoint]) -> Block:
         if self.description is None:
             raise InputError("This plant has no robot description, so nothing can be added to its torque balance.")
-        known = self._plants.get(inner)
-        if known is None:
-            block = RobotModel(self._description(inner)).block()
-            known = with_compiled_twin(ModelComponent(block))
-            if self._substeps is not None:
-                known = known.with_substeps(self._substeps) or known
-            self._plants[inner] = known
-        return known
+        return RobotModel(self._description(inner)).block()
+
+    def _compiled(self, block: Block) -> Component:
+        component = with_compiled_twin(ModelComponent(block))
+        return component if self._substeps is None else component.with_substeps(self._substeps)
 
     def _description(self, added_effects: Sequence[EffectAtJoint]) -> RobotDescription:
         assert self.description is not None

@@ -38,8 +38,7 @@ def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displa
     for table in moved:
         table[:, joint] += change
         change = np.gradient(change, motion.step)
-    values = np.repeat(chi[:, None], motion.time.size, axis=1)
-    torque = model.transmitted(*(np.ascontiguousarray(m.T) for m in moved), values).full().T
+    torque = model.at_points("transmitted", *(m.T for m in moved), chi)
     return np.asarray((torque - motion.load) / size)[:, :, None]
 
 
@@ -102,12 +101,10 @@ class ProjectedMotion:
     def _slopes(self) -> list[Array]:
         """d torque / d shape of the base at the samples, (N, n, 1) each: shapes such as v0 are never known exactly."""
         model, at, chi = self._model, self.sampled, self._setting.chi
-        count, extra = self.ticks.size, self._observed[:, : len(model.extra)].T
+        extra = [self._observed[:, : len(model.extra)].T] if model.extra else []
 
         def torque(shapes: Array) -> Array:
-            fixed = [np.repeat(v[:, None], count, axis=1) for v in (chi, shapes)]
-            given = [at.q.T, at.dq.T, at.ddq.T, *fixed, *([extra] if model.extra else [])]
-            return np.asarray(model.inverse(*given).full().T)
+            return model.at_points("inverse", at.q.T, at.dq.T, at.ddq.T, chi, shapes, *extra)
 
         base, result = torque(model.shape_values), []
         for i, value in enumerate(model.shape_values):

@@ -73,6 +73,11 @@ class SignatureCatalogue:
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
         derived = self._by_derivatives(smooth) if smooth else {}
         watch, left = watch or Watch(), list[EffectAtJoint]()
+        simulated = [c for c in candidates if c not in derived and not isinstance(builder.effect(c), TorqueEffect)]
+        builder.compile(
+            [(*fit.model.added_effects, c) for c in simulated if builder.can_add(c)],
+            watch=watch, workers=fit.model.workers,
+        )  # fmt: skip
         told = watch.counted("signatures of candidate", len(candidates))
         for effect_at in candidates:
             if watch.is_over:

@@ -13,10 +13,10 @@ from itertools import product
 import casadi as ca
 import numpy as np
 
-from fmu_didim.discovery.screening.vectorised import Vectorised
 from fmu_didim.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect
 from fmu_didim.prediction.motion import Motion
 from fmu_didim.robot.along import states_along
+from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array
 
 

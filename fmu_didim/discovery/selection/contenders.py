@@ -14,7 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
@@ -84,7 +84,7 @@ class Outcome(Enum):
 
     FITTED = "fitted"
     LEFT_EARLY = "left early"
-    """It was out of reach of the best."""
+    """The best was out of its reach, by its signature or in the course of its fit."""
     NOT_SIMULABLE = "cannot be simulated"
     NOT_TRIED = "not tried"
     """The time was up before, or in the middle of its fit."""
@@ -108,11 +108,13 @@ class Contest:
     """The fits of a round.
 
     Attributes:
-        contenders: those that were fitted, the best first; tried: all candidates, in the order of the screening.
+        contenders: those that were fitted, the best first; tried: all candidates, in the order of the fits.
+        unfitted: those that were left early by their signatures.
     """
 
     contenders: tuple[Contender, ...]
     tried: tuple[Tried, ...]
+    unfitted: tuple[Screened, ...] = ()
 
     @property
     def is_cut(self) -> bool:
@@ -136,16 +138,23 @@ class Competition:
         """What the present model can absorb."""
         return BaseProjection.of_fit(self.fit)
 
+    @cached_property
+    def _white(self) -> BaseProjection:
+        """The same in units of the noise, in which fits are compared."""
+        return BaseProjection.of(self.fit.jacobian, 1 / self.fit.deviation)
+
     def screen(self, catalogue: SignatureCatalogue) -> list[Screened]:
         """All candidates that are not in the model yet, each at its best shapes, the best first."""
         builder, fit, base = self.builder, self.fit, self.base
         residual = base.rest_of(base.weighted(fit.residual))
         count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
         found: dict[EffectAtJoint, list[Screened]] = {}
+        costs: dict[EffectAtJoint, float] = {}
         # A class is named once on a joint: a second member of it would only mend the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         for signature in catalogue:
-            if (builder.effect(signature.effect_at).class_name, signature.effect_at.joint) in named:
+            effect_at = signature.effect_at
+            if (builder.effect(effect_at).class_name, effect_at.joint) in named:
                 continue
             table = base.weighted(signature.columns)
             rest = base.rest_of(table)
@@ -154,9 +163,11 @@ class Competition:
             if surviving < limits.SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
-            cost = builder.cost(signature.effect_at) - _idle(table)
+            if effect_at not in costs:
+                costs[effect_at] = builder.cost(effect_at)
+            cost = costs[effect_at] - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
-            found.setdefault(signature.effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+            found.setdefault(effect_at, []).append(Screened(signature, coefficients, gain, surviving))
         return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
 
     def _best(self, shapes: Sequence[Screened]) -> Screened:
@@ -184,18 +195,28 @@ class Competition:
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
-    def contend(self, chosen: Sequence[Screened], *, watch: Watch) -> Contest:
-        """Closed-loop fits of the chosen candidates; what cannot be simulated, or is not fitted when the time is up, is
-        no contender."""
-        fit = self.fit
+    def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = limits.REACH) -> Contest:
+        """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
+        is out of reach of the best, or is not fitted when the time is up, is no contender.
+
+        Args:
+            reach: see ``REACH``.
+        """
+        fit, chosen = self.fit, self._largest_gap_first(chosen)
         best = [fit.chi_square - limits.LEAST]
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+        added = [(*fit.model.added_effects, candidate.effect_at) for candidate in chosen]
+        self.builder.compile(added, watch=watch, workers=fit.model.workers)
         told = watch.counted("fitting candidate", len(chosen))
 
         def one(candidate: Screened) -> Contender | Outcome:
             found = None
             if watch.is_over:
                 return Outcome.NOT_TRIED
+            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
+            if self.fit.chi_square - reach * self._promised(candidate) > best[0]:
+                told(f"{named} is out of reach of the best")
+                return Outcome.LEFT_EARLY
             starts = [candidate.signature.proposal(candidate.coefficients)]
             if candidate.others is not None and candidate.gain >= leading:
                 starts = self._scanned(candidate)
@@ -206,7 +227,6 @@ class Competition:
                 if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                     found = fitted
                     best[0] = min(best[0], found.chi_square)
-            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
             if found is None:
                 told(f"{named} cannot be simulated")
                 return Outcome.NOT_SIMULABLE
@@ -216,7 +236,29 @@ class Competition:
 
         results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
-        return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in zip(chosen, results, strict=True)))
+        pairs = list(zip(chosen, results, strict=True))
+        unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
+        return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
+
+    def _largest_gap_first(self, chosen: Sequence[Screened]) -> list[Screened]:
+        """Candidates by the gap of their joint, those of no joint in particular first; on one joint as they are."""
+        gaps = joint_gaps(self.fit.residual, self.fit.noise)
+
+        def gap(candidate: Screened) -> float:
+            effect_at = candidate.effect_at
+            own = len(self.builder.joints(effect_at.effect)) == gaps.size
+            return float(gaps[effect_at.joint - 1] if own else gaps.max())
+
+        return sorted(chosen, key=lambda s: -gap(s))
+
+    def _promised(self, candidate: Screened) -> float:
+        """What a candidate lowers chi-square by to first order, with the base refitted; infinite outside the torque
+        balance, where a signature is no slope."""
+        if candidate.others is not None:
+            return np.inf
+        white = self._white
+        rest = white.rest_of(white.weighted(candidate.signature.columns))
+        return float(np.sum((rest @ _coefficients(rest, white.weighted(self.fit.residual))) ** 2))
 
     def finished(self, candidate: Contender) -> Contender:
         """A contender whose fit was given up, because another one was better, once more to its minimum: only there
@@ -317,7 +359,7 @@ class Competition:
             start = np.clip(model.start, low, high)
             model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
             model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
-            if model.has_own_states and model.plant is not fit.model.plant:  # faster than what the base resolves
+            if model.own_states > fit.model.own_states:  # they may be faster than what the base resolves
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
                 torque = model.torque(start)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from fmu_didim.effects import PreCheck
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.workers import side_by_side
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Watch) -> tuple[Fit, list[Step]]:
@@ -72,19 +74,20 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
     """Sum of squares, joint and value of each trial, the best first."""
     builder, fit = competition.builder, competition.fit
     measured = fit.model.measured
-    tried: list[tuple[float, EffectAtJoint, float]] = []
-    for effect_at in (EffectAtJoint(name, joint) for joint in builder.joints(name)):
-        if not builder.can_add(effect_at):
-            continue
-        for part in check.quantiles:
-            value = float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), part))
-            model = builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})])
-            try:
-                reached = float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
-            except SimulationError:
-                continue
-            tried.append((reached, effect_at, value))
-    return sorted(tried, key=lambda t: t[0])
+
+    def one(effect_at: EffectAtJoint, part: float) -> tuple[float, EffectAtJoint, float] | None:
+        value = float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), part))
+        model = builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})])
+        try:
+            reached = float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
+        except SimulationError:
+            return None
+        return reached, effect_at, value
+
+    places = [effect_at for joint in builder.joints(name) if builder.can_add(effect_at := EffectAtJoint(name, joint))]
+    tasks = [partial(one, effect_at, part) for effect_at in places for part in check.quantiles]
+    found = side_by_side(tasks, fit.model.allowed_workers(fit.values))
+    return sorted((trial for trial in found if trial is not None), key=lambda t: t[0])
 
 
 def _held_out_tells(candidate: Contender, competition: Competition, options: Options) -> bool:

@@ -90,7 +90,17 @@ def run_rounds(
             break
         contenders = contest.contenders
         held = partial(_with_shapes_held, competition, screened)
-        accepted = decide(contenders, fit, options, base=base, held=held, finished=competition.finished)
+        judge = partial(decide, fit=fit, options=options, base=base, held=held, finished=competition.finished)
+        accepted = judge(contenders)
+        if contest.unfitted and not isinstance(accepted, Contender):  # the best was none that can be accepted
+            contest = competition.contend(contest.unfitted, watch=watch, reach=float("inf"))
+            again = {t.effect_at for t in contest.tried}
+            tried[-1] = (*(t for t in tried[-1] if t.effect_at not in again), *contest.tried)
+            if contest.is_cut:
+                ending = Ending.TIME_UP
+                break
+            contenders = tuple(sorted((*contenders, *contest.contenders), key=lambda c: -c.delta_bic))
+            accepted = judge(contenders)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(

@@ -27,6 +27,12 @@ LEADING = TABLE(
     "Fraction of the best gain from which a candidate leads, and further shapes of it are nearly as good.",
 )  # fmt: skip
 FURTHER = TABLE("FURTHER", 3, "shapes", "Largest number of those further shapes.")
+REACH = TABLE(
+    "REACH", 4.0, "1",
+    "Times what its signature explains to first order, beside the base refitted, that a candidate in the torque "
+    "balance may lower chi-square by: where that is not enough for the best so far, it is not fitted. As WORTH, but "
+    "against what the best has really explained.",
+)  # fmt: skip
 
 # Fits in the closed loop ---------------------------------------------------------------------------------------------
 SIZES = TABLE(

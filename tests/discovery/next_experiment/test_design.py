@@ -27,6 +27,7 @@ from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier, FourierJoint
@@ -120,7 +121,8 @@ def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
-    found = Competition(builder, base).contend(Competition(builder, base).screen(catalogue), progress=lambda text: None)
+    competition = Competition(builder, base)
+    found = competition.contend(competition.screen(catalogue), watch=Watch()).contenders
     return {c.effect_at.effect: c for c in found}
 
 

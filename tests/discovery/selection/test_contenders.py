@@ -32,7 +32,7 @@ from tests.prediction.law_model import LawModel, free
 
 WHITE = noise()
 K = np.arange(SAMPLES)
-BASE, OTHER, THIRD = (SIGNS * np.where(K // m % 2 == 0, 1.0, -1.0) for m in (2, 4, 8))
+BASE, OTHER, THIRD, FOURTH = (SIGNS * np.where(K // m % 2 == 0, 1.0, -1.0) for m in (2, 4, 8, 16))
 """Orthogonal columns of ones, white like noise; the base model has the first."""
 
 
@@ -480,6 +480,39 @@ def test_what_became_of_each_candidate_is_told() -> None:
     assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.FITTED)]
     assert outcomes(Watch(), broken=0.0) == [("gear", Outcome.NOT_SIMULABLE), ("a", Outcome.NOT_SIMULABLE)]
     assert outcomes(Watch(ends=0.0)) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+
+
+@pytest.mark.parametrize(("part", "left"), [(0.26, False), (0.24, True)])
+def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch, part: float, left: bool) -> None:
+    """The best has explained 3^2 * 400 * 1.25 = 4500 of chi-square: another one must promise a quarter of it. Only in
+    the torque balance is a signature the slope that promises."""
+    slope = np.sqrt(part) * (OTHER + 0.5 * THIRD) + np.sqrt(1 - part) * np.sqrt(1.25) * FOURTH
+    weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
+    candidates = [
+        tried(100.0),
+        Screened(weak, np.array([1.0]), 50.0, 1.0, None),
+        Screened(weak, np.array([1.0]), 50.0, 1.0, ()),
+    ]
+    competition = Competition(Builder(effect_of("gear"), effect_of("a")), fitted(plant()))
+    contest = competition.contend(candidates, watch=Watch())
+    assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in contest.tried] == [False, left, False]
+    assert contest.unfitted == ((candidates[1],) if left else ())
+    assert not competition.contend(candidates, watch=Watch(), reach=np.inf).unfitted
+
+
+def test_the_joint_with_the_largest_gap_comes_first() -> None:
+    """What concerns all joints comes before all; on one joint the order of the screening stays."""
+    builder = Catalogue(effect_of("a"), effect_of("b"), effect_of("clock"), joints=3)
+    of_all = builder.joints
+    builder.joints = lambda name: of_all(name)[: 1 if name == "clock" else None]  # type: ignore[method-assign]
+    rest = np.column_stack([1.5 * SIGNS, 3.0 * SIGNS, 2.0 * SIGNS])
+    fit = fit_of(TableModel(rest), white=noise([1.0, 1.0, 1.0]))
+    places = [("a", 1), ("a", 2), ("b", 3), ("clock", 1), ("b", 2), ("b", 1)]
+    chosen = [scored(1.0, name, joint) for name, joint in places]
+    found = Competition(builder, fit)._largest_gap_first(chosen)  # type: ignore[arg-type]
+    assert [(s.effect_at.effect, s.effect_at.joint) for s in found] == [
+        ("a", 2), ("clock", 1), ("b", 2), ("b", 3), ("a", 1), ("b", 1)
+    ]  # fmt: skip
 
 
 def test_what_is_out_of_reach_of_the_best_is_left_early(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,6 +53,9 @@ class ByHand:
         self.helds: list[Any] = []
         self.left: tuple[EffectAtJoint, ...] = ()
         self.cut_in = 0
+        self.unfitted: tuple[Any, ...] = ()
+        self.reached: list[Any] = []
+        self.judged: list[Any] = []
         self._outcomes, self._checked = list(outcomes), list(checked)
         for name in ("pre_check", "decide", "minimise", "step_of", "_backward"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
@@ -77,13 +80,21 @@ class ByHand:
             contend=self.do_contend,
         )  # fmt: skip
 
-    def do_contend(self, chosen: Any, *, watch: Watch) -> Contest:
+    def do_contend(self, chosen: Any, *, watch: Watch, reach: float = 4.0) -> Contest:
+        if reach == np.inf:
+            self.reached.append(chosen)
+            return Contest((contender_of("late"),), (Tried(EffectAtJoint("late", 1), Outcome.FITTED, 5.0),))
         cut = len(self.screened) == self.cut_in
         tried = [Tried(EffectAtJoint("a", 1), Outcome.FITTED, 7.0)]
+        if self.unfitted:
+            late = Tried(EffectAtJoint("late", 1), Outcome.LEFT_EARLY)
+            return Contest((contender_of("first"),), (late, *tried), self.unfitted)
         return Contest((*chosen, "fitted"), (*tried, Tried(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried)
 
     def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
-        assert contenders == ("screened", "shortlisted", "fitted")
+        if not self.unfitted:
+            assert contenders == ("screened", "shortlisted", "fitted")
+        self.judged.append([getattr(c, "effect_at", None) for c in contenders])
         assert finished == "to the end"
         competition, screened = held.args
         assert (competition.builder, competition.fit) == (EFFECTS, fit)
@@ -166,6 +177,30 @@ def test_a_round_that_the_time_cuts_decides_nothing(monkeypatch: pytest.MonkeyPa
     assert [s.effect_at.effect for s in found.steps] == ["a"][: cut_in - 1]
     assert found.ending is Ending.TIME_UP and found.refused == ()
     assert [len(contest) for contest in found.tried] == [1] * (cut_in - 1) + [2]
+
+
+def test_what_was_out_of_reach_of_a_best_that_is_refused_is_fitted_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A candidate that was left early is not lost where the best cannot be accepted."""
+    reasons = ((EffectAtJoint("first", 1), "fails"),)
+    competition = ByHand(monkeypatch, reasons, reasons)
+    competition.unfitted = ("late",)
+    found, _ = run()
+    assert competition.reached == [("late",)]
+    first, late = EffectAtJoint("first", 1), EffectAtJoint("late", 1)
+    assert competition.judged == [[first], [first, late]]
+    assert [(t.effect_at.effect, t.outcome) for t in found.tried[0]] == [
+        ("a", Outcome.FITTED),
+        ("late", Outcome.FITTED),
+    ]
+    assert found.refused == reasons
+
+
+def test_what_was_out_of_reach_stays_so_where_the_best_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), added("ab"))
+    competition.unfitted = ("late",)
+    found, _ = run(rounds=2)
+    assert competition.reached == [] and len(found.steps) == 2
+    assert found.tried[0][0].outcome is Outcome.LEFT_EARLY
 
 
 def test_without_all_signatures_nothing_is_decided(monkeypatch: pytest.MonkeyPatch) -> None:

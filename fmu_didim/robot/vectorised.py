@@ -10,6 +10,8 @@ import numpy as np
 
 from fmu_didim.signals import Array
 
+TOGETHER = 4096
+"""Points whose intermediate numbers are kept at once: more would need much memory and leave the processor's caches."""
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ASSIGN: lambda x: x,
     ca.OP_ADD: np.add,
@@ -91,8 +93,18 @@ class Vectorised:
         """
         if not self._is_known:
             return self._by_casadi(count, arguments)
-        work: list[Any] = [0.0] * max(self._function.sz_w(), 1)
         result = np.zeros((self._size, count))
+        for first in range(0, count, TOGETHER):
+            part = slice(first, first + TOGETHER)
+            here = [
+                [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
+            ]
+            self._run(here, result[:, part])
+        return result.T
+
+    def _run(self, arguments: Sequence[Sequence[Any]], result: Array) -> None:
+        """Fill (m, K) of the output."""
+        work: list[Any] = [0.0] * max(self._function.sz_w(), 1)
         with np.errstate(all="ignore"):
             for operation, given, made, constant in self._program:
                 if operation == ca.OP_INPUT:
@@ -103,7 +115,6 @@ class Vectorised:
                     result[made[1]] = work[given[0]]
                 else:
                     work[made[0]] = _OPERATIONS[operation](*(work[i] for i in given))
-        return result.T
 
     def _by_casadi(self, count: int, arguments: Sequence[Array | Sequence[Any]]) -> Array:
         tables = [
