@@ -160,7 +160,7 @@ def _lagged(a: Array, b: Array, lags: int) -> Array:
     count, axes = a.shape[0], "mjp"[: a.ndim]
     found = np.zeros((lags + 1, a.shape[1]))
     for lag in range(min(lags, count - 1) + 1):
-        found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:], optimize=True)
+        found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:])
     return found
 
 
