@@ -6,8 +6,13 @@ the sum of squares to first order by
 
     gain_e = g' (A_e - A_e A^-1 A_e)^+ g,      g = S_e' r_e,
 
-which by noise alone is a chi-square of the rank of the bracket (the score test). Source: C. R. Rao, Proceedings of the
-Cambridge Philosophical Society 44 (1948).
+which by white noise of variance one is a chi-square of the rank of the bracket (the score test). Noise of another
+size or colour moves the score of experiment e by J_e instead of A_e, and the bracket that g is judged by is
+
+    J_e - A_e A^-1 J_e - J_e A^-1 A_e + A_e A^-1 J A^-1 A_e.
+
+J_e comes from what experiment e would leave with values of its own: disagreement is no noise. Sources: C. R. Rao,
+Proceedings of the Cambridge Philosophical Society 44 (1948); D. D. Boos, The American Statistician 46 (1992).
 """
 
 from __future__ import annotations
@@ -19,9 +24,12 @@ import numpy as np
 from scipy import stats
 
 from fmu_didim.diagnosis import thresholds as limits
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import TINY, effective_fraction
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.fit_uncertainty import unfiltered_residual
+from fmu_didim.prediction.noise import TINY
+from fmu_didim.prediction.uncertainty import stretches, uncertainty
 from fmu_didim.signals import Array
+from fmu_didim.statistics import noise_deviation
 
 
 @dataclass(frozen=True)
@@ -49,42 +57,60 @@ class Agreement:
         )
 
 
-def agreement(model: LoopModel, torque: Array, jacobian: Array, deviation: Array) -> Mapping[str, Agreement]:
-    """Label of each experiment -> how it agrees with the others; empty where fewer than two are fitted.
-
-    Args:
-        torque: (N, n) simulated; jacobian: (N, n, p), both at the common minimum.
-        deviation: (n,) noise of each joint.
-    """
-    rows = model.rows
+def agreement(fit: Fit) -> Mapping[str, Agreement]:
+    """Label of each experiment -> how it agrees with the others at their common minimum; empty where fewer than two are
+    fitted."""
+    rows = fit.model.rows
     if len(rows) < 2:
         return {}
-    # Residuals with a colour of their own hold fewer independent samples.
-    residual = model.measured - torque
-    weight = {label: np.sqrt(effective_fraction(residual[part])) / deviation for label, part in rows.items()}
-    count = jacobian.shape[2]
-    tables = {label: (jacobian[part] * weight[label][:, None]).reshape(-1, count) for label, part in rows.items()}
-    scale = np.maximum(np.sqrt(sum((t**2).sum(axis=0) for t in tables.values())), TINY)
-    grams = {label: (t / scale).T @ (t / scale) for label, t in tables.items()}
+    count = fit.jacobian.shape[2]
+    table, residual = fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation
+    table = table / np.maximum(np.linalg.norm(table.reshape(-1, count), axis=0), TINY)
+    logs = unfiltered_residual(fit) / fit.deviation
+    grams = {label: np.einsum("mjp,mjq->pq", table[part], table[part]) for label, part in rows.items()}
     inverse = np.linalg.pinv(np.asarray(sum(grams.values())), hermitian=True)
-    shared = np.array([parameter.experiment is None for parameter in model.free_parameters])
-    found = {}
+    moved = {label: _moved(fit, label, table[part], residual[part], logs[part]) for label, part in rows.items()}
+    every = inverse @ np.asarray(sum(moved.values())) @ inverse
+    shared = np.array([parameter.experiment is None for parameter in fit.model.free_parameters])
+    both, found = np.outer(shared, shared), {}
     for label, part in rows.items():
-        score = (tables[label] / scale).T @ (residual[part] * weight[label]).ravel()
-        bracket = grams[label] - grams[label] @ inverse @ grams[label]
-        found[label] = _judged(label, model.names, score * shared, bracket * np.outer(shared, shared), len(rows))
+        score = np.einsum("mjp,mj->p", table[part], residual[part])
+        gram, own = grams[label], grams[label] @ inverse @ moved[label]
+        slope, spread = gram - gram @ inverse @ gram, moved[label] - own - own.T + gram @ every @ gram
+        found[label] = _judged(label, fit.model.names, score * shared, slope * both, spread * both, len(rows))
     return found
 
 
-def _judged(label: str, names: tuple[str, ...], score: Array, bracket: Array, count: int) -> Agreement:
-    values, vectors = np.linalg.eigh(bracket)
+def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> Array:
+    """(p, p) covariance of the score of an experiment, by what it leaves with values of its own.
+
+    Args:
+        table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.
+    """
+    left, sizes, right = np.linalg.svd(table.reshape(-1, table.shape[2]), full_matrices=False)
+    kept = sizes > np.sqrt(limits.RANK) * sizes.max()
+    sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
+    influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
+    own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
+    influence = fit.model.filtered(influence, label)
+    leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
+    deviation = noise_deviation(own, leverage, floor=np.full(own.shape[1], TINY))
+    found = uncertainty(own, sensitivity, influence, deviation, stretches([fit.model.experiments[label].time]))
+    back = right[kept].T * sizes[kept] ** 2
+    return np.asarray(back @ found.covariance @ back.T)
+
+
+def _judged(label: str, names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> Agreement:
+    """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone."""
+    values, vectors = np.linalg.eigh(slope)
     kept = values > limits.RANK * max(float(values.max()), TINY)
     if not kept.any():
         return Agreement(label, 1.0, True, "", 0.0)
-    along = vectors[:, kept].T @ score
-    p_value = float(stats.chi2.sf(float(np.sum(along**2 / values[kept])), int(kept.sum())))
-    change = vectors[:, kept] @ (along / values[kept])
-    spread = np.sqrt(np.maximum(np.sum(vectors[:, kept] ** 2 / values[kept], axis=1), TINY))
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    along, noise = root.T @ score, root.T @ covariance @ root
+    p_value = float(stats.chi2.sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
+    change = root @ along
+    spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
     most = int(np.argmax(np.abs(change) / spread))
     agrees = p_value >= limits.SIGNIFICANCE / count
     return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))

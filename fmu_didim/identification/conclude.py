@@ -175,7 +175,7 @@ def torque_estimate(
         integration_error=minimum.integration_error.relative,
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
-        agreements=agreement(model, fit.torque, fit.jacobian, fit.deviation),
+        agreements=agreement(fit),
         colours=known.colours,
         known_noise=known_noise(model),
         jacobian=fit.jacobian,

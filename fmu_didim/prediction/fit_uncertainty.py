@@ -13,6 +13,13 @@ from fmu_didim.signals import Array
 from fmu_didim.statistics import influence_efficient, influence_of_instruments, noise_deviation
 
 
+def unfiltered_residual(fit: Fit) -> Array:
+    """(N, n) what a fit leaves of the torque logs as they are, without the filter that they may be fitted with."""
+    if fit.model.low_pass is None:
+        return fit.residual
+    return replace(fit.model, low_pass=None).residual(fit.values)
+
+
 def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     """The covariance of the values where a fit stands, with the noise that its residual shows.
 
@@ -26,7 +33,7 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     Raises:
         SimulationError: the values cannot be simulated, which they could when they were fitted.
     """
-    model, deviation, residual = fit.model, fit.deviation, fit.residual
+    model, deviation, residual = fit.model, fit.deviation, unfiltered_residual(fit)
     stated = model.torque_deviation is not None
     sensitivity = fit.jacobian if instruments is None else fit.jacobian[:, :, : instruments.shape[2]]
     s = whitened(sensitivity, deviation)
@@ -36,7 +43,6 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     influence = flat.reshape(sensitivity.shape) / deviation[:, None]
     usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
     if model.low_pass is not None:
-        residual = replace(model, low_pass=None).residual(fit.values)
         influence = np.concatenate([model.filtered(influence[rows], label) for label, rows in model.rows.items()])
     floor = noise_floor(model.measured)
     if not stated and (model.low_pass is not None or model.joint_weights == "equal"):

@@ -93,10 +93,6 @@ SAMPLES_A_COEFFICIENT = TABLE("SAMPLES_A_COEFFICIENT", 5.0, "samples", "At least
 COLOUR_ROUNDS = TABLE(
     "COLOUR_ROUNDS", 3, "rounds", "Of colour and what the fit takes from it: a fourth moves no deviation by 1 %."
 )
-LEAST_NOISE_LEFT = TABLE(
-    "LEAST_NOISE_LEFT", 0.5, "1",
-    "Of the variance of a residual, that must be noise rather than error of the values, for the difference to count.",
-)  # fmt: skip
 WHITENESS_LAGS = TABLE(
     "WHITENESS_LAGS", 10, "samples", "Correlations, beyond the order of the colour, that are tested after it."
 )

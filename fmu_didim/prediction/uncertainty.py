@@ -160,7 +160,7 @@ def _lagged(a: Array, b: Array, lags: int) -> Array:
     count, axes = a.shape[0], "mjp"[: a.ndim]
     found = np.zeros((lags + 1, a.shape[1]))
     for lag in range(min(lags, count - 1) + 1):
-        found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:], optimize=True)
+        found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:])
     return found
 
 
@@ -203,10 +203,9 @@ class _Group:
         """(lags + 1, n) of the noise, from the residual and what noises like these lose in it."""
         left = np.sum([_lagged(log.residual, log.residual, lags) for log in self.logs], axis=0)
         lost = np.sum([log.lost(noises, covariance, lags) for log in self.logs], axis=0)
-        # Where noises that are model error in truth would explain the residual by errors of the values alone, it is
-        # taken as it is.
-        believed = left[0] + lost[0] > limits.LEAST_NOISE_LEFT * left[0]
-        return np.asarray((left + lost * believed) / self.pairs(lags)[:, None])
+        # A joint whose residual is larger than its noise, because values that other joints decide are off, is taken as
+        # it is: by how much they are off is not known, only how much they might be.
+        return np.asarray((left + lost * (lost[0] > 0)) / self.pairs(lags)[:, None])
 
     def white(self) -> list[_Noise]:
         """White noise of each joint, by its residual."""

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 
 from fmu_didim.diagnosis.agreement import Agreement, _judged, agreement
 from fmu_didim.diagnosis.confounding import confounded, refuse_confounded
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
-from tests.discovery.by_hand import SIGNS
 
 
 def pair(angle: float, *further: Any) -> Array:
@@ -99,35 +98,64 @@ def test_a_refusal_names_them() -> None:
 )
 def test_the_level_is_that_of_all_experiments(p: float, count: int, agrees: bool) -> None:
     chi_square = stats.chi2.isf(p, 1)
-    found = _judged("x", ("a",), np.array([np.sqrt(chi_square * 4.0)]), np.array([[4.0]]), count)
+    slope = np.array([[4.0]])
+    found = _judged("x", ("a",), np.array([np.sqrt(chi_square * 4.0)]), slope, slope, count)
     assert found.p_value == pytest.approx(p)
     assert found.agrees is agrees
     assert (found.label, found.parameter, found.change_in_std) == ("x", "a", pytest.approx(np.sqrt(chi_square)))
 
 
 def test_the_parameter_that_would_change_most() -> None:
-    found = _judged("x", ("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), 2)
+    found = _judged("x", ("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0]), 2)
     assert (found.parameter, found.change_in_std) == ("b", pytest.approx(3.0))
     assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9, 2))
+    # Noise of b that moves its score four times as far: a, two standard deviations, then differs most.
+    found = _judged("x", ("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0 * 16]), 2)
+    assert (found.parameter, found.change_in_std) == ("a", pytest.approx(2.0))
+    assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9 / 16, 2))
 
 
 @pytest.mark.parametrize(("small", "rank"), [(1.1e-9, 2), (0.9e-9, 1)])
 def test_directions_that_an_experiment_does_not_show(small: float, rank: int) -> None:
-    found = _judged("x", ("a", "b"), np.array([2.0, 0.0]), np.diag([1.0, small]), 2)
+    slope = np.diag([1.0, small])
+    found = _judged("x", ("a", "b"), np.array([2.0, 0.0]), slope, slope, 2)
     assert found.p_value == pytest.approx(stats.chi2.sf(4.0, rank))
 
 
 def test_an_experiment_that_shows_nothing_agrees() -> None:
-    assert _judged("x", ("a",), np.zeros(1), np.zeros((1, 1)), 2) == Agreement("x", 1.0, True, "", 0.0)
+    assert _judged("x", ("a",), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), 2) == Agreement(
+        "x", 1.0, True, "", 0.0
+    )
 
 
 def two(means: tuple[float, float], own: str | None = None) -> dict[str, Agreement]:
     """Two experiments of 400 samples of a constant, and its values in each; the common fit is at zero."""
-    rows = {"x": slice(0, 400), "y": slice(400, 800)}
-    measured = np.concatenate([m + SIGNS for m in means])[:, None]
-    parameters = (SimpleNamespace(experiment=own),)
-    model = SimpleNamespace(rows=rows, measured=measured, free_parameters=parameters, names=("a",))
-    return dict(agreement(model, np.zeros((800, 1)), np.ones((800, 1, 1)), np.array([2.0])))
+    noise = np.random.default_rng(6).normal(size=400)
+    noise = 2 * (noise - noise.mean()) / noise.std(ddof=1)
+    return judged(np.concatenate([m + noise for m in means])[:, None], own)
+
+
+def judged(measured: np.ndarray, own: str | None = None) -> dict[str, Agreement]:
+    time = np.arange(400) / 50
+    model = SimpleNamespace(
+        rows={"x": slice(0, 400), "y": slice(400, 800)}, names=("a",), low_pass=None,
+        free_parameters=(SimpleNamespace(experiment=own),), filtered=lambda values, label: values,
+        experiments={label: SimpleNamespace(time=time) for label in "xy"},
+    )  # fmt: skip
+    fit = SimpleNamespace(model=model, residual=measured, jacobian=np.ones((800, 1, 1)), deviation=np.array([2.0]))
+    return dict(agreement(fit))
+
+
+def test_samples_that_hang_together_say_less() -> None:
+    """The mean of N samples of a first-order autoregression varies by (1 + rho)/(1 - rho) / N: two logs of the same
+    constant, by SciPy's filter."""
+    rho, p_values, rng = 0.8, [], np.random.default_rng(2)
+    for _ in range(100):
+        noise = signal.lfilter([1.0], [1.0, -rho], rng.normal(size=(2, 500)), axis=1)[:, 100:].ravel()
+        fitted = (noise - noise.mean())[:, None]
+        p_values.append(judged(fitted)["x"].p_value)
+    assert 0.4 < np.mean(p_values) < 0.6
+    assert np.mean(np.array(p_values) < 0.05) < 0.14
 
 
 def test_two_experiments_by_hand() -> None:
@@ -145,5 +173,4 @@ def test_what_an_experiment_has_for_itself_need_not_agree() -> None:
 
 
 def test_one_experiment_agrees_with_itself() -> None:
-    model = SimpleNamespace(rows={"x": slice(0, 2)})
-    assert agreement(model, np.zeros((2, 1)), np.zeros((2, 1, 1)), np.ones(1)) == {}
+    assert agreement(SimpleNamespace(model=SimpleNamespace(rows={"x": slice(0, 2)}))) == {}

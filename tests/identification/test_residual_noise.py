@@ -1,0 +1,86 @@
+"""Noise with a colour, and noise that was stated wrongly, from the log to the saved result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim import identify, load_case, load_result
+from fmu_didim.estimators import Clie, Didim, Estimator
+from fmu_didim.identification.estimate import Estimate
+from tests.helpers import with_torque
+from tests.monte_carlo import context, half_coloured
+
+CASE = Path("examples/scara/identify_200hz.yaml")
+RATE_HZ = 50
+
+
+@cache
+def estimate(estimator: Estimator, *, coloured: bool, equal: bool = False, stated: float | None = None) -> Estimate:
+    """SCARA, torque at 50 Hz with noise of 5 %."""
+    here, rng = context(RATE_HZ), np.random.default_rng(5)
+    size = here.torque.shape
+    noise = half_coloured(rng, size, RATE_HZ) if coloured else rng.normal(size=size)
+    model = with_torque(here.model, here.torque + here.noise * noise)
+    if equal:
+        model = replace(model, joint_weights="equal")
+    if stated is not None:
+        model = replace(model, torque_deviation=stated * here.noise)
+    return estimator.estimate(model)
+
+
+@pytest.mark.parametrize(
+    "estimator", [Didim(), Didim(finish=False), Clie()], ids=["didim", "didim without finish", "clie"]
+)
+def test_each_estimator_counts_the_colour(estimator: Estimator) -> None:
+    found, white = (estimate(estimator, coloured=coloured) for coloured in (True, False))
+    assert [colour.coefficients.size > 0 for colour in found.colours] == [True, True]
+    assert [colour.coefficients.size for colour in white.colours] == [0, 0]
+    # Dense algebra with the noise as it is gives 1.6 to 1.8, by parameter.
+    assert (found.standard_deviation > 1.3 * white.standard_deviation).all()
+    assert (found.standard_deviation < 2.3 * white.standard_deviation).all()
+    assert (np.abs(found.value - context(RATE_HZ).truth) < 3.5 * found.standard_deviation).all()
+    assert found.freedom < 0.6 * white.freedom
+    assert [remark[:34] for remark in found.remarks] == [f"joint {j}: the residual is not white" for j in (1, 2)]
+    assert white.remarks == ()
+    for stage in found.stages.values():
+        assert (stage.standard_deviation > 1.2 * white.standard_deviation).all()
+
+
+def test_equal_weights_are_worse_and_say_so() -> None:
+    """What the second joint, 26 times quieter, knows best is decided by the first one's noise."""
+    equal, weighted = (estimate(Didim(), coloured=False, equal=equal) for equal in (True, False))
+    errors = (equal.value - context(RATE_HZ).truth) / equal.standard_deviation
+    assert 0.3 < np.sqrt(np.mean(errors**2)) < 1.7
+    names = list(equal.names)
+    for name in ("ZZ2", "MX2", "MY2"):
+        assert equal.standard_deviation[names.index(name)] > 3 * weighted.standard_deviation[names.index(name)]
+    ratio = [np.sqrt(c.variance) / noise for c, noise in zip(equal.colours, context(RATE_HZ).noise, strict=True)]
+    assert min(ratio) > 0.93 and max(ratio) < 1.3
+
+
+@pytest.mark.parametrize(
+    ("stated", "told"), [(1.0, None), (0.5, "larger than the known"), (2.0, "smaller than the stated")]
+)
+def test_noise_that_was_stated_wrongly_is_told(stated: float, told: str | None) -> None:
+    found, right = estimate(Didim(), coloured=False, stated=stated), estimate(Didim(), coloured=False)
+    assert [told in remark for remark in found.remarks] == ([True, True] if told else [])
+    # What is stated too small does not make the deviations smaller; what is stated too large makes them larger.
+    np.testing.assert_allclose(found.standard_deviation, max(stated, 1.0) * right.standard_deviation, rtol=0.08)
+
+
+def test_the_result_says_it(tmp_path: Path) -> None:
+    case = load_case(CASE).with_(train={"torque": {"rate_hz": RATE_HZ}}, torque_std=[0.05, 0.002])
+    outcome = identify(case, tmp_path)
+    document = load_result(tmp_path)
+    assert [(noise.joint, noise.rate_hz, noise.order) for noise in document.noise] == [(1, 50.0, 0), (2, 50.0, 0)]
+    for noise, residual, stated in zip(document.noise, context(RATE_HZ).noise, (0.05, 0.002), strict=True):
+        assert noise.chi_square_per_sample == pytest.approx((residual / stated) ** 2, rel=0.15)
+        assert noise.chi_square_per_sample > noise.chi_square_bound > 1 > noise.chi_square_least
+        assert noise.inflation == pytest.approx(residual / stated, rel=0.08)
+    assert "chi-square per sample" in outcome.summary()
+    assert "contain this lack of fit" in outcome.summary().replace("\n    ", " ")
