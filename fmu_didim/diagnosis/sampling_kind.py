@@ -93,7 +93,7 @@ def _sampled(
     found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
     for kind, window in WAYS:
         try:
-            operators = {label: _operator(model, label, kind, window) for label in labels}
+            operators = {label: sampled_as(model, label, kind, window) for label in labels}
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
         simulated = [
@@ -102,12 +102,15 @@ def _sampled(
         ]
         residual = model.measured - np.concatenate(simulated)
         size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
-        if size < limit and not all(_same(o, model.experiments[label].operator) for label, o in operators.items()):
+        if size < limit and not all(
+            same_sampling(o, model.experiments[label].operator) for label, o in operators.items()
+        ):
             found.append((size, (kind, window), operators))
     return found
 
 
-def _operator(model: LoopModel, label: str, kind: Kind, window: Window) -> SampleOperator:
+def sampled_as(model: LoopModel, label: str, kind: Kind, window: Window) -> SampleOperator:
+    """The operator of an experiment's log if it were sampled in this way; raises InputError at the end of the data."""
     experiment, step = model.experiments[label], model.systems[label].step_size
     count = experiment.reference.time.size
     operator = sample_operator(
@@ -117,5 +120,6 @@ def _operator(model: LoopModel, label: str, kind: Kind, window: Window) -> Sampl
     return operator.stamped_later(experiment.operator.lag, count)
 
 
-def _same(one: SampleOperator, other: SampleOperator) -> bool:
+def same_sampling(one: SampleOperator, other: SampleOperator) -> bool:
+    """Whether two operators weigh the same ticks alike."""
     return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < limits.SAME_OPERATOR

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import expected
 from fmu_didim.diagnosis.data.log import log_diagnostics
+from fmu_didim.diagnosis.data.nearby import nearby
 from fmu_didim.diagnosis.data.reference import geometry_diagnostics, reference_diagnostics
 from fmu_didim.diagnosis.data.relation import relation_diagnostics
 from fmu_didim.diagnosis.data.runs import run_diagnostics
+from fmu_didim.diagnosis.data.timing import timing_diagnostics
 from fmu_didim.diagnosis.data.units import unit_diagnostics
 from fmu_didim.diagnostics import Diagnostic, by_weight
 from fmu_didim.master.system import REFERENCE
@@ -27,14 +31,22 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) ->
     Args:
         without_torque: labels of validation experiments that have no log, and are not in the model.
     """
+    if model.chooses_substeps and model.substeps is None:
+        model = replace(model, substeps=limits.SUBSTEPS)
     found = [*geometry_diagnostics(model), *run_diagnostics(model, without_torque)]
-    gains = drive_gains(model)
+    gains, timing = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
         given = expected(model, label)
         found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)
-        found += unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
-    return by_weight(found)
+        of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
+        found += of_log
+        held_out = experiment.role == "validation"
+        if of_log or (held_out and timing):
+            continue
+        if (near := nearby(model, label)) is not None:
+            timing += timing_diagnostics(near, label, clock_alone=held_out)
+    return by_weight([*found, *timing])
 
 
 def drive_gains(model: LoopModel) -> Array:

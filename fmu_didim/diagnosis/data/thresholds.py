@@ -64,6 +64,10 @@ MOST_SPIKES = TABLE("MOST_SPIKES", 0.1, "1", "Part of the samples above which th
 COPIED = TABLE("COPIED", 0.5, "1", "Part of the rows of a held-out log that stand in a fitted one, to the last digit.")
 
 # The log against the torque that is expected -------------------------------------------------------------------------
+SUBSTEPS = TABLE(
+    "SUBSTEPS", 4, "substeps",
+    "Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6.",
+)  # fmt: skip
 EXPLAINS = TABLE(
     "EXPLAINS", 0.5, "1",
     "Error of a free linear fit along the reference, of the deviation of the torque, below which the reference belongs "
@@ -124,4 +128,38 @@ DEPENDENT = TABLE(
     1e-12,
     "1",
     "Eigenvalue of the normal equations, of the largest one, below which columns depend on others.",
+)
+
+# Along a simulated motion --------------------------------------------------------------------------------------------
+DIDIM_STEPS = TABLE("DIDIM_STEPS", 5, "simulations", "Towards the measured motion at most: DIDIM takes two or three.")
+NEAR = TABLE("NEAR", 0.7, "1", "Error, of the deviation of the log, from which a motion is near enough to judge by it.")
+HELPS = TABLE("HELPS", 0.98, "1", "Of the error that a step must leave at most for another one to be worth it.")
+EXACT = TABLE(
+    "EXACT", 1e-4, "1",
+    "Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log.",
+)  # fmt: skip
+SHIFTS_S = TABLE(
+    "SHIFTS_S", (0.002, 0.006, 0.018, 0.054, 0.16, 0.5), "s",
+    "Shifts of a log that are tried, late and early; between the best and its neighbours the least misfit is searched.",
+)  # fmt: skip
+SHIFT_PASSES = TABLE("SHIFT_PASSES", 4, "fits", "Of the motion with the shift that was found, until it stands still.")
+RIVALS = TABLE("RIVALS", 2, "explanations", "That are told where the data cannot decide between more.")
+SHIFT_ACCURACY = TABLE("SHIFT_ACCURACY", 0.02, "control periods", "To which the least misfit is searched.")
+CURVATURE = TABLE("CURVATURE", 0.5, "control periods", "Beside the least misfit at which its curvature is taken.")
+SHIFT_SIGMAS = TABLE("SHIFT_SIGMAS", 4.0, "standard deviations", "Of a shift from which it is told,")
+LEAST_SHIFT = TABLE("LEAST_SHIFT", 0.3, "control periods", "and its size: less is how a command is held.")
+CLEARLY = TABLE(
+    "CLEARLY", 20.0, "1", "BIC difference from which an explanation is told: twice that of very strong evidence."
+)
+WORTH_IT = TABLE("WORTH_IT", 0.9, "1", "Of the mean square residual that an explanation must leave at most.")
+
+# What the data can tell ----------------------------------------------------------------------------------------------
+LOOSE = TABLE("LOOSE", 1e-9, "1", "Singular value, of the largest one, of directions along which no step is made.")
+SIGNIFICANT = TABLE("SIGNIFICANT", 2.0, "standard deviations", "Of a value, from which it will be told from zero.")
+CORRELATED = TABLE("CORRELATED", 0.9, "1", "Correlation from which the partner of a parameter is shown.")
+RINGING_S = TABLE("RINGING_S", 2.0, "s", "After a kick in which a loop is watched: many periods of any resonance.")
+KICK = TABLE("KICK", 1e-3, "1", "Of the range of a reference column, by which its first value is changed.")
+SLOWEST = TABLE("SLOWEST", 3, "frequencies", "Of a spectrum, whose mean stands for its beginning.")
+STANDS_OUT = TABLE(
+    "STANDS_OUT", 4.0, "1", "Power of a peak against the beginning of the spectrum from which it rings: twice in size."
 )

@@ -52,14 +52,21 @@ def motion(robot: str, seed: int, label: str = "estimation") -> Trajectory:
 
 
 @cache
-def right(robot: str, seed: int, *, rate_hz: float | None = None) -> LoopModel:
-    """The loop with logs of its own, a share of noise, and start values that are wrong."""
+def right(
+    robot: str, seed: int, *, rate_hz: float | None = None, change: Callable[[LoopModel], LoopModel] | None = None
+) -> LoopModel:
+    """The loop with logs of its own, a share of noise, and start values that are wrong.
+
+    Args:
+        change: what the real loop is other than the model says: the logs are then wrong.
+    """
     truth = loaded(robot)
     rng = np.random.default_rng([seed, 7])
     experiments = {}
     for label in truth.experiments:
         run = logged(truth, label, motion(robot, seed, label), rate_hz or RATES[robot])
-        torque = run.torque(truth.start, label)
+        real = run if change is None else change(run.on(label))
+        torque = real.torque(truth.start, label)
         noise = NOISE * torque.std(axis=0) * rng.normal(size=torque.shape)
         experiments[label] = replace(run.experiments[label], torque=torque + noise)
     model = replace(truth, experiments=experiments)

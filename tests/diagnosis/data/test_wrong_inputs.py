@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from fmu_didim.diagnosis.data.checks import data_diagnostics, drive_gains
+from fmu_didim.diagnosis.sampling_kind import sampled_as
 from fmu_didim.diagnostics import REMARK
 from fmu_didim.prediction.loop_model import LoopModel
 from tests.diagnosis.data.right import motion, right, with_columns, with_experiment, with_log
+from tests.helpers import with_delay
 
 Array = np.ndarray
 ROBOTS = ("scara", "arm", "tx40")
@@ -119,6 +121,40 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
 ]
 
 
+def late(seconds: float) -> Callable[[LoopModel], LoopModel]:
+    """The stamps of the log are late by so much."""
+
+    def change(model: LoopModel) -> LoopModel:
+        own, step = model.experiments[model.first], model.systems[model.first].step_size
+        count = own.reference.time.size
+        return with_experiment(model, model.first, operator=own.operator.stamped_later(seconds / step, count))
+
+    return change
+
+
+def averaged(window: str) -> Callable[[LoopModel], LoopModel]:
+    """The logger averages over its sample period."""
+    return lambda model: with_experiment(
+        model,
+        model.first,
+        operator=sampled_as(model, model.first, "average", window),  # type: ignore[arg-type]
+    )
+
+
+def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
+    """The command acts later than the model says."""
+    return lambda model: with_delay(model, samples)
+
+
+TIMING: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
+    ("clock 5 ms late", late(0.005), "clock-late"),
+    ("clock 30 ms late", late(0.030), "clock-late"),
+    ("clock 30 ms early", late(-0.030), "clock-early"),
+    ("averages before the stamp", averaged("preceding"), "sampling-kind"),
+    ("one sample of delay", delayed(1), "command-delay"),
+]
+
+
 def codes(model: LoopModel) -> list[str]:
     return [d.code.name for d in data_diagnostics(model)]
 
@@ -140,6 +176,25 @@ def test_wrong_input_is_told(robot: str, seed: int, change: Callable[[LoopModel]
     found = data_diagnostics(change(right(robot, seed)))
     assert code in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
     assert all(d.advice for d in found if d.code.severity is not REMARK)
+
+
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+@pytest.mark.parametrize(("change", "code"), [row[1:] for row in TIMING], ids=[row[0] for row in TIMING])
+def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel], LoopModel], code: str) -> None:
+    if robot == "tx40" and code == "command-delay":
+        pytest.skip("its gains do not allow a sample of delay: the loop diverges")
+    found = data_diagnostics(right(robot, seed, change=change))
+    assert code in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    assert {d.code.name for d in found} <= {"clock-late", "clock-early", "sampling-kind", "command-delay"}
+
+
+@pytest.mark.parametrize("late_s", [0.012, -0.03])
+def test_interval_of_the_clock_holds_the_truth(late_s: float) -> None:
+    for robot in ("scara", "arm"):
+        found = data_diagnostics(right(robot, 1, change=late(late_s)))
+        clock = next(d for d in found if d.code.name.startswith("clock"))
+        assert clock.value is not None and clock.bound is not None
+        assert abs(clock.value - 1000 * late_s) < abs(clock.bound) < abs(1000 * late_s)
 
 
 @pytest.mark.parametrize("change", [lambda y, g: y / g, lambda y, g: y * g], ids=["current", "twice"])

@@ -1,0 +1,146 @@
+"""A simulated motion near the measured one, and linear fits of the base parameters along it.
+
+A few steps of DIDIM bring the simulated motion near: each is one simulation and one linear fit, y = S (W theta + known)
+with the sampling S of the log. Along the motion that is then held, the same fit tells whether the log would be
+explained better if it had been sampled otherwise (another S), or if the robot were another one (another W). Base
+parameters can absorb neither, where the motion is rich enough; so start values need not be good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fmu_didim.diagnosis.data import thresholds as limits
+from fmu_didim.diagnosis.data.expected import fitted_by
+from fmu_didim.errors import FmuDidimError
+from fmu_didim.master import SampleOperator
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.guard import mass_matrix_problem
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import TINY, effective_fraction
+from fmu_didim.prediction.prediction import predict
+from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.signals import Array
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """A simulated motion at all ticks of an experiment, and its regressor.
+
+    Attributes:
+        model: the loop with that experiment alone; values: (p,) simulated.
+        motion: q, dq, ddq, (K, n) each; columns: (K, n, b); known: (K, n), so that the logged torque is
+            columns theta + known.
+    """
+
+    model: LoopModel
+    values: Array
+    motion: tuple[Array, Array, Array]
+    columns: Array
+    known: Array
+
+    @property
+    def experiment(self) -> Experiment:
+        """The experiment."""
+        return self.model.experiments[self.model.first]
+
+    @cached_property
+    def size(self) -> Array:
+        """(n,) of the residual as the case has it: joints are divided by it, and it stays so for what is compared."""
+        equal = np.maximum(self.experiment.torque.std(axis=0), TINY)
+        rest = self._rest(self.experiment.operator, self.columns, equal)
+        return np.asarray(np.maximum(rest.std(axis=0), limits.EXACT * equal))
+
+    @cached_property
+    def samples(self) -> float:
+        """Number of samples that count as independent, by the colour of the residual as the case has it."""
+        rest = self.residual()
+        return float((effective_fraction(rest) * rest.shape[0]).sum())
+
+    def residual(self, operator: SampleOperator | None = None, columns: Array | None = None) -> Array:
+        """(N, n) what a fit leaves of the log, with another sampling or another regressor (K, n, b) where given."""
+        taken = self.experiment.operator if operator is None else operator
+        return self._rest(taken, self.columns if columns is None else columns, self.size)
+
+    def misfit(self, operator: SampleOperator | None = None, columns: Array | None = None) -> float:
+        """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
+        return float(np.mean((self.residual(operator, columns) / self.size) ** 2))
+
+    def misfit_of(self, other: Nearby) -> float:
+        """The same along another motion, joints divided by their size along this one."""
+        rest = other._rest(other.experiment.operator, other.columns, self.size)
+        return float(np.mean((rest / self.size) ** 2))
+
+    def gain(self, misfit: float, parameters: float = 1.0) -> float:
+        """BIC difference by which a model with this misfit is better than the one of the case."""
+        ratio = np.log(self.misfit() / max(misfit, TINY))
+        return float(self.samples * ratio - parameters * np.log(max(self.samples, 1.0)))
+
+    def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
+        def sampled(values: Array) -> Array:
+            return self.model.filtered(operator.apply(values[operator.ticks]), self.model.first)
+
+        measured = self.model.measured_in(self.model.first)
+        return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
+
+
+def nearby(model: LoopModel, label: str) -> Nearby | None:
+    """The motion of an experiment after a few steps of DIDIM; None where it cannot be brought near enough."""
+    one = model.on(label)
+    if not one.parameters.has_regressor or one.linear_count < len(one.free_parameters):
+        return None
+    for start in _starts(one):
+        reached = _steps(one, start)
+        if reached is not None and reached[0] <= limits.NEAR:
+            return along(one, reached[1])
+    return None
+
+
+def along(model: LoopModel, values: Array) -> Nearby:
+    """The motion of a model of one experiment with values (p,), with its regressor; raises SimulationError."""
+    recording = model.record(values, all_ticks=True)
+    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+    if model.gives_acceleration:
+        ddq = recording.table(model.joint_signals("ddq"))
+    else:
+        ddq = np.gradient(dq, recording.step_size, axis=0)
+    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    observed = recording.table(names) if names else None
+    columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
+    known = model.logged_torque(recording, values) - columns @ model.theta(values)
+    return Nearby(model, values, (q, dq, ddq), columns, known)
+
+
+def _starts(model: LoopModel) -> Iterator[Array]:
+    with suppress(FmuDidimError):
+        yield from_reference(model)
+    yield model.start
+
+
+def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
+    """Error relative to the deviation of the log, and the values, after steps of DIDIM as long as they help."""
+    measured, size = model.measured, np.maximum(model.measured.std(axis=0), TINY)
+    best: tuple[float, Array] | None = None
+    for _ in range(limits.DIDIM_STEPS):
+        if mass_matrix_problem(model, values):
+            break
+        try:
+            found = predict(model, values)
+        except FmuDidimError:
+            break
+        error = float(np.sqrt(np.mean(((measured - found.torque) / size) ** 2)))
+        if best is not None and error > best[0] * limits.HELPS:
+            return min(best, (error, values), key=lambda pair: pair[0])
+        best = (error, values)
+        assert found.regressor is not None and found.known is not None
+        flat = (found.regressor / size[:, None]).reshape(-1, model.linear_count)
+        target = ((measured - found.known) / size).reshape(-1)
+        length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
+        values = values.copy()
+        values[: model.linear_count] = np.linalg.lstsq(flat / length, target, rcond=None)[0] / length
+    return best
