@@ -11,20 +11,18 @@ import numpy as np
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
-from fmu_didim.diagnosis.confounding import confounded
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.diagnosis.data.prospect import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
 from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.report.experiments import titled
 from fmu_didim.report.numbers import loop_lines, significant
+from fmu_didim.report.prospect import prospect_lines
 from fmu_didim.report.table import wrapped
-from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
@@ -56,6 +54,7 @@ class Checked:
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
+        prospect: standard deviations that are predicted there; None where nothing can be.
         consistency: of plant and robot description; None where one is built from the other.
     """
 
@@ -67,6 +66,7 @@ class Checked:
     confounded: tuple[str, ...] = ()
     start: str = ""
     error_percent: Mapping[str, float] = field(default_factory=dict)
+    prospect: Prospect | None = None
     consistency: Consistency | None = None
 
     @property
@@ -99,6 +99,8 @@ class Checked:
             worst = significant(self.consistency.worst, 2)
             entries.append(("Plant", f"it agrees with the robot description to {worst}"))
         lines = [*wrapped(self.name), "", *(line for head, text in entries for line in _entry(head, text)), ""]
+        if self.prospect is not None:
+            lines += [f"Predicted from {self.start}, before any fit:", *prospect_lines(self.prospect), ""]
         for diagnostic in self.diagnostics:
             lines += _message(diagnostic)
         return "\n".join([*lines, self._verdict()]) + "\n"
@@ -171,10 +173,13 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             continue
         errors = {label: relative_error_percent(model.measured_in(label), t)[0] for label, t in torque.items()}
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
-        alike = _confounded(model, values, fitted)
+        alike, ahead = look_ahead(model, values, fitted)
         told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []
+        told += prospect_diagnostics(ahead) if ahead is not None else []
+        told += resonance_diagnostics(model, values)
+        told = [*found.diagnostics, *told]
         return replace(
-            found, start=place, error_percent=errors, confounded=alike, diagnostics=(*found.diagnostics, *told)
+            found, start=place, error_percent=errors, confounded=alike, prospect=ahead, diagnostics=tuple(told)
         )
     text = "The torque cannot be simulated at any start: " + "; ".join(f"from {reason}" for reason in reasons)
     return replace(found, diagnostics=(*found.diagnostics, Diagnostic(NO_START, text)))
@@ -188,21 +193,6 @@ def _starts(case: Case) -> Iterator[tuple[Any, str]]:
     own = getattr(case.estimator, "start", None)
     if isinstance(own, Mapping):
         yield own, "the start of the case"
-
-
-def _confounded(model: LoopModel, values: Array, torque: Array) -> tuple[str, ...]:
-    """Parameters that the data cannot tell apart; the noise is what one linear step would leave of the residual."""
-    try:
-        columns, residual = sensitivity(model, values, torque), model.measured - torque
-    except SimulationError:
-        return ()  # so near to where the loop diverges nothing can be said
-    flat = columns.reshape(-1, values.size)
-    left = residual - columns @ np.linalg.lstsq(flat, residual.reshape(-1), rcond=1e-9)[0]
-    deviation = model.torque_deviation
-    if deviation is None:
-        deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
-    size = float(np.linalg.norm(model.measured / deviation))
-    return confounded(whitened(columns, deviation), values, model.names, torque=size)
 
 
 def _entry(head: str, text: str) -> list[str]:

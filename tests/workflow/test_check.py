@@ -22,7 +22,7 @@ from fmu_didim import (
     trajectory,
 )
 from fmu_didim.cli import main
-from fmu_didim.diagnostics import DOUBT, DiagnosedError
+from fmu_didim.diagnostics import DOUBT, PROBLEM, DiagnosedError
 from fmu_didim.workflow.codes import all_codes
 from tests.workflow.three_experiments import three_experiments
 
@@ -38,7 +38,9 @@ def lines(found: Checked) -> str:
 def test_case_without_fault_is_ready() -> None:
     found = check(CASE)
     assert found.ok
-    assert found.diagnostics == found.confounded == ()
+    assert found.found(PROBLEM) == found.found(DOUBT) == found.confounded == ()
+    assert [d.code.name for d in found.diagnostics] == ["parameters-not-significant"]
+    assert "will not tell Fv1 from zero" in lines(found) and "Fv1 * " in found.summary()
     assert found.parameters == load_case(CASE).model.names
     assert found.start == "the reference trajectory"
     assert 4 < found.error_percent["validation"] < 6
