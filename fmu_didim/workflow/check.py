@@ -15,7 +15,7 @@ from fmu_didim.diagnosis.confounding import confounded
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency
 from fmu_didim.diagnosis.log_checks import check_log
 from fmu_didim.errors import FmuDidimError, InputError, SimulationError
-from fmu_didim.identification.start import start_values, with_free_delay
+from fmu_didim.identification.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
@@ -27,9 +27,6 @@ from fmu_didim.report.table import wrapped
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
 from fmu_didim.workflow.loop import described_loop
-
-FROM = {"reference": "the reference trajectory", "description": "the values of the description"}
-"""What a start is in words; one that is not listed is that of the case."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,9 +169,8 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
 
 def _starts(case: Case) -> Iterator[tuple[Any, str]]:
     """Where an identification may start, the most telling one first."""
-    if case.parameters.has_regressor:
-        yield "reference", FROM["reference"]
-    yield "description", FROM["description"]
+    for start in start_sequence(case.model, "torque" if case.parameters.has_regressor else "description"):
+        yield start, start_text(start)
     own = getattr(case.estimator, "start", None)
     if isinstance(own, Mapping):
         yield own, "the start of the case"

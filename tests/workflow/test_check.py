@@ -36,7 +36,7 @@ def test_case_without_fault_is_ready() -> None:
     assert found.ok
     assert found.problems == found.warnings == found.confounded == ()
     assert found.parameters == load_case(CASE).model.names
-    assert found.start == "the reference trajectory"
+    assert found.start == "the motion that the measured torque implies"
     assert 4 < found.error_percent["validation"] < 6
     assert found.consistency is None
     assert max(len(line) for line in found.summary().splitlines()) <= 100
