@@ -165,3 +165,17 @@ START_TOLERANCE = TABLE(
     "user is warned.",
 )  # fmt: skip
 STANDSTILL = TABLE("STANDSTILL", 1e-9, "SI", "Smallest range with which that is compared, of a joint that rests.")
+
+# What physical links can have ----------------------------------------------------------------------------------------
+SMALLEST_DEVIATION = TABLE(
+    "SMALLEST_DEVIATION", 1e-6, "1",
+    "Standard deviation of a value, relative to it, that is taken at least: data without noise have weights, too.",
+)  # fmt: skip
+TOUCHES = TABLE(
+    "TOUCHES", 0.01, "standard deviations", "Values that are nearer to physical ones are physical: the solver's rest."
+)
+MASS_ALONE = TABLE(
+    "MASS_ALONE", 1e-6, "1",
+    "Weight of what no data show, such as the mass of the first link, against squared standard deviations: it keeps "
+    "the problem bounded.",
+)  # fmt: skip

@@ -13,16 +13,18 @@ parameter: gains of the controller, the delay, the clock of the log.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
+from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
-from fmu_didim.identification.start import Start, start_values, with_free_delay
+from fmu_didim.identification.path import Path
+from fmu_didim.identification.start import Start, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
@@ -31,22 +33,14 @@ from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe
-from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_efficient, covariance_paper, relative_error_percent
 
-MAXIMUM_HALVINGS = 6
-GROWTH = 1.5
-"""A step after which the error is this many times larger is halved."""
-ERROR_FLOOR = 1e-3
-"""A change of the relative torque error below 0.001 % of the torque counts as none (data without noise)."""
-USELESS_ERROR = 50.0
-"""A start whose torque error in percent exceeds this, and whose first step does not bring it below, is
-given up for the reference trajectory instead of being halved towards."""
+BEST = "the best point goes on to the finish"
 ADVICE = (
-    "Start from the reference trajectory (start: reference), check the sign, unit and clock of the torque, "
+    "Run fmu-didim check, and check the sign, unit and clock of the torque, "
     "the gains and the rate of the controller, and the delay of the loop."
 )
 
@@ -56,7 +50,8 @@ class Didim(Estimator):
     """The estimator ``didim``.
 
     Attributes:
-        start: ``reference``, ``description`` or values by name.
+        start: ``torque``, ``reference``, ``nominal``, ``description`` or values by name; where it fails, the others in
+            this order.
         tolerance: the iterations stop when |eps| and the parameters, in units of torque, both change by
             less than this part.
         maximum_iterations: of the DIDIM stage.
@@ -68,7 +63,7 @@ class Didim(Estimator):
     name = "didim"
     needs_positions = False
 
-    start: Any = "reference"
+    start: Any = "torque"
     tolerance: float = 0.025
     maximum_iterations: int = 20
     finish: bool = True
@@ -87,24 +82,23 @@ class Didim(Estimator):
                 next_step="Use the estimator clie, which needs none, or give robot: in the case.",
             )
         history: list[Iteration] = []
-        try:
-            return self._from(model, self.start, history, progress)
-        except _NonPhysicalError as caught:
-            if self.start == "reference" or not parameters.has_regressor:
-                raise RefusedError(
-                    "The identified model is not physical.", iterations=history, got=caught.reason, next_step=ADVICE
-                ) from None
-            note = f"{caught.reason}; restarted from the reference trajectory"
-            self._record(history, progress, Iteration("didim", len(history) + 1, caught.theta, np.nan, note=note))
-        try:
-            return self._from(model, "reference", history, progress)
-        except _NonPhysicalError as caught:
-            raise RefusedError(
-                "The identified model is not physical, from the given start and from the reference trajectory.",
-                iterations=history,
-                got=caught.reason,
-                next_step=ADVICE,
-            ) from None
+        failures: list[str] = []
+        settled, starts = 0, start_sequence(model, self.start)
+        for start, further in zip(starts, (*starts[1:], None), strict=True):
+            then = "" if further is None else f"; restarted from {start_text(further)}"
+            try:
+                estimate = self._from(model, start, then, history, progress)
+            except _NonPhysicalError as caught:
+                failures.append(f"from {start_text(start)}: {caught.reason}")
+                settled += caught.settled
+                if settled == limits.SAME_MINIMUM:
+                    break
+                continue
+            told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
+            return replace(estimate, remarks=(*told, *estimate.remarks))
+        raise RefusedError(
+            "The identified model is not physical.", iterations=history, got="; ".join(failures), next_step=ADVICE
+        )
 
     def _check_linearity(self, model: LoopModel) -> None:
         values, label = start_values(model, self.start), model.first
@@ -118,69 +112,58 @@ class Didim(Estimator):
         history.append(iteration)
         progress(iteration)
 
-    def _from(self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress) -> Estimate:
-        model, theta, settled = self._iterate(model, start, history, progress)
-        reason = mass_matrix_problem(model, theta)
-        if reason:
-            raise _NonPhysicalError(theta, reason)
+    def _from(
+        self, model: LoopModel, start: Start, then: str, history: list[Iteration], progress: Progress
+    ) -> Estimate:
+        """The estimate from a start; ``then`` says what follows if there is none."""
         try:
-            prediction = predict(model, theta)
-        except SimulationError as error:
-            raise _NonPhysicalError(theta, error.what) from error
-        return self._conclude(model, theta, prediction, settled, history, progress)
+            model, theta, settled = self._iterate(model, start, then, history, progress)
+            prediction, failure = _try(model, theta)
+            if prediction is None:
+                raise _NonPhysicalError(theta, failure)
+            return self._conclude(model, theta, prediction, settled, history, progress)
+        except _NonPhysicalError as caught:
+            note = f"{caught.reason}{then}"
+            self._record(history, progress, Iteration("didim", len(history) + 1, caught.theta, caught.error, note=note))
+            raise
 
     def _iterate(
-        self, model: LoopModel, start: Start, history: list[Iteration], progress: Progress
+        self, model: LoopModel, start: Start, then: str, history: list[Iteration], progress: Progress
     ) -> tuple[LoopModel, Array, bool]:
-        """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, and whether the
-        stop criteria were met."""
-        theta = model.limited(start_values(model, start))
-        as_found, has_steps = model, False
-        # Without an inverse model there is no regressor of the reference to restart from.
-        restarted = start == "reference" or not model.parameters.has_regressor
-        good: tuple[Array, float] | None = None
-        halvings = 0
-        while len(history) < self.maximum_iterations:
+        """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one
+        where they do not settle, and whether they did; raises _NonPhysicalError where nothing can be simulated."""
+        try:
+            theta = model.limited(start_values(model, start))
+        except SimulationError as failed:
+            raise _NonPhysicalError(model.start, f"{failed.what} {failed.got or ''}".strip()) from failed
+        if not mass_matrix_problem(model, theta):
+            model = with_fitting_substeps(model, theta)
+        path = Path(is_last=not then)
+        while path.count < self.maximum_iterations:
             number = len(history) + 1
-            if not has_steps and not mass_matrix_problem(as_found, theta):
-                model, has_steps = with_fitting_substeps(as_found, theta), True
             prediction, failure = _try(model, theta)
-            error = np.nan
-            if prediction is not None:
-                error = relative_error_percent(model.measured, prediction.torque)[0]
-                if good is not None and error > GROWTH * good[1]:
-                    failure = f"the error grew to {error:.3g} %"
-            is_useless = good is not None and good[1] > USELESS_ERROR and not restarted
-            if is_useless and not failure and error > USELESS_ERROR:
-                failure = f"the torque error is still {error:.0f} % after a step"
-            if failure and good is not None and not is_useless and halvings < MAXIMUM_HALVINGS:
-                halvings += 1
-                self._record(
-                    history, progress, Iteration("didim", number, theta, error, note=f"{failure}; step halved")
-                )
-                theta = 0.5 * (theta + good[0])
-                continue
-            if failure:
-                if restarted:
-                    self._record(history, progress, Iteration("didim", number, theta, error, note=failure))
-                    raise _NonPhysicalError(theta, failure)
-                restarted, good, halvings, has_steps = True, None, 0, False
-                note = f"{failure}; restarted from the reference trajectory"
+            error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
+            step = path.judged(theta, float(error), failure)
+            if step == "failed":
+                raise _NonPhysicalError(theta, path.failure, error=float(error))
+            if step in ("halved", "over"):
+                note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 self._record(history, progress, Iteration("didim", number, theta, error, note=note))
-                theta = from_reference(model)
+                if step == "over":
+                    break
+                theta = 0.5 * (theta + path.best[0])
                 continue
             assert prediction is not None
             following, change, condition = self._solve(model, theta, prediction)
-            self._record(history, progress, Iteration("didim", number, theta, float(error), change, condition))
-            settled = (
-                good is not None
-                and abs(error - good[1]) <= max(self.tolerance * good[1], ERROR_FLOOR)
-                and change <= self.tolerance
-            )
-            good, theta, halvings = (theta, float(error)), following, 0
-            if settled:
-                return model, theta, True
-        return model, theta, False
+            is_over = self.finish and path.rises >= limits.RISES
+            note = f"the error falls no more; {BEST}" if is_over else ""
+            self._record(history, progress, Iteration("didim", number, theta, float(error), change, condition, note))
+            if path.steady(float(error), self.tolerance) and change <= self.tolerance:
+                return model, following, True
+            if is_over:
+                break
+            theta = following
+        return model, path.best[0], False
 
     def _solve(self, model: LoopModel, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
         """Next values, relative change of the torque that they explain, condition number.
@@ -219,7 +202,7 @@ class Didim(Estimator):
             minimum = Minimum(fit, integration_error(fit))
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
-            raise _NonPhysicalError(fit.values, reason)
+            raise _NonPhysicalError(fit.values, reason, settled=settled)
         return torque_estimate(minimum, known, estimator=self.name, settled=settled, iterations=history, stages=stages)
 
     def _stage(self, fit: Fit, known: Uncertainty) -> Stage:
@@ -239,10 +222,10 @@ class Didim(Estimator):
 
 
 class _NonPhysicalError(Exception):
-    """Inside this module: an answer that must not be returned."""
+    """Inside this module: an answer that must not be returned; ``settled`` where it is a minimum."""
 
-    def __init__(self, theta: Array, reason: str) -> None:
-        self.theta, self.reason = theta, reason
+    def __init__(self, theta: Array, reason: str, *, settled: bool = False, error: float = np.nan) -> None:
+        self.theta, self.reason, self.settled, self.error = theta, reason, settled, error
         super().__init__(reason)
 
 

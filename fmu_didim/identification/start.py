@@ -1,40 +1,72 @@
-"""Where an estimation starts: given values, the robot description, or the reference trajectory."""
+"""Where an estimation starts: given values, the robot description, or a motion that was not simulated.
+
+Least squares of the measured torque on the regressor of a motion needs no initial values at all. The motion is the one
+that the measured torque implies, by the inverse of the controller, or the reference; what errors of the motion make of
+light links is mended by the nearest values that physical links can have.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.diagnosis.feasibility import nearest_physical
+from fmu_didim.errors import IdentificationError, InputError, UnknownNameError
+from fmu_didim.identification import thresholds as limits
 from fmu_didim.prediction.free_parameter import DELAY, delay_parameter
+from fmu_didim.prediction.light_plant import implied_motion
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.prediction.reference_start import Motion, rows_of, whole_reference
+from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_paper
 
 Start = str | Mapping[str, float]
-KINDS = ("reference", "description")
+KINDS = {
+    "torque": "the motion that the measured torque implies",
+    "reference": "the reference trajectory",
+    "nominal": "the values of the description, corrected by the measured torque",
+    "description": "the values of the description",
+}
+"""What a start is in words, in the order in which they are tried."""
+
+
+def start_sequence(model: LoopModel, start: Start) -> tuple[Start, ...]:
+    """The start of a case, and those that are tried where it fails."""
+    if not model.parameters.has_regressor:
+        return (start,)
+    return (start, *(kind for kind in KINDS if kind != start))
+
+
+def start_text(start: Start) -> str:
+    """A start in words."""
+    return KINDS.get(start, start) if isinstance(start, str) else "the values of the case"
 
 
 def start_values(model: LoopModel, start: Start) -> Array:
     """Values (p,) to start from.
 
     Args:
-        start: ``reference`` (see :func:`~fmu_didim.prediction.reference_start.from_reference`; the plant's own values
-            where it has no inverse model), ``description`` (the values of the robot description, regrouped), or values
-            by name; base parameters that are missing start at 0, all others where they stand.
+        start: ``torque`` (see :func:`~fmu_didim.prediction.light_plant.implied_motion`), ``reference``, ``nominal``
+            (as ``torque``, every value held at that of the description as by a measurement), ``description`` (the
+            values of the robot description, regrouped), or values by name; base parameters that are missing start at
+            0, all others where they stand.
 
     Parameters of a plant without description start at its own values instead.
 
     Raises:
-        InputError: another word; UnknownNameError: a name is not among the free parameters.
+        InputError: another word; UnknownNameError: a name is not among the free parameters; SimulationError: the
+            controller cannot be inverted; IdentificationError: the motion does not tell the parameters apart.
     """
-    if start == "reference" and model.parameters.has_regressor:
-        return from_reference(model)
-    if isinstance(start, str) and start in KINDS:
+    if isinstance(start, str) and start not in KINDS:
+        raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
+    if start == "description" or (isinstance(start, str) and not model.parameters.has_regressor):
         return model.start
     if isinstance(start, str):
-        raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
+        motion = whole_reference if start == "reference" else implied_motion
+        return _fitted(model, motion, held=start == "nominal")
     for name in start:
         if name not in model.names:
             raise UnknownNameError("base parameter", name, model.names, where="start")
@@ -48,6 +80,43 @@ def start_values(model: LoopModel, start: Start) -> Array:
         if model.names[i] not in start and key in start:
             values[i] = start[key]
     return np.array(values, dtype=float)
+
+
+def _fitted(model: LoopModel, motion: Callable[[LoopModel, str], Motion], *, held: bool) -> Array:
+    """Values (p,): base parameters by weighted least squares on a motion, as physical links can have them.
+
+    Args:
+        held: whether each is held at its value in the description, which counts as measured.
+    """
+    columns, target = rows_of(model, {label: motion(model, label) for label in model.estimation_labels})
+    count = model.linear_count
+    solution, deviation = weighted_solution(model, columns, target, model.names[:count])
+    found, table = solution.solution, whitened(columns, deviation)
+    if held:
+        size = np.linalg.norm(target / deviation) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
+        prior = limits.NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), limits.NOMINAL_FLOOR * size)
+        table = np.vstack([table, np.diag(1 / prior)])
+        right = np.concatenate([(target / deviation).reshape(-1), model.start[:count] / prior])
+        found = np.linalg.lstsq(table, right, rcond=None)[0]
+    values = model.start
+    values[:count] = found
+    return _physical(model, values, covariance_paper(table))
+
+
+def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:
+    """The nearest values (p,) that physical links can have, those that all experiments share."""
+    parameters = model.parameters
+    if not isinstance(parameters, RobotParameters):
+        return values
+    shared = slice(0, parameters.count)
+    try:
+        near = nearest_physical(
+            parameters.model, parameters.base, values[shared], covariance[shared, shared], margin=limits.START_MARGIN
+        )
+    except IdentificationError:  # what the description knows is not physical: the guards say more
+        return values
+    values[shared] = near.values
+    return values
 
 
 def with_free_delay(model: LoopModel) -> LoopModel:

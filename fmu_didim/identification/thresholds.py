@@ -32,3 +32,32 @@ VISIBLE_SHIFT = TABLE(
     "VISIBLE_SHIFT", 0.2, "standard deviations",
     "A value that finer steps would move by more is told as too coarsely integrated: a tenth of a 95 % interval.",
 )  # fmt: skip
+
+START_MARGIN = TABLE(
+    "START_MARGIN", 1e-5, "1",
+    "Smallest eigenvalue of the pseudo-inertia of a link at a start, as a fraction of the robot's: what is to be "
+    "simulated must have some inertia.",
+)  # fmt: skip
+NOMINAL_DEVIATION = TABLE(
+    "NOMINAL_DEVIATION", 0.3, "1", "Relative standard deviation of the values of a description where they hold a start."
+)
+NOMINAL_FLOOR = TABLE(
+    "NOMINAL_FLOOR", 0.01, "1",
+    "Least size that they count with there, in units of the value at which a parameter alone makes up the torque.",
+)  # fmt: skip
+RISES = TABLE(
+    "RISES", 2, "iterations", "So many in a row that do not lower the error: DIDIM hands its best one to the finish."
+)
+MAXIMUM_HALVINGS = TABLE("MAXIMUM_HALVINGS", 6, "halvings", "Of a step of DIDIM that leads to nothing better.")
+GROWTH = TABLE("GROWTH", 1.5, "1", "A step after which the error is this many times that of the best point is halved.")
+ERROR_FLOOR = TABLE(
+    "ERROR_FLOOR", 1e-3, "%", "A smaller change of the relative torque error counts as none: data without noise."
+)
+USELESS_ERROR = TABLE(
+    "USELESS_ERROR", 50.0, "%",
+    "A start with a larger torque error, whose first step does not bring it below, is given up for another.",
+)  # fmt: skip
+SAME_MINIMUM = TABLE(
+    "SAME_MINIMUM", 2, "starts",
+    "So many that end in minima that no machine can have: the others would end there, too.",
+)  # fmt: skip

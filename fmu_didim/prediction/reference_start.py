@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,32 +18,56 @@ Rows = Callable[[Array], tuple[Array, Array]]
 """Regressor (N, n, b) and known torque (N, n) at the samples, for what is observed beyond the motion (K, no)."""
 
 
+Motion = tuple[Array, Array, Array]
+"""q, dq, ddq at all ticks of a reference, (K, n) each."""
+
+
 def from_reference(model: LoopModel) -> Array:
     """Values (p,): the base parameters by least squares of the measured torque on the regressor of the reference
     motion, all others where they start.
 
     Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
     """
-    values = model.start
-    pairs = [rows_of_reference(model, values, label) for label in model.estimation_labels]
-    columns = np.concatenate([w for w, _ in pairs])
-    target = model.measured - np.concatenate([known for _, known in pairs])
-    count = model.linear_count
+    values, count = model.start, model.linear_count
+    columns, target = rows_of(model, {label: whole_reference(model, label) for label in model.estimation_labels})
     names = model.names[:count]
     values[:count] = least_squares(columns.reshape(-1, count), target.reshape(-1), names=names).solution
     return values
 
 
-def rows_of_reference(model: LoopModel, values: Array, label: str) -> tuple[Array, Array]:
-    """W (N, n, b) and the torque of all that is known (N, n) at the samples, along the reference motion."""
-    reference, ticks = model.experiments[label].reference, model.operator(values, label).ticks
-    whole = reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+def whole_reference(model: LoopModel, label: str) -> Motion:
+    """The motion that was wanted in an experiment."""
+    reference = model.experiments[label].reference
+    return reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+
+
+def rows_of(model: LoopModel, motions: Mapping[str, Motion]) -> tuple[Array, Array]:
+    """Regressor (N, n, b) and what the base parameters have to explain (N, n) of the measured torque, on motions that
+    were not simulated.
+
+    Args:
+        motions: label -> q, dq, ddq at all ticks of its reference.
+    """
+    pairs = [rows_on(model, model.start, label, motion) for label, motion in motions.items()]
+    known = np.concatenate([known for _, known in pairs])
+    return np.concatenate([columns for columns, _ in pairs]), model.measured - known
+
+
+def rows_on(model: LoopModel, values: Array, label: str, whole: Motion) -> tuple[Array, Array]:
+    """W (N, n, b) and the torque of all that is known (N, n) at the samples of an experiment, on a motion that was not
+    simulated.
+
+    Args:
+        whole: q, dq, ddq at all ticks of its reference.
+    """
+    ticks = model.operator(values, label).ticks
     q, dq, ddq = (table[ticks] for table in whole)
 
     def rows(observed: Array) -> tuple[Array, Array]:
         return sampled_regressor(model, values, label, (q, dq, ddq), observed[ticks])
 
-    return rows(observed_on(model.parameters, reference.time, whole, model.measured_in(label), rows))
+    time = model.experiments[label].reference.time
+    return rows(observed_on(model.parameters, time, whole, model.measured_in(label), rows))
 
 
 def observed_on(

@@ -154,6 +154,24 @@ FARTHEST = TABLE(
     "Relative error of the torque beyond which a model explains less than nothing: zero would be nearer.",
 )  # fmt: skip
 
+# The motion that a torque implies ------------------------------------------------------------------------------------
+BANDWIDTH = TABLE(
+    "BANDWIDTH", 0.25, "rad",
+    "Phase in a period of the slowest component at which a light plant still follows the torque: sampled loops of half "
+    "that speed are stable.",
+)  # fmt: skip
+BANDWIDTHS = TABLE("BANDWIDTHS", 6, "bandwidths", "Tried, each half of the one before, for drives with lag or delay.")
+DAMPING_RATIO = TABLE("DAMPING_RATIO", 0.7, "1", "Of the loop with a light plant, at its bandwidth: no resonance.")
+PERIODS = TABLE("PERIODS", 12, "periods", "Of the oscillation by which the response of a controller is measured.")
+SHARE_OF_RANGE = TABLE(
+    "SHARE_OF_RANGE", 1e-4, "1", "Size of that oscillation, of the range of a joint: no drive saturates by it."
+)
+NOT_FOLLOWED = TABLE(
+    "NOT_FOLLOWED", 0.3, "1",
+    "Part of the measured torque of a joint that the loop with a light plant may leave: with more it does not follow.",
+)  # fmt: skip
+SERIES = TABLE("SERIES", 1e-6, "1", "Decay in a step below which it is computed by its series.")
+
 # The solver ----------------------------------------------------------------------------------------------------------
 DAMPINGS = TABLE(
     "DAMPINGS", (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0), "1",

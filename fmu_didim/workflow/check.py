@@ -15,7 +15,7 @@ from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plan
 from fmu_didim.diagnosis.data.prospect import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
 from fmu_didim.errors import FmuDidimError, SimulationError
-from fmu_didim.identification.start import start_values, with_free_delay
+from fmu_didim.identification.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
@@ -39,8 +39,6 @@ CONFOUNDED = CATALOGUE(
     meaning="These data do not tell some parameters apart, as far as the start shows it.",
     next_step="Leave one of them out, or add data that separate them: another payload, gain or motion.",
 )  # fmt: skip
-FROM = {"reference": "the reference trajectory", "description": "the values of the description"}
-"""What a start is in words; one that is not listed is that of the case."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -187,9 +185,8 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
 
 def _starts(case: Case) -> Iterator[tuple[Any, str]]:
     """Where an identification may start, the most telling one first."""
-    if case.parameters.has_regressor:
-        yield "reference", FROM["reference"]
-    yield "description", FROM["description"]
+    for start in start_sequence(case.model, "torque" if case.parameters.has_regressor else "description"):
+        yield start, start_text(start)
     own = getattr(case.estimator, "start", None)
     if isinstance(own, Mapping):
         yield own, "the start of the case"

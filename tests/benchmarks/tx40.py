@@ -59,12 +59,14 @@ def write_case(
     *,
     substeps: int | None = None,
     noise: float | None = None,
+    controller: Path = CONTROLLER,
     **estimator: object,
 ) -> Path:
     """A case file with its torque log (N, 6) in ``folder``; plant and controller as FMUs.
 
     Args:
-        noise: standard deviation of the torque that the estimator is told; estimator: its other options.
+        noise: standard deviation of the torque that the estimator is told; controller: its description.
+        estimator: its other options.
     """
     table = np.column_stack([time, torque])
     names = ["t", *(f"tau{j}" for j in range(1, 7))]
@@ -74,7 +76,7 @@ def write_case(
         "name": "TX40",
         "robot": str(ROBOT),
         "plant": {"kind": "fmu", **({"substeps": substeps} if substeps is not None else {})},
-        "controller": {"kind": "fmu", "source": str(CONTROLLER)},
+        "controller": {"kind": "fmu", "source": str(controller)},
         "loop": {"drive_gains": list(DRIVE_GAINS)},
         "train": {"reference": motion.model_dump(mode="json"), "torque": {"file": "torque.csv"}},
         "estimator": {"kind": "didim", **estimator},

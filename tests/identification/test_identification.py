@@ -176,7 +176,8 @@ def test_diverging_start_is_recovered_and_named(cases: dict[int, Case]) -> None:
     first = estimate.iterations[0]
     assert np.isnan(first.relative_error_percent)
     assert "diverged" in first.note
-    assert "restarted from the reference trajectory" in first.note
+    assert "restarted from the motion that the measured torque implies" in first.note
+    assert estimate.remarks[0].startswith("Started from the motion that the measured torque implies; not from the val")
 
 
 def test_start_with_impossible_inertia_is_recovered_and_named(cases: dict[int, Case]) -> None:
@@ -203,7 +204,7 @@ def test_exchanged_joints_are_not_returned_as_an_answer(cases: dict[int, Case]) 
 def test_unknown_starts_are_refused(cases: dict[int, Case]) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'ZZ1R'"):
         Didim(start={"ZZ1": 3.0}).estimate(model_at(cases, 10))
-    with pytest.raises(InputError, match="reference, description"):
+    with pytest.raises(InputError, match="torque, reference, nominal, description"):
         Didim(start="cad").estimate(model_at(cases, 10))
 
 

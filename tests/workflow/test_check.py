@@ -42,7 +42,7 @@ def test_case_without_fault_is_ready() -> None:
     assert [d.code.name for d in found.diagnostics] == ["parameters-not-significant"]
     assert "will not tell Fv1 from zero" in lines(found) and "Fv1 * " in found.summary()
     assert found.parameters == load_case(CASE).model.names
-    assert found.start == "the reference trajectory"
+    assert found.start == "the motion that the measured torque implies"
     assert 4 < found.error_percent["validation"] < 6
     assert found.consistency is None
     assert max(len(line) for line in found.summary().splitlines()) <= 100

@@ -16,7 +16,7 @@ from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY
-from fmu_didim.prediction.reference_start import rows_of_reference
+from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array
 
 
@@ -90,7 +90,7 @@ def expected(model: LoopModel, label: str) -> Expected:
     names = model.experiments[label].reference.names
     if model.parameters.has_regressor and all(f"q{j}" in names for j in range(1, model.joint_count + 1)):
         try:
-            columns, known = rows_of_reference(model, values, label)
+            columns, known = rows_on(model, values, label, whole_reference(model, label))
         except FmuDidimError:
             columns = known = None  # effects whose loads no fit along the reference gives
     return Expected(measured, nominal, columns, known)

@@ -20,7 +20,7 @@ from fmu_didim.diagnosis.data.relation import relation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.reference_start import rows_of_reference
+from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array, Trajectory
 
 REFERENCE_UNIT = CATALOGUE(
@@ -57,7 +57,7 @@ def unit_diagnostics(model: LoopModel, label: str, given: Expected) -> list[Diag
         converted = _converted(reference, joints, factor)
         other = model.with_experiment(label, replace(model.experiments[label], reference=converted))
         try:
-            columns, known = rows_of_reference(other, model.start, label)
+            columns, known = rows_on(other, model.start, label, whole_reference(other, label))
         except FmuDidimError:
             continue
         left = unlikeness(given.measured, _nominal(model, columns, known))
