@@ -6,7 +6,9 @@ simulated motion that the model does not have:
     r = S a + F b + e,      all filtered by the autoregression of the noise, so that e is white.
 
 That b explains as much by noise alone has the probability of Fisher's F with as many degrees of freedom as F has
-columns of its own and as samples are left. It needs neither a known noise nor periods that repeat.
+columns of its own and as samples are left; that one of the m columns alone does, m times that of Student's t at most
+(Bonferroni). The smaller one counts, twice because there are two. It needs neither a known noise nor periods that
+repeat.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 from scipy import linalg, stats
 
 from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.diagnosis.data.timing import CLOCK_EARLY, CLOCK_LATE
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Experiment
@@ -32,12 +35,6 @@ DEPENDS_ON_MOTION = CATALOGUE(
     next_step="Run fmu-didim discover CASE.yaml.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
-LOG_CLOCK = CATALOGUE(
-    "log-clock", DOUBT, rank=12,
-    meaning="What the model leaves of the measured torque follows the rate of that torque alone, as it does when the "
-    "stamps of the log are late or early, or when the loop has a delay that the case does not tell.",
-    next_step="Free the clock of the log or the delay: identify: {late: {of: log}}, or {wait: {of: delay}}.",
-)  # fmt: skip
 TORQUE_RATE = "rate of the torque"
 """The function of the motion that a shift of the log's clock leaves."""
 
@@ -81,7 +78,7 @@ def _clock(found: Dependence) -> Diagnostic:
     late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
     text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
     bound = limits.SIGNIFICANT * deviation
-    return Diagnostic(LOG_CLOCK, text, f"joint {found.joint}", late, bound, "ms")
+    return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
 
 
 def motion_dependence(
@@ -136,9 +133,22 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     share = float(product[most] ** 2 / power[most]) / max(explained, TINY)
     deviation = float(np.sqrt((total - explained) / second / power[most]))
     return Dependence(
-        joint, float(stats.f.sf(ratio, first, second)), explained / total, left[most], share,
+        joint, _chance(total, product**2 / power, ratio, first, second), explained / total, left[most], share,
         slope=float(product[most] / power[most]), deviation=deviation,
     )  # fmt: skip
+
+
+def _chance(total: float, alone: Array, ratio: float, first: int, second: int) -> float:
+    """Probability of as much by noise alone: of all columns together, or of the one that explains most.
+
+    Args:
+        total: sum of squares; alone: (m,) what each column explains of it; ratio: Fisher's, with these degrees of
+            freedom.
+    """
+    most, freedom = float(alone.max()), second + first - 1
+    student = np.sqrt(most / (max(total - most, TINY) / freedom))
+    both = (stats.f.sf(ratio, first, second), alone.size * 2 * stats.t.sf(student, freedom))
+    return float(min(2 * min(both), 1.0))
 
 
 def _basis(columns: Array) -> Array:

@@ -53,12 +53,18 @@ def motion(robot: str, seed: int, label: str = "estimation") -> Trajectory:
 
 @cache
 def right(
-    robot: str, seed: int, *, rate_hz: float | None = None, change: Callable[[LoopModel], LoopModel] | None = None
+    robot: str,
+    seed: int,
+    *,
+    rate_hz: float | None = None,
+    change: Callable[[LoopModel], LoopModel] | None = None,
+    noise: float = NOISE,
 ) -> LoopModel:
     """The loop with logs of its own, a share of noise, and start values that are wrong.
 
     Args:
         change: what the real loop is other than the model says: the logs are then wrong.
+        noise: its standard deviation, of that of the torque.
     """
     truth = loaded(robot)
     rng = np.random.default_rng([seed, 7])
@@ -66,9 +72,9 @@ def right(
     for label in truth.experiments:
         run = logged(truth, label, motion(robot, seed, label), rate_hz or RATES[robot])
         real = run if change is None else change(run.on(label))
-        torque = real.torque(truth.start, label)
-        noise = NOISE * torque.std(axis=0) * rng.normal(size=torque.shape)
-        experiments[label] = replace(run.experiments[label], torque=torque + noise)
+        torque = real.torque(real.start, label)
+        errors = noise * torque.std(axis=0) * rng.normal(size=torque.shape)
+        experiments[label] = replace(run.experiments[label], torque=torque + errors)
     model = replace(truth, experiments=experiments)
     while True:
         values = truth.start * np.exp(rng.uniform(-1, 1, size=truth.start.size) * np.log(OFF))
