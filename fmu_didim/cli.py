@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -24,13 +26,28 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
     options = _parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with _told(quiet=getattr(options, "quiet", False)):
+            return int(options.run(options))
     except FmuDidimError as error:
         print(f"\nfmu-didim: {error}", file=sys.stderr)
         return EXIT_ERROR
     except KeyboardInterrupt:
         print("\nfmu-didim: interrupted", file=sys.stderr)
         return 130
+
+
+@contextmanager
+def _told(*, quiet: bool) -> Iterator[None]:
+    """What the package logs stands on standard error: what takes long the first time, and what to know of an FMU."""
+    logger, handler = logging.getLogger("fmu_didim"), logging.StreamHandler(sys.stderr)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING if quiet else logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 def _parser() -> argparse.ArgumentParser:

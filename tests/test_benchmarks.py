@@ -18,11 +18,13 @@ from fmu_didim.effects import EFFECTS
 from fmu_didim.master import simulate
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import drive_torque
-from tests.benchmarks import scara, tx40
-from tests.benchmarks.__main__ import BENCHMARKS, main
+from tests.benchmarks import pinocchio_loop, scara, tx40, tx40_identification
+from tests.benchmarks.__main__ import BENCHMARKS, main, table
 from tests.benchmarks.cheap_fmus import Slaves, reference, system
 from tests.benchmarks.discovery_stages import STAGES, staged
 from tests.benchmarks.figure import Figure, Settings, interleaved
+from tests.benchmarks.master_overhead import _against
+from tests.benchmarks.other_masters import ecos, libcosim
 from tests.benchmarks.scara_loop import ours
 from tests.benchmarks.tx40_simulation import model, pinocchio
 from tests.blind.campaign import Order, make_order
@@ -107,12 +109,25 @@ def test_c_program_of_the_tx40_gives_our_trajectory_and_that_of_pinocchio() -> N
         (1.4, 1.3, "at most", False),
         (60.0, 50.0, "at least", True),
         (40.0, 50.0, "at least", False),
-        (None, 5.0, "at least", False),
+        (None, 5.0, "at least", None),
         (2.0, None, "at most", None),
     ],
 )
 def test_what_is_met(ratio: float | None, goal: float | None, sense: str, met: bool | None) -> None:
     assert Figure("figure", ratio, goal, sense).met is met  # type: ignore[arg-type]
+
+
+def test_an_absent_competitor_is_no_missed_goal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("ecospy", "libcosimpy", "libcosimpy.CosimExecution"):
+        monkeypatch.setitem(sys.modules, name, None)  # as if it were not installed
+    monkeypatch.setattr(pinocchio_loop, "pinocchio", None)
+    figures = [
+        *(_against(name, make(), 5, 1, 1.0, Settings()) for name, make in (("ecos", ecos), ("libcosim", libcosim))),
+        *tx40_identification.run(Settings(quick=True)),
+    ]
+    assert len(figures) == 3 and all(f.met is None and "absent" in f.note for f in figures)
+    shown = table(figures)
+    assert shown.count("  absent\n") == 3 and "NO" not in shown
 
 
 def test_times_are_interleaved() -> None:

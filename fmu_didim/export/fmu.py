@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import tempfile
 import uuid
 import zipfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
 from fmu_didim.block import Block
 from fmu_didim.cache import cached_folder, whole_file
-from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler
+from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler, wrapper_source
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
 from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
@@ -92,7 +94,7 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
     state.update(block.description.encode())
     state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
     for name in _wrapper_files(fmi):
-        state.update(_wrapper_source(name).encode())
+        state.update(wrapper_source(name).encode())
     for package in ("fmu_didim.export", "fmu_didim.export.versions"):
         for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):
             state.update(source.read_bytes() if source.name.endswith(".py") else b"")
@@ -102,14 +104,15 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
 def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
     parts = [content, *(platform.name for platform in compilers)]
     for compiler in compilers.values():
-        parts += [*compiler.command, *compiler.flags, *compiler.libraries, compiler.version]
+        parts += [*compiler.command, *compiler.flags, *compiler.libraries, *compiler.lean, compiler.version]
+        parts += [wrapper_source(compiler.runtime)] if compiler.runtime else []
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
 def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
     guid = f"{{{uuid.UUID(content[:32])}}}"
     tool = f"fmu_didim {__version__}"
-    sources = {name: _wrapper_source(name) for name in _wrapper_files(fmi)}
+    sources = {name: wrapper_source(name) for name in _wrapper_files(fmi)}
     sources[CONFIG_FILE] = generate_config(block, guid=guid)
     sources[EQUATIONS_FILE] = generate_c(block)
     sources.update(fmi.sources(block))
@@ -117,12 +120,15 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
         source_dir = Path(name)
         for file_name, text in sources.items():
             (source_dir / file_name).write_text(text, encoding="utf-8", newline="\n")
-        libraries = {}
-        for platform, compiler in compilers.items():
+
+        def compiled(platform: Platform) -> Path:
             library = source_dir / platform.name / f"{block.name}{platform.suffix}"
             library.parent.mkdir()
-            compile_shared_library(source_dir, library, main=fmi.main, compiler=compiler)
-            libraries[platform] = library
+            compile_shared_library(source_dir, library, main=fmi.main, compiler=compilers[platform])
+            return library
+
+        with ThreadPoolExecutor(os.cpu_count()) as workers:
+            libraries = dict(zip(compilers, workers.map(compiled, compilers), strict=True))
         with zipfile.ZipFile(path, "w", compression=zipfile.ZIP_DEFLATED) as archive:
             _add(archive, "modelDescription.xml", fmi.describe(block, guid, tool).encode())
             for folder, platform in sorted(fmi.folders(list(compilers), host_platform()).items()):
@@ -141,7 +147,3 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
 
 def _wrapper_files(fmi: WrittenVersion) -> tuple[str, ...]:
     return ("block.h", "block.c", "common.c", fmi.main)
-
-
-def _wrapper_source(name: str) -> str:
-    return (files("fmu_didim.export") / "wrapper" / name).read_text(encoding="utf-8")

@@ -17,21 +17,20 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 
 import casadi as ca
 
 from fmu_didim.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
 from fmu_didim.cache import cached_folder
-from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler
+from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler, wrapper_source
 from fmu_didim.linearly_implicit import ROS2, LinearlyImplicit
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4
 """The number of lanes is a multiple of this, the doubles in a vector register."""
 MANY_LANES = 16
-"""From here on code for this very processor pays; the compiler prepares itself for it, some seconds once a machine."""
+"""From here on code for this very processor pays."""
 
 
 def lane_count(parameters: int) -> int:
@@ -174,9 +173,8 @@ class _Writer:
             "SLOPES": self.implicit.slope_count if self.implicit is not None else 0,
             **ROS2.constants(),
         }  # fmt: skip
-        main = files("fmu_didim.export").joinpath("wrapper", MAIN).read_text(encoding="utf-8")
         return {
-            MAIN: main,
+            MAIN: wrapper_source(MAIN),
             "variational_config.h": "".join(f"#define {name} {value!r}\n" for name, value in config.items()),
             "variational_lanes.c": "\n".join(self.code) + "\n",
             "variational_equations.c": str(generator.dump()),

@@ -49,7 +49,9 @@ def table(figures: Sequence[Figure]) -> str:
     for f in figures:
         ratio = "-" if f.ratio is None else f"{f.ratio:.4g}"
         goal = "report" if f.goal is None else f"{'<=' if f.sense == 'at most' else '>='} {f.goal:g}"
-        lines.append(f"{f.name:{width}}  {ratio:>9}  {goal:>9}  {'' if f.met is None else 'yes' if f.met else 'NO'}")
+        absent = f.ratio is None and f.goal is not None
+        met = "absent" if absent else "" if f.met is None else "yes" if f.met else "NO"
+        lines.append(f"{f.name:{width}}  {ratio:>9}  {goal:>9}  {met}")
         lines.append("    " + ", ".join(f"{name} {value:.4g}" for name, value in f.medians.items()))
         if f.note:
             lines.append(f"    {f.note}")

@@ -39,7 +39,7 @@ class Figure:
 
     Attributes:
         name: of the figure.
-        ratio: the median ratio; None if it could not be measured (the note says why) or is only reported.
+        ratio: the median ratio; None if the competitor is not installed (the note says which) or it is only reported.
         goal: what the ratio is held against, None if it is only reported; sense: on which side the ratio must lie.
         medians: raw numbers, the unit at the end of each name.
         note: what must be known to read the numbers.
@@ -54,11 +54,9 @@ class Figure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the goal is met; None if there is none. What could not be measured is not met."""
-        if self.goal is None:
+        """Whether the goal is met; None if there is none, or nothing to hold it against: a competitor is absent."""
+        if self.goal is None or self.ratio is None:
             return None
-        if self.ratio is None:
-            return False
         return self.ratio <= self.goal if self.sense == "at most" else self.ratio >= self.goal
 
     def content(self) -> dict[str, Any]:

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio
+
+try:
+    import pinocchio
+except ImportError:
+    pinocchio = None  # the benchmarks say so
 
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Trajectory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zipfile
 from pathlib import Path
@@ -117,11 +118,17 @@ def test_linux_on_both_processors(fmi_version: str) -> None:
     check(build_fmu(gain(), fmi_version=fmi_version, platforms=names), fmi_version, names)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fmi_version", ["2.0", "3.0"])
 def test_all_platforms(fmi_version: str) -> None:
     path = build_fmu(gain(), fmi_version=fmi_version, platforms=list(PLATFORMS))
     check(path, fmi_version, list(PLATFORMS))
+
+
+def test_on_windows_only_its_own_c_library_is_needed() -> None:
+    with zipfile.ZipFile(build_fmu(gain(), platforms=["windows-x86_64"])) as archive:
+        library = archive.read("binaries/win64/gain.dll")
+    needed = set(re.findall(rb"[\w.-]+\.dll", library)) - {b"gain.dll"}
+    assert needed and all(name.startswith(b"api-ms-win-crt-") for name in needed), needed
 
 
 def test_platform_folders() -> None:
