@@ -26,7 +26,7 @@ from fmu_didim.discovery.findings import (
 )
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.selection.decide import Step
-from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
@@ -82,7 +82,7 @@ def findings_document(
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=_noise(discovery.base.noise),
         regions=[RegionResult(**asdict(region)) for region in found_regions],
-        windows=[*windows, *_windows(discovery, residuals)],
+        windows=[*windows, *(() if discovery.ending is Ending.RUNNING else _windows(discovery, residuals))],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         candidates=[
             CandidateResult(

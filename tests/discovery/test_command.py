@@ -245,7 +245,7 @@ def test_a_second_run_compiles_nothing(friction_case: Path, monkeypatch: pytest.
     variational._library.cache_clear()
     for module in (fmu, variational):
         monkeypatch.setattr(module, "compile_shared_library", compiled)
-    assert discover(friction_case).verdict == "named"
+    assert [f.effect for f in discover(friction_case).findings] == ["quadratic_viscous"]
 
 
 # ---- options ---------------------------------------------------------------------------------------

@@ -205,8 +205,6 @@ class Competition:
         fit, chosen = self.fit, self._largest_gap_first(chosen)
         best = [fit.chi_square - limits.LEAST]
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
-        added = [(*fit.model.added_effects, candidate.effect_at) for candidate in chosen]
-        self.builder.compile(added, watch=watch, workers=fit.model.workers)
         told = watch.counted("fitting candidate", len(chosen))
 
         def one(candidate: Screened) -> Contender | Outcome:
@@ -217,6 +215,8 @@ class Competition:
             if self.fit.chi_square - reach * self._promised(candidate) > best[0]:
                 told(f"{named} is out of reach of the best")
                 return Outcome.LEFT_EARLY
+            # Here, where no other fit has to wait for the compiler.
+            self.builder.compile([(*fit.model.added_effects, candidate.effect_at)], watch=watch, workers=1)
             starts = [candidate.signature.proposal(candidate.coefficients)]
             if candidate.others is not None and candidate.gain >= leading:
                 starts = self._scanned(candidate)

@@ -122,7 +122,7 @@ def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
     competition = Competition(builder, base)
-    found = competition.contend(competition.screen(catalogue), watch=Watch()).contenders
+    found = competition.contend(competition.screen(catalogue), watch=Watch(), reach=np.inf).contenders
     return {c.effect_at.effect: c for c in found}
 
 
