@@ -42,13 +42,18 @@ class Stretch:
     rate_hz: float
 
 
+def nominal_rate(rate_hz: float) -> float:
+    """A rate to four digits, so that logs whose stamps are rounded differently have the same."""
+    return float(f"{rate_hz:.4g}")
+
+
 def stretches(times: Sequence[Array]) -> list[Stretch]:
     """Logs sampled at these times (N,), one below the other; samples that a logger has dropped are counted."""
     found, first = [], 0
     for time in times:
         places = grid_places(time)
         rate = float(places[-1]) / float(time[-1] - time[0])
-        found.append(Stretch(slice(first, first + time.size), places, float(f"{rate:.4g}")))
+        found.append(Stretch(slice(first, first + time.size), places, nominal_rate(rate)))
         first += time.size
     return found
 
@@ -95,14 +100,18 @@ class Uncertainty:
         return max([1.0, *(colour.inflation for colour in self.colours)])
 
 
-def chi_square_bound(samples: float) -> float:
-    """Chi-square per sample above which a residual is larger than its noise."""
-    return float(stats.chi2.isf(limits.EXCESS, samples)) / samples
+def chi_square_bounds(samples: float, known_from: float = np.inf) -> tuple[float, float]:
+    """Chi-square per sample below which a residual is smaller than its noise, and above which it is larger.
 
-
-def least_chi_square(samples: float) -> float:
-    """Chi-square per sample below which a residual is smaller than its noise."""
-    return float(stats.chi2.ppf(limits.EXCESS, samples)) / samples
+    Args:
+        samples: independent ones of the residual; known_from: those that the noise is known from, by Fisher's ratio of
+            two variances.
+    """
+    if np.isinf(known_from):
+        law, size = stats.chi2(samples), samples
+    else:
+        law, size = stats.f(samples, known_from), 1.0
+    return float(law.ppf(limits.EXCESS)) / size, float(law.isf(limits.EXCESS)) / size
 
 
 @dataclass(frozen=True)
@@ -169,11 +178,11 @@ def _counted(noise: _Noise, own: float, usual: float, samples: float, *, stated:
     with the usual one, which may be stated."""
     if not stated:
         return replace(noise, variance=usual) if not noise.coefficients.size else noise
-    ratio = own / usual
-    if ratio > chi_square_bound(samples):
+    ratio, (least, most) = own / usual, chi_square_bounds(samples)
+    if ratio > most:
         return replace(noise, variance=own)
     # A residual that is smaller than the noise says nothing of its colour.
-    return _Noise(usual, noise.coefficients if ratio >= least_chi_square(samples) else np.zeros(0))
+    return _Noise(usual, noise.coefficients if ratio >= least else np.zeros(0))
 
 
 @dataclass(frozen=True)

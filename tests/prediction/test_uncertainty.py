@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 
-from fmu_didim.prediction.uncertainty import Uncertainty, chi_square_bound, stretches, uncertainty
+from fmu_didim.prediction.uncertainty import Uncertainty, chi_square_bounds, stretches, uncertainty
 from fmu_didim.statistics import influence_efficient, influence_of_instruments, noise_deviation
 from tests.monte_carlo import half_coloured
 from tests.prediction.test_colour import by_impulse_response
@@ -214,6 +214,17 @@ def test_slow_model_error_makes_deviations_larger() -> None:
 
 
 @pytest.mark.parametrize("samples", [10.0, 200.0, 5000.0])
-def test_bound_of_chi_square(samples: float) -> None:
-    """White noise of so many samples exceeds it once in a thousand."""
-    assert stats.chi2.sf(chi_square_bound(samples) * samples, samples) == pytest.approx(0.001)
+def test_bounds_of_chi_square(samples: float) -> None:
+    """White noise of so many samples leaves them once in a thousand, each."""
+    least, most = chi_square_bounds(samples)
+    assert stats.chi2.sf(most * samples, samples) == pytest.approx(0.001)
+    assert stats.chi2.cdf(least * samples, samples) == pytest.approx(0.001)
+
+
+def test_noise_that_is_known_from_few_samples_bounds_less() -> None:
+    """The ratio of two variances, drawn."""
+    rng = np.random.default_rng(1)
+    ratios = (rng.chisquare(100, 400_000) / 100) / (rng.chisquare(40, 400_000) / 40)
+    least, most = chi_square_bounds(100, 40)
+    np.testing.assert_allclose([least, most], np.quantile(ratios, [0.001, 0.999]), rtol=0.03)
+    assert most > chi_square_bounds(100)[1]
