@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,6 +75,23 @@ def test_noise_that_was_stated_wrongly_is_told(stated: float, told: str | None) 
     assert codes(found) == ([told] * 2 if told else [])
     # What is stated too small does not make the deviations smaller; what is stated too large makes them larger.
     np.testing.assert_allclose(found.standard_deviation, max(stated, 1.0) * right.standard_deviation, rtol=0.08)
+
+
+@pytest.mark.parametrize("wrong", [{"train": {"torque": {"log_shift_s": 0.005}}}, {"loop": {"delay_samples": 1}}])
+def test_deviations_contain_what_a_wrong_model_leaves(wrong: dict[str, Any]) -> None:
+    """The clock of the log 5 ms late, or a missing sample of delay, with known noise of 1 %: told, and the truth, which
+    the noise alone puts more than ten deviations away, is not far outside."""
+    right = context(RATE_HZ).model
+    case = load_case(CASE).with_(train={"torque": {"rate_hz": RATE_HZ}}).with_(**wrong)
+    assert case.model is not None
+    torque = case.model.torque(case.model.start)[: right.measured.shape[0]]
+    sigma = 0.01 * np.sqrt((torque**2).mean(axis=0))
+    measured = torque + sigma * np.random.default_rng(1).normal(size=torque.shape)
+    found = Didim().estimate(replace(with_torque(right, measured), torque_deviation=sigma))
+    assert codes(found).count("residual-above-noise") == 2
+    error = np.abs(found.value - context(RATE_HZ).truth)
+    assert (error / found.stages["didim"].formulas["cramer_rao"]).max() > 10
+    assert (error / found.standard_deviation).max() < 5
 
 
 def test_the_result_says_it(tmp_path: Path) -> None:
