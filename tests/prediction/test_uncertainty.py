@@ -123,6 +123,16 @@ def test_covariance_is_that_of_dense_matrices_over_gaps_logs_and_rates() -> None
     np.testing.assert_allclose(known.covariance, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
+def test_a_long_pause_needs_no_memory() -> None:
+    """An hour between two parts of a log at 50 Hz: as two logs, since nothing remembers for so long."""
+    first, second = grid(50.0), grid(50.0, start=3600.0)
+    noise = np.concatenate([noise_at(t, 50.0, i, coloured=True) for i, t in enumerate((first, second))])
+    apart = Fit.of(first, second).solve(noise)[1]
+    whole = Fit.of(np.concatenate([first, second])).solve(noise)[1]
+    np.testing.assert_allclose(whole.deviation, apart.deviation, rtol=0.02)
+    assert [c.rate_hz for c in whole.colours] == [50.0, 50.0]
+
+
 def test_joints_with_and_without_colour_are_told_apart() -> None:
     fit, seeds, found = Fit.of(grid(50.0)), 60, []
     for seed in range(seeds):
