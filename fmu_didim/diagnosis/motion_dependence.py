@@ -30,7 +30,7 @@ DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
     meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
     "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
-    next_step="Run fmu-didim discover CASE.yaml.yaml, which names what is missing; check the controller and the delay.",
+    next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
 LOG_CLOCK = CATALOGUE(

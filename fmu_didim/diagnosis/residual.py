@@ -20,19 +20,25 @@ NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
     meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
     "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
-    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.yaml.",
+    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 RESIDUAL_ABOVE_NOISE = CATALOGUE(
     "residual-above-noise", DOUBT, rank=60,
     meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
     "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
-    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.yaml.",
+    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 STATED_NOISE_LARGE = CATALOGUE(
     "stated-noise-large", REMARK, rank=70,
     meaning="The residual of a joint is smaller than the noise that the case states. Standard deviations are those of "
     "the stated noise, as if it were white.",
     next_step="Check torque_std, or leave it out: the noise is then taken from the residual.",
+)  # fmt: skip
+COLOUR_NOT_MODELLED = CATALOGUE(
+    "colour-not-modelled", REMARK, rank=75,
+    meaning="What the autoregression of the residual leaves is still not white: a hum, or noise whose size changes "
+    "with the motion. Standard deviations count with the autoregression.",
+    next_step="Look at the residual in the report; take standard deviations for less certain than they look.",
 )  # fmt: skip
 
 
@@ -141,6 +147,15 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
                     f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard "
                     f"deviations are some {test.inflation:.2g} times those with white noise.",
                     place, test.inflation, 1.0, "1",
+                )
+            )  # fmt: skip
+        if test.whiteness_p < limits.STILL_NOT_WHITE:
+            found.append(
+                Diagnostic(
+                    COLOUR_NOT_MODELLED,
+                    f"what is left after the colour of the residual (order {test.order}) is not white either "
+                    f"(p = {test.whiteness_p:.1e}).",
+                    place, test.whiteness_p, limits.STILL_NOT_WHITE, "1",
                 )
             )  # fmt: skip
     return found

@@ -44,8 +44,21 @@ def test_without_known_noise_no_chi_square() -> None:
         (WHITE, 4.0, ["stated-noise-large"]),
         (COLOURED, None, ["noise-coloured"]),
         (COLOURED, 1.0, ["residual-above-noise", "noise-coloured"]),
+        (replace(COLOURED, whiteness=0.9e-4), None, ["noise-coloured", "colour-not-modelled"]),
+        (replace(WHITE, whiteness=0.9e-4), None, ["colour-not-modelled"]),
+        (replace(WHITE, whiteness=1.1e-4), None, []),
     ],
-    ids=["unknown", "as the noise", "above", "below", "coloured", "coloured, above"],
+    ids=[
+        "unknown",
+        "as the noise",
+        "above",
+        "below",
+        "coloured",
+        "coloured, above",
+        "not modelled",
+        "no colour seen",
+        "by chance",
+    ],
 )
 def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> None:
     tests = lack_of_fit([colour], None if known is None else np.array([known]))
