@@ -20,7 +20,7 @@ DECIDING = [
     *sorted((ROOT / "diagnosis").rglob("*.py")),
     *(ROOT / "prediction" / f"{n}.py" for n in ("noise", "repetition", "least_squares", "differences", "guard")),
     *(ROOT / "prediction" / f"{n}.py" for n in ("sensitivity", "base_projection", "weighting")),
-    *(ROOT / "prediction" / f"{n}.py" for n in ("colour", "uncertainty", "fit_uncertainty")),
+    *(ROOT / "prediction" / f"{n}.py" for n in ("colour", "residual_noise", "uncertainty", "fit_uncertainty")),
 ]
 MOTIONS = ("programs.py", "motions.py")
 """How proposed motions look is written where they are made."""

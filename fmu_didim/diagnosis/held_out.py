@@ -31,7 +31,7 @@ WORSE_HELD_OUT = CATALOGUE(
     "worse-on-held-out", DOUBT, rank=55,
     meaning="A held-out experiment is predicted worse than the fitted ones, by more than noise and the uncertainty of "
     "the values explain: the model lacks something that shows there, or the two experiments differ.",
-    next_step="Run fmu-didim discover CASE.yaml.yaml; compare payload, temperature and clock of the two experiments.",
+    next_step="Run fmu-didim discover CASE.yaml; compare payload, temperature and clock of the two experiments.",
 )  # fmt: skip
 NOT_SIMULATED = CATALOGUE(
     "held-out-not-simulated", DOUBT, rank=51,

@@ -26,13 +26,14 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY
+from fmu_didim.prediction.uncertainty import nominal_rate
 from fmu_didim.signals import Array
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
     meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
     "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
-    next_step="Run fmu-didim discover CASE.yaml.yaml, which names what is missing; check the controller and the delay.",
+    next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
 TORQUE_RATE = "rate of the torque"
@@ -104,7 +105,9 @@ def motion_dependence(
             motion = np.column_stack([tables[label][j][name] for name in names])
             stacked = np.column_stack([residual[:, j], sensitivities[label][:, j], motion])
             experiment = model.experiments[label]
-            parts.append(filtered(stacked, coefficients.get((j + 1, experiment.rate_hz), np.zeros(0)), experiment))
+            parts.append(
+                filtered(stacked, coefficients.get((j + 1, nominal_rate(experiment.rate_hz)), np.zeros(0)), experiment)
+            )
         whole = np.concatenate(parts)
         found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
     return found

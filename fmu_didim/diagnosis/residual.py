@@ -9,27 +9,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.prediction.uncertainty import Colour, chi_square_bound, least_chi_square
+from fmu_didim.prediction.uncertainty import Colour, chi_square_bounds
 from fmu_didim.signals import Array
 
 NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
     meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
     "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
-    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.yaml.",
+    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 RESIDUAL_ABOVE_NOISE = CATALOGUE(
     "residual-above-noise", DOUBT, rank=60,
     meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
     "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
-    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.yaml.",
+    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 STATED_NOISE_LARGE = CATALOGUE(
     "stated-noise-large", REMARK, rank=70,
     meaning="The residual of a joint is smaller than the noise that the case states. Standard deviations are those of "
     "the stated noise, as if it were white.",
     next_step="Check torque_std, or leave it out: the noise is then taken from the residual.",
+)  # fmt: skip
+COLOUR_NOT_MODELLED = CATALOGUE(
+    "colour-not-modelled", REMARK, rank=75,
+    meaning="What the autoregression of the residual leaves is still not white: a hum, or noise whose size changes "
+    "with the motion. Standard deviations count with the autoregression.",
+    next_step="Look at the residual in the report; take standard deviations for less certain than they look.",
 )  # fmt: skip
 
 
@@ -41,6 +50,7 @@ class ResidualTest:
         joint: counted from 1; rate_hz: of the logs.
         chi_square_per_sample: variance of the noise by the residual over the known one, 1 if the model is right; None
             where the noise is not known. chi_square_bound, chi_square_least: what chance hardly leaves.
+        noise_is_stated: whether the case states that noise; else periods that repeat show it.
         lag1: correlation of neighbouring samples.
         order, coefficients: of the autoregression that gives the colour; 0 where the residual counts as white.
         whiteness_p: p value of Ljung and Box's test of what the autoregression leaves.
@@ -52,6 +62,7 @@ class ResidualTest:
     chi_square_per_sample: float | None
     chi_square_bound: float | None
     chi_square_least: float | None
+    noise_is_stated: bool
     lag1: float
     order: int
     coefficients: Array
@@ -73,30 +84,35 @@ class ResidualTest:
         return self.chi_square_per_sample < self.chi_square_least
 
 
-def lack_of_fit(colours: Sequence[Colour], deviation: Array | None) -> tuple[ResidualTest, ...]:
+def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[ResidualTest, ...]:
     """What the residual of each joint says of the model.
 
     Args:
         colours: as an estimate has them.
         deviation: (n,) known standard deviation of the noise, of a case or of periods that repeat; None: not known.
+        stated: whether the case states it; periods know it from a part of the samples only.
     """
-    return tuple(
-        ResidualTest(
-            joint=colour.joint,
-            rate_hz=colour.rate_hz,
-            chi_square_per_sample=None
-            if deviation is None
-            else colour.residual_variance / deviation[colour.joint - 1] ** 2,
-            chi_square_bound=None if deviation is None else chi_square_bound(colour.samples),
-            chi_square_least=None if deviation is None else least_chi_square(colour.samples),
-            lag1=colour.lag_one,
-            order=colour.coefficients.size,
-            coefficients=colour.coefficients,
-            whiteness_p=colour.whiteness,
-            inflation=colour.inflation,
+    found = []
+    for colour in colours:
+        known_from = np.inf if stated else limits.COMPARED * colour.samples
+        least, most = chi_square_bounds(colour.samples, known_from)
+        ratio = None if deviation is None else colour.residual_variance / deviation[colour.joint - 1] ** 2
+        found.append(
+            ResidualTest(
+                joint=colour.joint,
+                rate_hz=colour.rate_hz,
+                chi_square_per_sample=ratio,
+                chi_square_bound=None if ratio is None else most,
+                chi_square_least=None if ratio is None else least,
+                noise_is_stated=stated,
+                lag1=colour.lag_one,
+                order=colour.coefficients.size,
+                coefficients=colour.coefficients,
+                whiteness_p=colour.whiteness,
+                inflation=colour.inflation,
+            )
         )
-        for colour in colours
-    )
+    return tuple(found)
 
 
 def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
@@ -114,7 +130,7 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
                     place, test.chi_square_per_sample, test.chi_square_bound,
                 )
             )  # fmt: skip
-        if test.is_below_noise:
+        if test.is_below_noise and test.noise_is_stated:
             found.append(
                 Diagnostic(
                     STATED_NOISE_LARGE,
@@ -131,6 +147,15 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
                     f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard "
                     f"deviations are some {test.inflation:.2g} times those with white noise.",
                     place, test.inflation, 1.0, "1",
+                )
+            )  # fmt: skip
+        if test.whiteness_p < limits.STILL_NOT_WHITE:
+            found.append(
+                Diagnostic(
+                    COLOUR_NOT_MODELLED,
+                    f"what is left after the colour of the residual (order {test.order}) is not white either "
+                    f"(p = {test.whiteness_p:.1e}).",
+                    place, test.whiteness_p, limits.STILL_NOT_WHITE, "1",
                 )
             )  # fmt: skip
     return found

@@ -115,6 +115,17 @@ OWN_PART = TABLE(
 TURNING = TABLE("TURNING", 0.05, "1", "Fraction of the largest speed of a joint over which its direction changes.")
 CREEPING = TABLE("CREEPING", 0.005, "1", "The same of what happens at standstill only, such as steeper friction.")
 
+# The residual against the noise ---------------------------------------------------------------------------------------
+STILL_NOT_WHITE = TABLE(
+    "STILL_NOT_WHITE", 1e-4, "1",
+    "Probability, by Ljung and Box, below which what the colour of a residual leaves is said to be no white noise.",
+)  # fmt: skip
+COMPARED = TABLE(
+    "COMPARED", 1 / 3, "1",
+    "Fraction of the samples of a log that repeats by which its noise is known: one and a half periods, the fewest "
+    "that are compared, have a third in their difference.",
+)  # fmt: skip
+
 # Experiments that were fitted together -------------------------------------------------------------------------------
 SIGNIFICANCE = TABLE(
     "SIGNIFICANCE", 0.001, "1",

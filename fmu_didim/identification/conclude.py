@@ -178,6 +178,7 @@ def torque_estimate(
         agreements=agreement(fit),
         colours=known.colours,
         known_noise=known_noise(model),
+        noise_is_stated=model.torque_deviation is not None,
         jacobian=fit.jacobian,
         remarks=minimum.remarks,
         advice="" if settled else _advice(model, iterations),

@@ -11,7 +11,6 @@ import numpy as np
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
 from fmu_didim.diagnosis.judgement import Judgement, diagnostic_result
-from fmu_didim.diagnosis.residual import lack_of_fit
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.errors import FmuDidimError
@@ -114,7 +113,7 @@ def result_document(
         noise_std=[float(v) for v in estimate.noise],
         noise=[
             NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()})
-            for test in lack_of_fit(estimate.colours, estimate.known_noise)
+            for test in estimate.residual_tests
         ],
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},

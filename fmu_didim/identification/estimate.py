@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
 from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
@@ -60,6 +61,7 @@ class Estimate:
         integration: method and substeps of the plant, where they are known.
         colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
             torque log that the case states, or periods that repeat show; None where it is not known.
+        noise_is_stated: whether it is the case that states it.
         jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         remarks: what the user should know; advice: what to do, if more is known than the status.
@@ -86,6 +88,7 @@ class Estimate:
     integration: Integration | None = None
     colours: tuple[Colour, ...] = ()
     known_noise: Array | None = None
+    noise_is_stated: bool = True
     jacobian: Array | None = field(default=None, repr=False)
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
@@ -101,6 +104,11 @@ class Estimate:
     def residual(self) -> Array:
         """(N, n) measured minus simulated torque."""
         return self.measured - self.simulated
+
+    @property
+    def residual_tests(self) -> tuple[ResidualTest, ...]:
+        """What the residual of each joint says of the model."""
+        return lack_of_fit(self.colours, self.known_noise, stated=self.noise_is_stated)
 
     @property
     def base_value(self) -> Array:

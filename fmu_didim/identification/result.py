@@ -119,6 +119,9 @@ class NoiseResult(Strict):
     chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
     chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
     chi_square_least: Number = Field(description="below which it is smaller")
+    noise_is_stated: bool = Field(
+        description="that noise is stated by the case; else it is that of periods that repeat"
+    )
 
 
 class IntegrationResult(Strict):

@@ -83,6 +83,9 @@ NOT_WHITE = TABLE(
 CLEARLY_NOT_WHITE = TABLE(
     "CLEARLY_NOT_WHITE", 0.01, "1", "The same of one joint where all together look white; there are several to ask."
 )
+LONGEST_GAP = TABLE(
+    "LONGEST_GAP", 1000, "samples", "A longer gap in a log counts as so long: nothing remembers across."
+)
 FEWEST_COLOURED = TABLE("FEWEST_COLOURED", 20, "samples", "Fewer are too few to see a colour in.")
 ORDERS = TABLE(
     "ORDERS", 10.0, "1",

@@ -44,8 +44,21 @@ def test_without_known_noise_no_chi_square() -> None:
         (WHITE, 4.0, ["stated-noise-large"]),
         (COLOURED, None, ["noise-coloured"]),
         (COLOURED, 1.0, ["residual-above-noise", "noise-coloured"]),
+        (replace(COLOURED, whiteness=0.9e-4), None, ["noise-coloured", "colour-not-modelled"]),
+        (replace(WHITE, whiteness=0.9e-4), None, ["colour-not-modelled"]),
+        (replace(WHITE, whiteness=1.1e-4), None, []),
     ],
-    ids=["unknown", "as the noise", "above", "below", "coloured", "coloured, above"],
+    ids=[
+        "unknown",
+        "as the noise",
+        "above",
+        "below",
+        "coloured",
+        "coloured, above",
+        "not modelled",
+        "no colour seen",
+        "by chance",
+    ],
 )
 def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> None:
     tests = lack_of_fit([colour], None if known is None else np.array([known]))
@@ -55,13 +68,21 @@ def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> 
     assert {d.code.name for d in found if d.code.severity is Severity.DOUBT} <= {"residual-above-noise"}
 
 
+def test_noise_of_periods_is_known_from_a_part_of_the_samples() -> None:
+    stated, periods = (lack_of_fit([WHITE], np.array([2.0]), stated=stated)[0] for stated in (True, False))
+    assert periods.chi_square_bound == pytest.approx(stats.f.isf(0.001, 500, 500 / 3))
+    assert periods.chi_square_bound > stated.chi_square_bound
+    # That a residual is smaller than the differences of periods is no fault of the case.
+    assert residual_diagnostics(lack_of_fit([WHITE], np.array([4.0]), stated=False)) == []
+
+
 def test_rates_are_named_where_there_are_several() -> None:
     found = residual_diagnostics(lack_of_fit([COLOURED, replace(COLOURED, rate_hz=20.0)], None))
     assert [diagnostic.place for diagnostic in found] == ["joint 1, logs at 50 Hz", "joint 1, logs at 20 Hz"]
 
 
 def test_figures_are_in_the_sentence() -> None:
-    (above,) = residual_diagnostics([ResidualTest(3, 50.0, 7.8, 1.2, 0.8, 0.01, 0, np.zeros(0), 0.5, 2.8)])
+    (above,) = residual_diagnostics([ResidualTest(3, 50.0, 7.8, 1.2, 0.8, True, 0.01, 0, np.zeros(0), 0.5, 2.8)])
     assert str(above).startswith("joint 3: the residual is larger than the known noise (chi-square per sample 7.8,")
     assert (above.value, above.bound) == (7.8, 1.2)
     assert "discover" in above.advice

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 
-from fmu_didim.prediction.uncertainty import Uncertainty, chi_square_bound, stretches, uncertainty
+from fmu_didim.prediction.uncertainty import Uncertainty, chi_square_bounds, stretches, uncertainty
 from fmu_didim.statistics import influence_efficient, influence_of_instruments, noise_deviation
 from tests.monte_carlo import half_coloured
 from tests.prediction.test_colour import by_impulse_response
@@ -123,6 +123,16 @@ def test_covariance_is_that_of_dense_matrices_over_gaps_logs_and_rates() -> None
     np.testing.assert_allclose(known.covariance, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
+def test_a_long_pause_needs_no_memory() -> None:
+    """An hour between two parts of a log at 50 Hz: as two logs, since nothing remembers for so long."""
+    first, second = grid(50.0), grid(50.0, start=3600.0)
+    noise = np.concatenate([noise_at(t, 50.0, i, coloured=True) for i, t in enumerate((first, second))])
+    apart = Fit.of(first, second).solve(noise)[1]
+    whole = Fit.of(np.concatenate([first, second])).solve(noise)[1]
+    np.testing.assert_allclose(whole.deviation, apart.deviation, rtol=0.02)
+    assert [c.rate_hz for c in whole.colours] == [50.0, 50.0]
+
+
 def test_joints_with_and_without_colour_are_told_apart() -> None:
     fit, seeds, found = Fit.of(grid(50.0)), 60, []
     for seed in range(seeds):
@@ -214,6 +224,17 @@ def test_slow_model_error_makes_deviations_larger() -> None:
 
 
 @pytest.mark.parametrize("samples", [10.0, 200.0, 5000.0])
-def test_bound_of_chi_square(samples: float) -> None:
-    """White noise of so many samples exceeds it once in a thousand."""
-    assert stats.chi2.sf(chi_square_bound(samples) * samples, samples) == pytest.approx(0.001)
+def test_bounds_of_chi_square(samples: float) -> None:
+    """White noise of so many samples leaves them once in a thousand, each."""
+    least, most = chi_square_bounds(samples)
+    assert stats.chi2.sf(most * samples, samples) == pytest.approx(0.001)
+    assert stats.chi2.cdf(least * samples, samples) == pytest.approx(0.001)
+
+
+def test_noise_that_is_known_from_few_samples_bounds_less() -> None:
+    """The ratio of two variances, drawn."""
+    rng = np.random.default_rng(1)
+    ratios = (rng.chisquare(100, 400_000) / 100) / (rng.chisquare(40, 400_000) / 40)
+    least, most = chi_square_bounds(100, 40)
+    np.testing.assert_allclose([least, most], np.quantile(ratios, [0.001, 0.999]), rtol=0.03)
+    assert most > chi_square_bounds(100)[1]
