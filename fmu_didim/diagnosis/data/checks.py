@@ -11,10 +11,11 @@ from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import expected
 from fmu_didim.diagnosis.data.log import log_diagnostics
 from fmu_didim.diagnosis.data.nearby import nearby
-from fmu_didim.diagnosis.data.reference import geometry_diagnostics, reference_diagnostics
+from fmu_didim.diagnosis.data.reference import reference_diagnostics
 from fmu_didim.diagnosis.data.relation import relation_diagnostics
+from fmu_didim.diagnosis.data.robot import another_robot, length_unit_diagnostics
 from fmu_didim.diagnosis.data.runs import run_diagnostics
-from fmu_didim.diagnosis.data.timing import timing_diagnostics
+from fmu_didim.diagnosis.data.timing import timing
 from fmu_didim.diagnosis.data.units import unit_diagnostics
 from fmu_didim.diagnostics import Diagnostic, by_weight
 from fmu_didim.master.system import REFERENCE
@@ -33,8 +34,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) ->
     """
     if model.chooses_substeps and model.substeps is None:
         model = replace(model, substeps=limits.SUBSTEPS)
-    found = [*geometry_diagnostics(model), *run_diagnostics(model, without_torque)]
-    gains, timing = drive_gains(model), list[Diagnostic]()
+    found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
+    gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
         given = expected(model, label)
@@ -42,11 +43,13 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) ->
         of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if of_log or (held_out and timing):
+        if of_log or (held_out and explained) or (near := nearby(model, label)) is None:
             continue
-        if (near := nearby(model, label)) is not None:
-            timing += timing_diagnostics(near, label, clock_alone=held_out)
-    return by_weight([*found, *timing])
+        offered = [*timing(near, label, clock_alone=held_out)]
+        if not held_out:
+            offered += another_robot(near, label)
+        explained += near.best(offered)
+    return by_weight([*found, *explained])
 
 
 def drive_gains(model: LoopModel) -> Array:

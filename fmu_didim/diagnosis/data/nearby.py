@@ -8,15 +8,17 @@ parameters can absorb neither, where the motion is rich enough; so start values 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import fitted_by
+from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.experiment import Experiment
@@ -29,18 +31,28 @@ from fmu_didim.signals import Array
 
 
 @dataclass(frozen=True)
+class Explanation:
+    """What would explain a log better: misfit, as of :meth:`Nearby.misfit`, BIC difference, and how it is told."""
+
+    misfit: float
+    gain: float
+    told: Diagnostic
+
+
+@dataclass(frozen=True)
 class Nearby:
     """A simulated motion at all ticks of an experiment, and its regressor.
 
     Attributes:
         model: the loop with that experiment alone; values: (p,) simulated.
-        motion: q, dq, ddq, (K, n) each; columns: (K, n, b); known: (K, n), so that the logged torque is
-            columns theta + known.
+        motion: q, dq, ddq, (K, n) each; observed: (K, no) what the regressor depends on beyond them.
+        columns: (K, n, b); known: (K, n), so that the logged torque is columns theta + known.
     """
 
     model: LoopModel
     values: Array
     motion: tuple[Array, Array, Array]
+    observed: Array | None
     columns: Array
     known: Array
 
@@ -62,14 +74,41 @@ class Nearby:
         rest = self.residual()
         return float((effective_fraction(rest) * rest.shape[0]).sum())
 
-    def residual(self, operator: SampleOperator | None = None, columns: Array | None = None) -> Array:
-        """(N, n) what a fit leaves of the log, with another sampling or another regressor (K, n, b) where given."""
-        taken = self.experiment.operator if operator is None else operator
-        return self._rest(taken, self.columns if columns is None else columns, self.size)
+    def residual(self, operator: SampleOperator | None = None) -> Array:
+        """(N, n) what a fit leaves of the log, with another sampling where one is given."""
+        return self._rest(self.experiment.operator if operator is None else operator, self.columns, self.size)
 
-    def misfit(self, operator: SampleOperator | None = None, columns: Array | None = None) -> float:
+    def misfit(self, operator: SampleOperator | None = None) -> float:
         """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
-        return float(np.mean((self.residual(operator, columns) / self.size) ** 2))
+        return float(np.mean((self.residual(operator) / self.size) ** 2))
+
+    def least(self, misfit: Callable[[float], float], step: float, bound: float) -> tuple[float, float, float] | None:
+        """Where a misfit is least within a bound, its standard deviation by the curvature there, and the misfit.
+
+        None where steps to both sides and the parabola through them promise nothing.
+
+        Args:
+            misfit: of one quantity, 1 where it is 0.
+        """
+        below, above = misfit(-step), misfit(step)
+        curvature = below + above - 2 * (here := self.misfit())
+        best = min(below, above, here - (below - above) ** 2 / (8 * curvature) if curvature > 0 else here)
+        if self.gain(best) <= 0:
+            return None
+        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": step / 10})
+        x, least = float(found.x), float(found.fun)
+        bent = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
+        return x, float(np.sqrt(2 * least / (self.samples * bent))) if bent > 0 else np.inf, least
+
+    def best(self, offered: Iterable[Explanation]) -> list[Diagnostic]:
+        """The explanation that is clearly better than the case and than all others, the best first.
+
+        One that is nearly as good is told beside it, because the data cannot decide between them.
+        """
+        better = [e for e in offered if e.gain > limits.CLEARLY and e.misfit < limits.WORTH_IT]
+        least = min((e.misfit for e in better), default=0.0)
+        rivals = [e for e in better if self.samples * np.log(e.misfit / least) < limits.CLEARLY]
+        return [e.told for e in sorted(rivals, key=lambda e: -e.gain)][: limits.RIVALS]
 
     def misfit_of(self, other: Nearby) -> float:
         """The same along another motion, joints divided by their size along this one."""
@@ -113,7 +152,7 @@ def along(model: LoopModel, values: Array) -> Nearby:
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
     known = model.logged_torque(recording, values) - columns @ model.theta(values)
-    return Nearby(model, values, (q, dq, ddq), columns, known)
+    return Nearby(model, values, (q, dq, ddq), observed, columns, known)
 
 
 def _starts(model: LoopModel) -> Iterator[Array]:

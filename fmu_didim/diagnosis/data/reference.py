@@ -1,4 +1,4 @@
-"""What a reference says against itself and against the robot: derivatives that contradict, lengths in another unit."""
+"""What a reference says against itself: derivatives that contradict."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from fmu_didim.diagnosis.data import thresholds as limits
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import RobotModel
+from fmu_didim.diagnostics import CATALOGUE, PROBLEM, Diagnostic
 from fmu_didim.signals import Array, Trajectory
 
 REFERENCE_DERIVATIVE = CATALOGUE(
@@ -16,11 +14,6 @@ REFERENCE_DERIVATIVE = CATALOGUE(
     meaning="A velocity or acceleration of the reference is not the derivative of its position or velocity: zero, in "
     "another unit, turned round or of another joint. The controller and the start of the plant would use it.",
     next_step="Correct the column, or leave out all columns dq<j> (or ddq<j>): they are then computed.",
-)  # fmt: skip
-LONG_LINK = CATALOGUE(
-    "length-unit", DOUBT, rank=4,
-    meaning="A link is longer than any machine's: its length seems to be in millimetres.",
-    next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 
 
@@ -55,22 +48,3 @@ def contradiction(time: Array, signal: Array, rate: Array) -> float:
     rest = (signal - signal.mean()) - (integral - integral.mean())
     size = max(float(signal.std()), float(integral.std()))
     return float(rest.std()) / size if size > limits.STANDSTILL else 0.0
-
-
-def geometry_diagnostics(model: LoopModel) -> list[Diagnostic]:
-    """Links of the robot description that are longer than those of any machine."""
-    robot = getattr(model.parameters, "model", None)
-    if not isinstance(robot, RobotModel):
-        return []
-    lengths = [
-        (f"robot: joint {j}", name, abs(float(getattr(joint, name))))
-        for j, joint in enumerate(robot.description.joints, start=1)
-        for name in ("a", "d")
-    ]
-    return [
-        Diagnostic(
-            LONG_LINK, f"{name} is {length:g} m: is it in millimetres?", place, length, limits.LARGEST_LENGTH, "m"
-        )
-        for place, name, length in lengths
-        if length > limits.LARGEST_LENGTH
-    ]

@@ -151,7 +151,12 @@ LEAST_SHIFT = TABLE("LEAST_SHIFT", 0.3, "control periods", "and its size: less i
 CLEARLY = TABLE(
     "CLEARLY", 20.0, "1", "BIC difference from which an explanation is told: twice that of very strong evidence."
 )
-WORTH_IT = TABLE("WORTH_IT", 0.9, "1", "Of the mean square residual that an explanation must leave at most.")
+WORTH_IT = TABLE("WORTH_IT", 0.97, "1", "Of the mean square residual that an explanation must leave at most.")
+
+LEAST_SCALE = TABLE("LEAST_SCALE", 0.05, "1", "Relative change of a scale or a length from which it is told.")
+LARGEST_SCALE = TABLE("LARGEST_SCALE", 4.0, "1", "Up to which a scale is looked for, up and down.")
+LARGEST_CHANGE = TABLE("LARGEST_CHANGE", 0.6, "1", "Relative change up to which a length is looked for.")
+SHORT_LINK = TABLE("SHORT_LINK", 0.2, "1", "Of the longest length, below which none is doubted: it hardly shows.")
 
 # What the data can tell ----------------------------------------------------------------------------------------------
 LOOSE = TABLE("LOOSE", 1e-9, "1", "Singular value, of the largest one, of directions along which no step is made.")

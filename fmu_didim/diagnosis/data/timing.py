@@ -10,13 +10,13 @@ All are judged along one simulated motion near the measured one, base parameters
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fmu_didim.diagnosis.data import thresholds as limits
-from fmu_didim.diagnosis.data.nearby import Nearby, along, nearby
+from fmu_didim.diagnosis.data.nearby import Explanation, Nearby, along, nearby
 from fmu_didim.diagnosis.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import InputError, SimulationError
@@ -44,31 +44,16 @@ SAMPLING_KIND = CATALOGUE(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """What would explain a log better: misfit, as of :meth:`Nearby.misfit`, BIC difference, and how it is told."""
-
-    misfit: float
-    gain: float
-    told: Diagnostic
-
-
-def timing_diagnostics(near: Nearby, label: str, *, clock_alone: bool = False) -> list[Diagnostic]:
-    """What explains the log clearly better than the timing of the case, the best first.
-
-    One that explains it nearly as well as the best is told beside it, because the data cannot decide between them.
-
+def timing(near: Nearby, label: str, *, clock_alone: bool = False) -> Iterator[Explanation]:
+    """What another timing would explain of a log.
 
     Args:
         clock_alone: for held-out data, whose logger and loop are those of the others.
     """
-    found = [*_clock(near, label)]
+    yield from _clock(near, label)
     if not clock_alone:
-        found += [*_kinds(near, label), *_delay(near, label)]
-    better = [e for e in found if e.gain > limits.CLEARLY and e.misfit < limits.WORTH_IT]
-    best = min((e.misfit for e in better), default=0.0)
-    near_best = [e for e in better if near.samples * np.log(e.misfit / best) < limits.CLEARLY]
-    return [e.told for e in sorted(near_best, key=lambda e: -e.gain)][: limits.RIVALS]
+        yield from _kinds(near, label)
+        yield from _delay(near, label)
 
 
 def _clock(near: Nearby, label: str) -> Iterator[Explanation]:

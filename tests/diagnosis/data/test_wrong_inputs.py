@@ -7,12 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from fmu_didim.components import ModelComponent
 from fmu_didim.diagnosis.data.checks import data_diagnostics, drive_gains
 from fmu_didim.diagnosis.sampling_kind import sampled_as
 from fmu_didim.diagnostics import REMARK
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.robot import RobotModel
 from tests.diagnosis.data.right import motion, right, with_columns, with_experiment, with_log
-from tests.helpers import with_delay
+from tests.helpers import with_component, with_delay
 
 Array = np.ndarray
 ROBOTS = ("scara", "arm", "tx40")
@@ -146,6 +149,20 @@ def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
     return lambda model: with_delay(model, samples)
 
 
+def longer(model: LoopModel) -> LoopModel:
+    """The longest link of the real robot is a quarter longer than the description says."""
+    parameters = model.parameters
+    assert isinstance(parameters, RobotParameters)
+    robot = parameters.model.description
+    longest = max(joint.a for joint in robot.joints)
+    joints = tuple(
+        joint.model_copy(update={"a": (1.25 if joint.a == longest else 1) * joint.a}) for joint in robot.joints
+    )
+    return with_component(
+        model, "plant", ModelComponent(RobotModel(robot.model_copy(update={"joints": joints})).block())
+    )
+
+
 TIMING: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("clock 5 ms late", late(0.005), "clock-late"),
     ("clock 30 ms late", late(0.030), "clock-late"),
@@ -186,6 +203,33 @@ def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel
     found = data_diagnostics(right(robot, seed, change=change))
     assert code in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
     assert {d.code.name for d in found} <= {"clock-late", "clock-early", "sampling-kind", "command-delay"}
+
+
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
+    found = data_diagnostics(right(robot, seed, change=longer))
+    if robot == "scara":
+        assert found == []  # without gravity MX2 and MY2 absorb the length: nothing is wrong with torque and values
+        return
+    assert "link-length" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    told = next(d for d in found if d.code.name == "link-length")
+    assert told.value is not None and told.bound is not None
+    assert told.value / told.bound == pytest.approx(1.25, abs=0.1)
+
+
+@pytest.mark.parametrize(("robot", "seed"), [(r, s) for r, s in RUNS if r != "scara"])
+@pytest.mark.parametrize("factor", [2.0, 0.5, 1.3])
+def test_a_torque_that_is_scaled_against_the_others_is_told(robot: str, seed: int, factor: float) -> None:
+    def scaled(torque: Array) -> Array:
+        torque[:, 1] *= factor
+        return torque
+
+    found = data_diagnostics(with_log(right(robot, seed), scaled))
+    assert "torque-scale" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    told = next(d for d in found if d.code.name == "torque-scale")
+    assert told.value is not None
+    expected = factor if told.place.endswith("joint 2") else 1 / factor  # of two joints either may be the wrong one
+    assert told.value == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.parametrize("late_s", [0.012, -0.03])
