@@ -59,7 +59,13 @@ class Nearest:
 
 
 def nearest_physical(
-    model: RobotModel, base: BaseParameters, values: Array, covariance: Array, *, margin: float = 0.0
+    model: RobotModel,
+    base: BaseParameters,
+    values: Array,
+    covariance: Array,
+    *,
+    margin: float = 0.0,
+    alone: int | None = None,
 ) -> Nearest:
     """The base parameters nearest to values (b,) with covariance (b, b) that physical links can have.
 
@@ -68,11 +74,12 @@ def nearest_physical(
     Args:
         margin: smallest eigenvalue of the pseudo-inertias, as a fraction of the robot's size, for values that are to be
             simulated.
+        alone: place of the one base parameter that counts; the others are taken as unknown.
 
     Raises:
         IdentificationError: no physical links have what is known of the robot, or the solver fails.
     """
-    problem = _problem(model, base, values)
+    problem = _problem(model, base, values, alone)
     rows = problem.rows
     if not rows.size:
         return Nearest(values.copy(), 0.0, 0, 0, 0)
@@ -144,7 +151,7 @@ class _Problem:
         return int(np.argmax(by_link)) + 1
 
 
-def _problem(model: RobotModel, base: BaseParameters, values: Array) -> _Problem:
+def _problem(model: RobotModel, base: BaseParameters, values: Array, alone: int | None) -> _Problem:
     joints = model.description.joints
     split = [_SPLIT.fullmatch(name).groups() for name in base.standard_names]  # type: ignore[union-attr]
     stems, places = [stem for stem, _ in split], np.array([int(number) for _, number in split])
@@ -160,6 +167,8 @@ def _problem(model: RobotModel, base: BaseParameters, values: Array) -> _Problem
     power = np.array([_power(stem, joints[j - 1].type) for stem, j in zip(stems, places, strict=True)])
     mass = float(np.max(np.abs(values[rows]) / length ** power[base.index[rows]], initial=0.0)) or 1.0
     scale = np.where(inertial, mass * length**power, 1.0)
+    if alone is not None:
+        rows = rows[rows == alone]
     motors = np.flatnonzero(free & np.array([stem == MOTOR_INERTIA for stem in stems]))
     table = np.zeros((motors.size + len(_TRIANGLE) * len(joints), len(stems)))
     table[np.arange(motors.size), motors] = 1.0

@@ -190,3 +190,19 @@ MASS_ALONE = TABLE(
     "Weight of what no data show, such as the mass of the first link, against squared standard deviations: it keeps "
     "the problem bounded.",
 )  # fmt: skip
+NEGATIVE_FRICTION = TABLE(
+    "NEGATIVE_FRICTION", 2.0, "standard deviations",
+    "Friction that lies farther below zero would drive the machine: one of forty does so by chance.",
+)  # fmt: skip
+FALSE_UNPHYSICAL = TABLE(
+    "FALSE_UNPHYSICAL", 1e-3, "1",
+    "Probability with which noise alone puts a physical robot so far from physical values. The square of the distance "
+    "is a chi-square of as many degrees as inequalities hold the nearest values back.",
+)  # fmt: skip
+POSITIONS = TABLE(
+    "POSITIONS", 1024, "positions", "In the whole range of the joints, at which the inertia matrix is looked at first."
+)
+DESCENTS = TABLE("DESCENTS", 4, "positions", "The worst of them, from which a minimum is sought.")
+POSITIVE = TABLE(
+    "POSITIVE", 1e-9, "1", "Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."
+)

@@ -30,7 +30,7 @@ class Joint(Strict):
     """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
 
     The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint's
-    position adds to theta (revolute) or d (prismatic).
+    position adds to theta (revolute) or d (prismatic). ``limits`` is the range of that position, where it is known.
     """
 
     name: str = ""
@@ -39,6 +39,7 @@ class Joint(Strict):
     a: float = 0.0
     theta: Angle = 0.0
     d: float = 0.0
+    limits: tuple[Angle, Angle] | None = None
     effects: tuple[str, ...] = DEFAULT_EFFECTS
     parameters: Mapping[str, float] = Field(default_factory=dict)
 
@@ -79,6 +80,13 @@ class Joint(Strict):
             if outside:
                 raise ValueError(outside)
         return self
+
+    @field_validator("limits")
+    @classmethod
+    def _rising(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] < value[1]:
+            raise ValueError("the first limit must be less than the second")
+        return value
 
     def all_effects(self) -> tuple[Effect, ...]:
         """The effects of this joint, wherever they act."""

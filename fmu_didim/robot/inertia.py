@@ -32,16 +32,14 @@ class InertiaColumns:
         return result
 
 
-def smallest_eigenvalue(elements: Array, count: int, n: int) -> float:
-    """Smallest eigenvalue of D^-1/2 M D^-1/2, D = diag|M|, of ``count`` symmetric matrices; <= 0 where a diagonal
-    element is.
-
-    Args:
-        elements: (count n n,) of the matrices, one after the other.
-    """
-    mass = elements.reshape(count, n, n)
+def scaled_eigenvalues(mass: Array) -> Array:
+    """(N,) smallest eigenvalues of D^-1/2 M D^-1/2, D = diag|M|, of symmetric matrices (N, n, n); the least
+    diagonal element where one is not positive, and -1 where not all is finite."""
     diagonal = np.einsum("kii->ki", mass)
-    if not np.isfinite(mass).all() or (diagonal <= 0).any():
-        return float(min(0.0, diagonal.min())) if np.isfinite(mass).all() else -1.0
-    scale = 1.0 / np.sqrt(diagonal)
-    return float(np.linalg.eigvalsh(mass * scale[:, :, None] * scale[:, None, :]).min())
+    finite = np.isfinite(mass).all(axis=(1, 2))
+    positive = finite & (diagonal > 0).all(axis=1)
+    result = np.where(finite, np.minimum(diagonal.min(axis=1), 0.0), -1.0)
+    scale = 1.0 / np.sqrt(diagonal[positive])
+    scaled = mass[positive] * scale[:, :, None] * scale[:, None, :]
+    result[positive] = np.linalg.eigvalsh(scaled)[:, 0]
+    return result

@@ -19,7 +19,7 @@ from fmu_didim.robot.description import RobotDescription
 from fmu_didim.robot.elastic import ElasticEquations
 from fmu_didim.robot.equations import Equations
 from fmu_didim.robot.implicit import implicit_stage
-from fmu_didim.robot.inertia import InertiaColumns, smallest_eigenvalue
+from fmu_didim.robot.inertia import InertiaColumns, scaled_eigenvalues
 from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
 from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array, Variable
@@ -211,18 +211,32 @@ class RobotModel:
     def _inertia_columns(self) -> InertiaColumns:
         return InertiaColumns(self._q, self._chi, self._equations.mass)
 
-    def minimum_inertia(self, q: Array, chi: Array) -> float:
-        """Smallest eigenvalue of D^-1/2 M(q) D^-1/2, D = diag|M|, over positions (N, n): > 0 means
-        positive definite. Negative or zero diagonal elements give a value <= 0."""
+    def inertia_along(self, q: Array, chi: Array) -> Array:
+        """(N,) smallest eigenvalues of D^-1/2 M(q) D^-1/2, D = diag|M|, at positions (N, n): > 0 means positive
+        definite. A negative or zero diagonal element gives a value <= 0."""
         if not self._mass_changes:
-            return smallest_eigenvalue(self._inertia_columns.at(q) @ chi, *q.shape)
+            return scaled_eigenvalues((self._inertia_columns.at(q) @ chi).reshape(-1, *self._square))
         # Before and after whatever changes with time.
         found = []
         for time in (-LONG, LONG):
             e = np.array([time if v.name == "clock" else v.start for v in self.extra])
             columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in (chi, self.shape_values, e)]
-            found.append(smallest_eigenvalue(self.mass_matrix(q.T, *columns).full().T.ravel(), *q.shape))
-        return min(found)
+            mass = self.mass_matrix(q.T, *columns).full().T.reshape(-1, *self._square)
+            found.append(scaled_eigenvalues(mass))
+        return np.minimum(*found)
+
+    @property
+    def _square(self) -> tuple[int, int]:
+        return self.joint_count, self.joint_count
+
+    def minimum_inertia(self, q: Array, chi: Array) -> float:
+        """The smallest of :meth:`inertia_along`."""
+        return float(self.inertia_along(q, chi).min())
+
+    def inertia_columns(self, q: Array) -> Array:
+        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters; without what changes with time."""
+        columns = self._inertia_columns.at(q[None])
+        return np.asarray(columns.reshape(*self._square, -1))
 
     def block(self, values: Mapping[str, float] | None = None) -> Block:
         """The plant: dx/dt = (dq, direct(...), de/dt), x = (q, dq, e), u = tau, y = (q, dq, ddq, observed).

@@ -1,0 +1,193 @@
+"""Whether a machine can have the values of an estimate: friction, links, and inertia wherever it can stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from fmu_didim.base_parameters import BaseParameters
+from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.diagnosis.feasibility import Nearest, nearest_physical
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.errors import IdentificationError
+from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import FRICTION, RobotParameters
+from fmu_didim.robot import RobotModel
+from fmu_didim.signals import Array
+
+FRICTION_NEGATIVE = CATALOGUE(
+    "friction-negative", DOUBT, rank=60,
+    meaning="A friction parameter lies below zero by more than its uncertainty: this friction would drive the machine.",
+    next_step="Run fmu-didim discover: another effect, a wrong gain or a late clock may stand for it.",
+)  # fmt: skip
+NOT_PHYSICAL = CATALOGUE(
+    "not-physical", DOUBT, rank=55,
+    meaning="No links of positive mass have these base parameters, or any that are as near as their uncertainty.",
+    next_step="Run fmu-didim discover, and check geometry, gravity, gains and clock: what is wrong there, the inertia "
+    "of some link makes up for.",
+)  # fmt: skip
+MASS_INDEFINITE = CATALOGUE(
+    "mass-matrix-indefinite", DOUBT, rank=57,
+    meaning="The inertia matrix is not positive definite in all positions that the joints can have: there the model "
+    "cannot be simulated.",
+    next_step="Use the model only along motions like those of the data, or excite the joint more strongly.",
+)  # fmt: skip
+
+
+def physical_diagnostics(model: LoopModel, values: Array, covariance: Array) -> list[Diagnostic]:
+    """What no machine can have of values (p,) with covariance (p, p) of the free parameters of a model.
+
+    Nothing is said of a plant without robot description. Where experiments have values of their own, those of each are
+    looked at.
+    """
+    if not isinstance(model.parameters, RobotParameters):
+        return []
+    robot, base = model.parameters.model, model.parameters.base
+    low, high = joint_range(model)
+    found: dict[tuple[str, str], Diagnostic] = {}
+    for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):
+        place = np.array([_place(model, i, label) for i in range(base.count)])
+        theta, part = values[place], covariance[np.ix_(place, place)]
+        told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
+        for diagnostic in (*told, *indefinite(robot, base, theta, part, low, high)):
+            found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
+    return list(found.values())
+
+
+def _place(model: LoopModel, i: int, label: str) -> int:
+    """Place among the free parameters of the base parameter that acts in an experiment."""
+    name = model.parameters.names[i]
+    for k in range(model.parameters.count, model.linear_count):
+        if (model.free_parameters[k].key, model.free_parameters[k].experiment) == (name, label):
+            return k
+    return i
+
+
+def joint_range(model: LoopModel) -> tuple[Array, Array]:
+    """Lowest and highest positions (n,) each: by the description, else a whole turn, and of a prismatic joint what the
+    references reach."""
+    assert isinstance(model.parameters, RobotParameters)
+    low, high = [], []
+    for j, joint in enumerate(model.parameters.model.description.joints, start=1):
+        if joint.limits is not None:
+            ends = joint.limits
+        elif joint.type == "revolute":
+            ends = (-np.pi, np.pi)
+        else:
+            columns = [e.reference.column(f"q{j}") for e in model.experiments.values() if f"q{j}" in e.reference.names]
+            reached = np.concatenate([np.zeros(1), *columns])
+            ends = (float(reached.min()), float(reached.max()))
+        low.append(ends[0])
+        high.append(ends[1])
+    return np.array(low), np.array(high)
+
+
+def negative_friction(base: BaseParameters, theta: Array, covariance: Array) -> list[Diagnostic]:
+    """Friction parameters below zero by more than two standard deviations."""
+    deviation, found = np.sqrt(np.diag(covariance)), []
+    for name, standard, unit, value, sigma in zip(base.names, base.standard, base.units, theta, deviation, strict=True):
+        stem = standard.rstrip("0123456789")
+        if stem in FRICTION and value < -limits.NEGATIVE_FRICTION * sigma:
+            excess = value / sigma if sigma > 0 else -np.inf
+            text = f"{name} = {value:.3g} ± {sigma:.2g} {unit} is negative by {-excess:.1f} standard deviations."
+            place = f"joint {standard.removeprefix(stem)}"
+            bound = -limits.NEGATIVE_FRICTION
+            found.append(Diagnostic(FRICTION_NEGATIVE, text, place, float(excess), bound, "standard deviations"))
+    return found
+
+
+def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array) -> list[Diagnostic]:
+    """Base parameters that physical links cannot have within their uncertainty: all together, else one by one.
+
+    Together they show what none shows alone; but where many inequalities hold the nearest values back, chance explains
+    a distance that is too far for one.
+    """
+    try:
+        near = nearest_physical(robot, base, theta, covariance)
+        bound = float(np.sqrt(stats.chi2.isf(limits.FALSE_UNPHYSICAL, max(near.constraints, 1))))
+        if near.distance > bound:
+            return [_not_physical(base, theta, near, bound)]
+        bound = float(stats.norm.isf(limits.FALSE_UNPHYSICAL / base.count))
+        # Physical values stay so when all are multiplied: only a sign can be wrong of one alone.
+        suspects = np.flatnonzero(theta < -bound * np.sqrt(np.diag(covariance)))
+        single = [nearest_physical(robot, base, theta, covariance, alone=int(i)) for i in suspects]
+    except IdentificationError as error:
+        return [Diagnostic(NOT_PHYSICAL, error.what, next_step=error.next_step)]
+    worst = max(single, key=lambda one: one.distance, default=near)
+    return [_not_physical(base, theta, worst, bound)] if worst.distance > bound else []
+
+
+def _not_physical(base: BaseParameters, theta: Array, near: Nearest, bound: float) -> Diagnostic:
+    name, unit = base.names[near.parameter], base.units[near.parameter]
+    text = (
+        f"No link {near.link} of positive mass has these values: the nearest that physical links have are "
+        f"{near.distance:.1f} standard deviations away, where chance explains {bound:.1f}; {name} would move most, "
+        f"from {theta[near.parameter]:.3g} to {near.values[near.parameter]:.3g} {unit}."
+    )
+    return Diagnostic(NOT_PHYSICAL, text, f"link {near.link}", near.distance, bound, "standard deviations")
+
+
+def indefinite(
+    robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array, low: Array, high: Array
+) -> list[Diagnostic]:
+    """An inertia matrix that is not positive definite at some position between low and high, (n,) each."""
+    worst = worst_position(robot, base, theta, low, high)
+    if worst.eigenvalue > limits.POSITIVE:
+        return []
+    joint, parameter, sigma = blamed(robot, base, theta, covariance, worst.position)
+    where = ", ".join(f"{v:.3g}" for v in worst.position)
+    text = (
+        f"The inertia matrix is not positive definite at q = ({where}): its smallest scaled eigenvalue is "
+        f"{worst.eigenvalue:.2g} ± {sigma:.2g}, of the motion of joint {joint}, most of it by {parameter}."
+    )
+    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, limits.POSITIVE, "1")]
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where the scaled inertia matrix has its smallest eigenvalue: position (n,) and the eigenvalue."""
+
+    position: Array
+    eigenvalue: float
+
+
+def worst_position(robot: RobotModel, base: BaseParameters, theta: Array, low: Array, high: Array) -> Worst:
+    """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each: the worst of points
+    that fill it evenly, and minima from there."""
+    chi, n = base.expand(theta), low.size
+    points = qmc.Sobol(n, seed=0).random(limits.POSITIONS)
+    points = low + points * (high - low)
+    found = robot.inertia_along(points, chi)
+    order = np.argsort(found)[: limits.DESCENTS]
+    best = Worst(points[order[0]], float(found[order[0]]))
+    for start in points[order]:
+        result = minimize(
+            lambda q: robot.minimum_inertia(np.clip(q, low, high)[None], chi), start, method="Nelder-Mead",
+            options={"maxfev": 100 * n, "fatol": 1e-9},
+        )  # fmt: skip
+        if result.fun < best.eigenvalue:
+            best = Worst(np.clip(result.x, low, high), float(result.fun))
+    return best
+
+
+def blamed(
+    robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array, position: Array
+) -> tuple[int, str, float]:
+    """The joint, from 1, that moves most in the worst direction at a position, the base parameter that makes it worst,
+    and the standard deviation of the eigenvalue."""
+    chi = base.expand(theta)
+    columns = robot.inertia_columns(position)
+    mass = columns @ chi
+    scale = np.sqrt(np.maximum(np.abs(np.diag(mass)), np.finfo(float).tiny))
+    vector = np.linalg.eigh(mass / np.outer(scale, scale))[1][:, 0]
+    joint = int(np.argmin(np.diag(mass))) if (np.diag(mass) <= 0).any() else int(np.argmax(np.abs(vector)))
+    if (np.diag(mass) <= 0).any():
+        vector = np.eye(mass.shape[0])[joint]
+    weight = vector / scale
+    slopes = np.einsum("i,ijk,j->k", weight, columns, weight)[base.index]
+    parameter = base.names[int(np.argmin(slopes * theta))]
+    return joint + 1, parameter, float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
