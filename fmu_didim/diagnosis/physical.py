@@ -22,13 +22,13 @@ from fmu_didim.signals import Array
 FRICTION_NEGATIVE = CATALOGUE(
     "friction-negative", DOUBT, rank=60,
     meaning="A friction parameter lies below zero by more than its uncertainty: this friction would drive the machine.",
-    next_step="Run fmu-didim discover: another effect, a wrong gain or a late clock may stand for it.",
+    next_step="Run fmu-didim discover CASE.yaml: another effect, a wrong gain or a late clock may stand for it.",
 )  # fmt: skip
 NOT_PHYSICAL = CATALOGUE(
     "not-physical", DOUBT, rank=55,
     meaning="No links of positive mass have these base parameters, or any that are as near as their uncertainty.",
-    next_step="Run fmu-didim discover, and check geometry, gravity, gains and clock: what is wrong there, the inertia "
-    "of some link makes up for.",
+    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: what is wrong there, "
+    "the inertia of some link makes up for.",
 )  # fmt: skip
 MASS_INDEFINITE = CATALOGUE(
     "mass-matrix-indefinite", DOUBT, rank=57,

@@ -10,6 +10,7 @@ from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import motion_dependence, motion_diagnostics
+from fmu_didim.diagnosis.physical import physical_diagnostics
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
@@ -62,6 +63,7 @@ def judged(
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
+    found += physical_diagnostics(model, estimate.value, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
     found += _motion_diagnostics(model, estimate)
     shift = float(np.max(estimate.integration_shift))
