@@ -10,6 +10,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.diagnosis.localise import Region, force_windows
+from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import (
     ANSWER_TEXT,
@@ -53,6 +54,7 @@ def findings_document(
     provenance: Mapping[str, Any] | None = None,
     limit_s: float | None = None,
     case: str = "",
+    doubts: Sequence[Diagnostic] = (),
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
@@ -62,10 +64,11 @@ def findings_document(
         outside: torques from outside, which come first; windows: when they acted.
         found_regions: where the base model disagrees; notes: further remarks.
         limit_s: time that the search had; case: file of the case, for the commands that reasons name.
+        doubts: what is wrong with the data.
     """
     residuals = _residuals(discovery)
     told, unfinished = unfinished_search(discovery, limit_s)
-    judgement = judged(discovery, told)
+    judgement = judged(discovery, told, doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(

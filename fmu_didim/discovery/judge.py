@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fmu_didim.diagnosis.gap import joint_gaps
@@ -23,14 +25,14 @@ GAP_REMAINS = CATALOGUE(
 )  # fmt: skip
 
 
-def judged(discovery: Discovery, unfinished: Diagnostic | None) -> Judgement:
+def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence[Diagnostic] = ()) -> Judgement:
     """The judgement of what was found.
 
     Args:
-        unfinished: why the search is not at its end, if it is not.
+        unfinished: why the search is not at its end, if it is not; before: what is doubted of the data.
     """
     final = discovery.final
-    found = [*remaining_gaps(final), *([unfinished] if unfinished is not None else []), *_held_out(final)]
+    found = [*before, *remaining_gaps(final), *([unfinished] if unfinished is not None else []), *_held_out(final)]
     return judgement(found, settled=unfinished is None)
 
 

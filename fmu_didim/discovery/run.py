@@ -146,7 +146,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
             ask.name, discovery, builder,
             ratio=ratio, outside=outside, windows=windows, found_regions=disagreement, notes=[*own_notes, *notes],
             provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
-            limit_s=watch.limit_s, case=ask.case,
+            limit_s=watch.limit_s, case=ask.case, doubts=prepared.doubts,
         )  # fmt: skip
         return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
 

@@ -26,6 +26,11 @@ FIRST_S = TABLE(
 )  # fmt: skip
 SAID_EVERY_S = TABLE("SAID_EVERY_S", 5.0, "s", "Time between two lines that tell how far a piece of work is.")
 SHOWN_UNTRIED = TABLE("SHOWN_UNTRIED", 4, "candidates", "Named in the sentence; findings.json lists all of them.")
+OF_THE_DATA = TABLE(
+    "OF_THE_DATA", 16, "rank",
+    "Diagnostics of the data before this rank hold whatever the model is; a torque that is limited, pushes, a clock or "
+    "a delay, which come after, are what discovery itself names.",
+)  # fmt: skip
 REMAINDER = TABLE(
     "REMAINDER", 0.6, "standard deviations",
     "Gap of a joint, in units of its noise, above which a model that found no more effects still counts as "
