@@ -23,6 +23,7 @@ from fmu_didim.identification.result import (
     ParameterResult,
     ResultDocument,
     StageResult,
+    UnconstrainedResult,
 )
 from fmu_didim.prediction.free_parameter import BASE, PLANT
 from fmu_didim.prediction.iteration import Iteration
@@ -177,7 +178,7 @@ def _data(model: LoopModel, label: str) -> ExperimentResult:
 def refused_document(
     name: str, model: LoopModel, estimator: str, error: RefusedError, provenance: Mapping[str, Any]
 ) -> ResultDocument:
-    """The document of a refusal: the reason and the iterations, no values."""
+    """The document of a refusal: the reason, the iterations, and where they led; no answer."""
     return ResultDocument(
         name=name,
         status="refused",
@@ -186,6 +187,7 @@ def refused_document(
         iterations=len(error.iterations),
         finish_iterations=0,
         parameters={},
+        unconstrained=_unconstrained(model, error),
         stages={},
         regrouping=model.parameters.relations(),
         correlations=[],
@@ -201,3 +203,13 @@ def refused_document(
         remarks=[],
         provenance=dict(provenance),
     )
+
+
+def _unconstrained(model: LoopModel, error: RefusedError) -> dict[str, UnconstrainedResult]:
+    if error.values is None or not np.isfinite(error.values).all():
+        return {}
+    deviation = np.full(error.values.size, np.nan) if error.deviation is None else error.deviation
+    return {
+        name: UnconstrainedResult(value=float(value), std=float(sigma), unit=unit)
+        for name, value, sigma, unit in zip(model.names, error.values, deviation, model.units, strict=False)
+    }
