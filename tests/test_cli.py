@@ -20,7 +20,7 @@ def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.Captur
     assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "didim 1:" in printed  # progress
-    assert "restarted from the reference trajectory" in printed
+    assert "restarted from the motion that the measured torque implies" in printed
     assert "ZZ1R" in printed
     assert "kg.m2" in printed or "kg·m²" in printed
     document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
@@ -115,6 +115,7 @@ def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureF
     assert document["status"] == "refused"
     assert document["parameters"] == {}
     assert document["verdict"] == "refused"
+    assert set(document["unconstrained"]) == {"ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2"}
     assert document["history"]
     assert (tmp_path / "out" / "report.html").is_file()
 

@@ -14,6 +14,7 @@ from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.feasibility import Nearest, nearest_physical
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import IdentificationError
+from fmu_didim.prediction import thresholds as prediction
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import FRICTION, RobotParameters
 from fmu_didim.robot import RobotModel
@@ -53,7 +54,7 @@ def physical_diagnostics(model: LoopModel, values: Array, covariance: Array) -> 
         place = np.array([_place(model, i, label) for i in range(base.count)])
         theta, part = values[place], covariance[np.ix_(place, place)]
         told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
-        for diagnostic in (*told, *indefinite(robot, base, theta, part, low, high)):
+        for diagnostic in (*told, *indefinite(model.parameters, theta, part, low, high)):
             found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
     return list(found.values())
 
@@ -132,19 +133,20 @@ def _not_physical(base: BaseParameters, theta: Array, near: Nearest, bound: floa
 
 
 def indefinite(
-    robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array, low: Array, high: Array
+    parameters: RobotParameters, theta: Array, covariance: Array, low: Array, high: Array
 ) -> list[Diagnostic]:
     """An inertia matrix that is not positive definite at some position between low and high, (n,) each."""
-    worst = worst_position(robot, base, theta, low, high)
-    if worst.eigenvalue > limits.POSITIVE:
+    worst = worst_position(parameters, theta, low, high)
+    if worst.eigenvalue > prediction.POSITIVE:
         return []
-    joint, parameter, sigma = blamed(robot, base, theta, covariance, worst.position)
+    joint, name, slopes = parameters.weakest(worst.position, theta)
+    sigma = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     where = ", ".join(f"{v:.3g}" for v in worst.position)
     text = (
         f"The inertia matrix is not positive definite at q = ({where}): its smallest scaled eigenvalue is "
-        f"{worst.eigenvalue:.2g} ± {sigma:.2g}, of the motion of joint {joint}, most of it by {parameter}."
+        f"{worst.eigenvalue:.2g} ± {sigma:.2g}, of the motion of joint {joint}, most of it by {name}."
     )
-    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, limits.POSITIVE, "1")]
+    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, prediction.POSITIVE, "1")]
 
 
 @dataclass(frozen=True)
@@ -155,10 +157,10 @@ class Worst:
     eigenvalue: float
 
 
-def worst_position(robot: RobotModel, base: BaseParameters, theta: Array, low: Array, high: Array) -> Worst:
+def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: Array) -> Worst:
     """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each: the worst of points
     that fill it evenly, and minima from there."""
-    chi, n = base.expand(theta), low.size
+    robot, chi, n = parameters.model, parameters.base.expand(theta), low.size
     points = qmc.Sobol(n, seed=0).random(limits.POSITIONS)
     points = low + points * (high - low)
     found = robot.inertia_along(points, chi)
@@ -172,22 +174,3 @@ def worst_position(robot: RobotModel, base: BaseParameters, theta: Array, low: A
         if result.fun < best.eigenvalue:
             best = Worst(np.clip(result.x, low, high), float(result.fun))
     return best
-
-
-def blamed(
-    robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array, position: Array
-) -> tuple[int, str, float]:
-    """The joint, from 1, that moves most in the worst direction at a position, the base parameter that makes it worst,
-    and the standard deviation of the eigenvalue."""
-    chi = base.expand(theta)
-    columns = robot.inertia_columns(position)
-    mass = columns @ chi
-    scale = np.sqrt(np.maximum(np.abs(np.diag(mass)), np.finfo(float).tiny))
-    vector = np.linalg.eigh(mass / np.outer(scale, scale))[1][:, 0]
-    joint = int(np.argmin(np.diag(mass))) if (np.diag(mass) <= 0).any() else int(np.argmax(np.abs(vector)))
-    if (np.diag(mass) <= 0).any():
-        vector = np.eye(mass.shape[0])[joint]
-    weight = vector / scale
-    slopes = np.einsum("i,ijk,j->k", weight, columns, weight)[base.index]
-    parameter = base.names[int(np.argmin(slopes * theta))]
-    return joint + 1, parameter, float(np.sqrt(max(slopes @ covariance @ slopes, 0.0)))

@@ -203,6 +203,3 @@ POSITIONS = TABLE(
     "POSITIONS", 1024, "positions", "In the whole range of the joints, at which the inertia matrix is looked at first."
 )
 DESCENTS = TABLE("DESCENTS", 4, "positions", "The worst of them, from which a minimum is sought.")
-POSITIVE = TABLE(
-    "POSITIVE", 1e-9, "1", "Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."
-)

@@ -74,8 +74,8 @@ class Clie(Estimator):
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
-                "The identified model is not physical.", iterations=list(minimum.iterations), got=reason,
-                next_step=ADVICE,
+                "The identified model is not physical.", iterations=minimum.iterations, got=reason,
+                next_step=ADVICE, values=fit.values, deviation=sigma,
             )  # fmt: skip
         return torque_estimate(
             minimum, known, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,

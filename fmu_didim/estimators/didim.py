@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import InputError, SimulationError
+from fmu_didim.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
@@ -83,22 +83,30 @@ class Didim(Estimator):
             )
         history: list[Iteration] = []
         failures: list[str] = []
+        last: _NonPhysicalError | None = None
         settled, starts = 0, start_sequence(model, self.start)
         for start, further in zip(starts, (*starts[1:], None), strict=True):
             then = "" if further is None else f"; restarted from {start_text(further)}"
             try:
                 estimate = self._from(model, start, then, history, progress)
             except _NonPhysicalError as caught:
+                last = caught if caught.settled or last is None or not last.settled else last
                 failures.append(f"from {start_text(start)}: {caught.reason}")
                 settled += caught.settled
                 if settled == limits.SAME_MINIMUM:
                     break
                 continue
+            except IdentificationError as caught:
+                if not failures:
+                    raise
+                failures.append(f"from {start_text(start)}: {caught.what} ({caught.got})")
+                continue
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
             return replace(estimate, remarks=(*told, *estimate.remarks))
         raise RefusedError(
-            "The identified model is not physical.", iterations=history, got="; ".join(failures), next_step=ADVICE
-        )
+            "The identified model is not physical.", iterations=history, got="; ".join(failures), next_step=ADVICE,
+            values=last.theta if last else None, deviation=last.deviation if last else None,
+        )  # fmt: skip
 
     def _check_linearity(self, model: LoopModel) -> None:
         values, label = start_values(model, self.start), model.first
@@ -202,7 +210,7 @@ class Didim(Estimator):
             minimum = Minimum(fit, integration_error(fit))
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
-            raise _NonPhysicalError(fit.values, reason, settled=settled)
+            raise _NonPhysicalError(fit.values, reason, settled=settled, deviation=known.deviation)
         return torque_estimate(minimum, known, estimator=self.name, settled=settled, iterations=history, stages=stages)
 
     def _stage(self, fit: Fit, known: Uncertainty) -> Stage:
@@ -224,8 +232,17 @@ class Didim(Estimator):
 class _NonPhysicalError(Exception):
     """Inside this module: an answer that must not be returned; ``settled`` where it is a minimum."""
 
-    def __init__(self, theta: Array, reason: str, *, settled: bool = False, error: float = np.nan) -> None:
+    def __init__(
+        self,
+        theta: Array,
+        reason: str,
+        *,
+        settled: bool = False,
+        error: float = np.nan,
+        deviation: Array | None = None,
+    ) -> None:
         self.theta, self.reason, self.settled, self.error = theta, reason, settled, error
+        self.deviation = deviation
         super().__init__(reason)
 
 

@@ -69,6 +69,7 @@ class IdimLs(Estimator):
             raise RefusedError(
                 "The identified model is not physical.", iterations=[iteration], got=reason,
                 next_step="Check sign, unit and clock of torque and positions, and the cut-off frequency.",
+                values=value, deviation=sigma,
             )  # fmt: skip
         return Estimate(
             estimator=self.name,

@@ -27,6 +27,7 @@ from fmu_didim.identification.result import (
     ParameterResult,
     ResultDocument,
     StageResult,
+    UnconstrainedResult,
 )
 from fmu_didim.prediction.free_parameter import BASE, PLANT
 from fmu_didim.prediction.iteration import Iteration
@@ -203,7 +204,7 @@ def refused_document(
     *,
     known: Sequence[Diagnostic] = (),
 ) -> ResultDocument:
-    """The document of a refusal: the reason and the iterations, no values.
+    """The document of a refusal: the reason, the iterations, and where they led; no answer.
 
     Args:
         known: what was found before the work.
@@ -219,6 +220,7 @@ def refused_document(
         iterations=len(iterations),
         finish_iterations=0,
         parameters={},
+        unconstrained=_unconstrained(model, error),
         stages={},
         regrouping=model.parameters.relations(),
         correlations=[],
@@ -234,3 +236,13 @@ def refused_document(
         remarks=[str(found) for found in by_weight(known) if found.code.severity is REMARK],
         provenance=dict(provenance),
     )
+
+
+def _unconstrained(model: LoopModel, error: FmuDidimError) -> dict[str, UnconstrainedResult]:
+    if not isinstance(error, RefusedError) or error.values is None or not np.isfinite(error.values).all():
+        return {}
+    deviation = np.full(error.values.size, np.nan) if error.deviation is None else error.deviation
+    return {
+        name: UnconstrainedResult(value=float(value), std=float(sigma), unit=unit)
+        for name, value, sigma, unit in zip(model.names, error.values, deviation, model.units, strict=False)
+    }

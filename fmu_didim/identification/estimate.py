@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -142,8 +142,23 @@ class Estimate:
 
 
 class RefusedError(IdentificationError):
-    """No answer can be given; carries the iterations made so far."""
+    """No answer can be given.
 
-    def __init__(self, what: str, *, iterations: list[Iteration], got: object = None, next_step: str = "") -> None:
+    Attributes:
+        iterations: made so far; values: (p,) where they led, without regard to what is physical, None where to nothing;
+            deviation: (p,) their standard deviations, where they are a minimum.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        iterations: Sequence[Iteration],
+        got: object = None,
+        next_step: str = "",
+        values: Array | None = None,
+        deviation: Array | None = None,
+    ) -> None:
         self.iterations = tuple(iterations)
+        self.values, self.deviation = values, deviation
         super().__init__(what, got=got, next_step=next_step)

@@ -35,6 +35,14 @@ class ParameterResult(Strict):
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
 
 
+class UnconstrainedResult(Strict):
+    """A value that was refused."""
+
+    value: float = Field(description="where the iterations led, in the unit")
+    std: Number = Field(description="standard deviation; null where that is no minimum")
+    unit: str = Field(description="FMI unit string")
+
+
 class StageResult(Strict):
     """Values at the end of a stage, by parameter."""
 
@@ -145,6 +153,9 @@ class ResultDocument(Strict):
     iterations: int = Field(description="iterations of the main stage")
     finish_iterations: int = Field(description="iterations of the efficient finish")
     parameters: dict[str, ParameterResult]
+    unconstrained: dict[str, UnconstrainedResult] = Field(
+        default={}, description="of a refused result: values without regard to what is physical, no answer"
+    )
     stages: dict[str, StageResult]
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")

@@ -14,6 +14,7 @@ import numpy as np
 
 from fmu_didim.base_parameters import BaseParameters
 from fmu_didim.errors import InputError
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
 from fmu_didim.signals import Array
@@ -204,10 +205,32 @@ class RobotParameters(Parameters):
         reason = super().inertia_problem(q, theta)
         if reason:
             return reason
-        smallest = self.model.minimum_inertia(q, self.base.expand(theta))
-        if smallest <= 1e-9:
-            return f"the inertia matrix is not positive definite (smallest scaled eigenvalue {smallest:.3g})"
-        return ""
+        along = self.model.inertia_along(q, self.base.expand(theta))
+        worst = int(np.argmin(along))
+        if along[worst] > limits.POSITIVE:
+            return ""
+        joint, name, _ = self.weakest(q[worst], theta)
+        value, unit = theta[self.names.index(name)], self.units[self.names.index(name)]
+        return (
+            f"the inertia matrix is not positive definite (smallest scaled eigenvalue {along[worst]:.3g}, "
+            f"joint {joint}, most of it by {name} = {value:.3g} {unit})"
+        )
+
+    def weakest(self, position: Array, theta: Array) -> tuple[int, str, Array]:
+        """What makes the inertia matrix worst at a position (n,): the joint, from 1, that moves most in its worst
+        direction, the parameter that lowers it most there, and the slopes (p,) of the smallest eigenvalue."""
+        columns = self.model.inertia_columns(position)
+        mass = columns @ self.base.expand(theta)
+        diagonal = np.diag(mass)
+        scale = np.sqrt(np.maximum(np.abs(diagonal), np.finfo(float).tiny))
+        if (diagonal <= 0).any():
+            joint = int(np.argmin(diagonal))
+            weight = np.eye(diagonal.size)[joint]
+        else:
+            vector = np.linalg.eigh(mass / np.outer(scale, scale))[1][:, 0]
+            joint, weight = int(np.argmax(np.abs(vector))), vector / scale
+        slopes = np.einsum("i,ijk,j->k", weight, columns, weight)[self.base.index]
+        return joint + 1, self.names[int(np.argmin(slopes * theta))], slopes
 
     def physical_problem(self, theta: Array, deviation: Array) -> str:
         found = []

@@ -152,6 +152,9 @@ ROUGHNESS = TABLE(
 CHECKED_POSITIONS = TABLE(
     "CHECKED_POSITIONS", 200, "positions", "Along the reference, at which the inertia matrix is checked."
 )
+POSITIVE = TABLE(
+    "POSITIVE", 1e-9, "1", "Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."
+)
 FARTHEST = TABLE(
     "FARTHEST", 1.0, "1",
     "Relative error of the torque beyond which a model explains less than nothing: zero would be nearer.",

@@ -122,7 +122,10 @@ def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedErr
     if not known:
         return error
     got = "; ".join(str(part) for part in (error.got, "before, it was seen: " + " ".join(known)) if part)
-    return RefusedError(error.what, iterations=list(error.iterations), got=got, next_step=error.next_step)
+    return RefusedError(
+        error.what, iterations=error.iterations, got=got, next_step=error.next_step, values=error.values,
+        deviation=error.deviation,
+    )  # fmt: skip
 
 
 def _save(document: ResultDocument, validations: tuple[Validation, ...] | list[Validation], out: Path) -> None:

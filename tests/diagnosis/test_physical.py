@@ -108,16 +108,17 @@ def test_inertia_matrix_that_fails_far_from_the_motion_is_found() -> None:
     values = truth.copy()
     values[base.names.index("MX2")], values[base.names.index("MY2")] = 0.0, 1.2
     low, high = np.full(2, -np.pi), np.full(2, np.pi)
-    worst = worst_position(model, base, values, low, high)
+    worst = worst_position(RobotParameters(model, base), values, low, high)
     # M = [[z1 + z2 + 2 a c, z2 + a c], [., z2]] with c = MX cos q2 - MY sin q2; scaled by hand over a fine grid.
     z1, z2, c = values[0], values[base.names.index("ZZ2")], 0.5 * -1.2 * np.sin(np.linspace(-np.pi, np.pi, 100001))
     expected = (1 - np.abs(z2 + c) / np.sqrt((z1 + z2 + 2 * c) * z2)).min()
     assert worst.eigenvalue == pytest.approx(expected, abs=1e-6)
-    (found,) = indefinite(model, base, values, np.diag(deviation**2), low, high)
+    (found,) = indefinite(RobotParameters(model, base), values, np.diag(deviation**2), low, high)
     assert found.code.name == "mass-matrix-indefinite"
     assert found.place in ("joint 1", "joint 2")
     # Within limits where the second link does not point that way, nothing is wrong.
-    assert indefinite(model, base, values, np.diag(deviation**2), np.array([-3.0, -0.05]), np.array([3.0, 0.05])) == []
+    low, high = np.array([-3.0, -0.05]), np.array([3.0, 0.05])
+    assert indefinite(RobotParameters(model, base), values, np.diag(deviation**2), low, high) == []
 
 
 def test_all_are_asked_of_a_model() -> None:
@@ -161,3 +162,14 @@ def test_limits_of_a_joint() -> None:
     assert described.joints[0].limits == (-np.pi / 2, 2.0)
     with pytest.raises(ValueError, match="the first limit must be less than the second"):
         RobotDescription.model_validate({"name": "arm", "joints": [{**joint, "limits": [1.0, 1.0]}]})
+
+
+def test_refusal_names_joint_and_parameter() -> None:
+    """The last motor inertia below zero; and a diagonal element: gravity turns joint 2 of the arm by inertia alone."""
+    model, base, truth, _ = robot("tx40")
+    parameters = RobotParameters(model, base)
+    values = truth.copy()
+    values[base.names.index("Ia6")] = -0.02
+    problem = parameters.inertia_problem(np.zeros((3, 6)), values)
+    assert "joint 6, most of it by Ia6 = -0.02 kg.m2" in problem
+    assert parameters.inertia_problem(np.zeros((3, 6)), truth) == ""

@@ -191,6 +191,7 @@ def test_torque_of_the_wrong_sign_is_refused_with_advice(cases: dict[int, Case])
     with pytest.raises(RefusedError) as caught:
         Didim().estimate(with_torque(model, -model.measured))
     assert "check the sign" in str(caught.value)
+    assert caught.value.values is not None and caught.value.values.size == TRUTH.size
     assert caught.value.iterations
 
 
