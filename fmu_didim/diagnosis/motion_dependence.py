@@ -66,8 +66,8 @@ def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
     return [_clock(d) for d in clock] + [
         Diagnostic(
             DEPENDS_ON_MOTION,
-            f"{100 * d.share:.2g} % of the squared residual follows the motion (p = {max(d.p_value, TINY):.1e}), most with the "
-            f"{d.most}.",
+            f"{100 * d.share:.2g} % of the squared residual follows the motion (p = {max(d.p_value, TINY):.1e}), most "
+            f"with the {d.most}.",
             place=f"joint {d.joint}", value=d.p_value, bound=level, unit="1",
         )
         for d in found

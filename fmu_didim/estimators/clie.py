@@ -75,7 +75,7 @@ class Clie(Estimator):
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
-                next_step=ADVICE, values=fit.values, deviation=sigma,
+                next_step=ADVICE, values=fit.values, deviation=known.deviation,
             )  # fmt: skip
         return torque_estimate(
             minimum, known, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,

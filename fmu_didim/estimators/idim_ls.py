@@ -69,7 +69,7 @@ class IdimLs(Estimator):
             raise RefusedError(
                 "The identified model is not physical.", iterations=[iteration], got=reason,
                 next_step="Check sign, unit and clock of torque and positions, and the cut-off frequency.",
-                values=value, deviation=sigma,
+                values=value, deviation=known.deviation,
             )  # fmt: skip
         return Estimate(
             estimator=self.name,

@@ -92,10 +92,10 @@ class Nearby:
         """
         below, above = misfit(-step), misfit(step)
         curvature = below + above - 2 * (here := self.misfit())
-        best = min(below, above, here - (below - above) ** 2 / (8 * curvature) if curvature > 0 else here)
+        best = min(below, above, here - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else here)
         if self.gain(best) <= 0:
             return None
-        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": step / 10})
+        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": limits.FINE * step})
         x, least = float(found.x), float(found.fun)
         bent = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
         return x, float(np.sqrt(2 * least / (self.samples * bent))) if bent > 0 else np.inf, least

@@ -153,6 +153,7 @@ CLEARLY = TABLE(
 )
 WORTH_IT = TABLE("WORTH_IT", 0.97, "1", "Of the mean square residual that an explanation must leave at most.")
 
+FINE = TABLE("FINE", 0.1, "1", "Of the step to its sides, to which the least misfit is searched.")
 LEAST_SCALE = TABLE("LEAST_SCALE", 0.05, "1", "Relative change of a scale or a length from which it is told.")
 LARGEST_SCALE = TABLE("LARGEST_SCALE", 4.0, "1", "Up to which a scale is looked for, up and down.")
 LARGEST_CHANGE = TABLE("LARGEST_CHANGE", 0.6, "1", "Relative change up to which a length is looked for.")
