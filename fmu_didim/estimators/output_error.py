@@ -107,7 +107,8 @@ class OutputError(Estimator):
         if reason or (np.abs(found.fun) >= PENALTY).all():
             raise RefusedError(
                 "The identified model is not physical.", iterations=history, got=reason or "no simulation succeeded",
-                next_step="Start from the reference trajectory (start: reference).", values=value, deviation=known.deviation,
+                next_step="Start from the reference trajectory (start: reference).", values=value,
+                deviation=known.deviation,
             )  # fmt: skip
         torque, measured = model.torque(value), model.measured
         singular = np.linalg.svd(found.jac / np.linalg.norm(found.jac, axis=0), compute_uv=False)
