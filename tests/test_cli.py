@@ -115,7 +115,7 @@ def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureF
     assert document["status"] == "refused"
     assert document["parameters"] == {}
     assert document["verdict"] == "refused"
-    assert set(document["unconstrained"]) == {"ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2"}
+    assert set(document["unconstrained"]) == {"ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2", "Kp2"}
     assert document["history"]
     assert (tmp_path / "out" / "report.html").is_file()
 

@@ -169,7 +169,7 @@ def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: 
     for start in points[order]:
         result = minimize(
             lambda q: robot.minimum_inertia(np.clip(q, low, high)[None], chi), start, method="Nelder-Mead",
-            options={"maxfev": 100 * n, "fatol": 1e-9},
+            options={"maxfev": 100 * n, "fatol": limits.EIGENVALUE_TOLERANCE},
         )  # fmt: skip
         if result.fun < best.eigenvalue:
             best = Worst(np.clip(result.x, low, high), float(result.fun))

@@ -126,6 +126,10 @@ COMPARED = TABLE(
     "that are compared, have a third in their difference.",
 )  # fmt: skip
 
+EIGENVALUE_TOLERANCE = TABLE(
+    "EIGENVALUE_TOLERANCE", 1e-9, "1", "To which the smallest scaled eigenvalue of the inertia matrix is searched for."
+)
+
 # Experiments that were fitted together -------------------------------------------------------------------------------
 SIGNIFICANCE = TABLE(
     "SIGNIFICANCE", 0.001, "1",

@@ -43,7 +43,7 @@ def test_case_without_fault_is_ready() -> None:
     assert "will not tell Fv1 from zero" in lines(found) and "Fv1 * " in found.summary()
     assert found.parameters == load_case(CASE).model.names
     assert found.start == "the motion that the measured torque implies"
-    assert 4 < found.error_percent["validation"] < 6
+    assert 4 < found.error_percent["validation"] < 10
     assert found.consistency is None
     assert max(len(line) for line in found.summary().splitlines()) <= 100
     assert lines(found).endswith("READY: nothing stands against an identification")
