@@ -8,7 +8,7 @@ import time
 from collections import Counter
 
 from tests.diagnosis.data.right import loaded
-from tests.verdict.catalogue import CATALOGUE, right
+from tests.verdict.catalogue import CATALOGUE, Wrong, right
 from tests.verdict.run import Answer, answer, named
 
 NAMED = 0.9
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
                 is_named = bool(set(found.codes[:2]) & set(wrong.codes))
                 tally.update(runs=1, named=int(is_named or (found.verdict == "refused" and not found.codes)))
                 tally.update(wrong=int(found.is_wrong), valid=int(found.verdict == "valid"))
-                _line(f"{wrong.name} ({robot}, {seed})", found, is_named, time.monotonic() - begin)
+                _line(f"{wrong.name} ({robot}, {seed})", found, told, time.monotonic() - begin)
     for robot in options.robots:
         for seed in range(1, options.right + 1):
             begin = time.monotonic()
@@ -50,8 +50,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if holds else 1
 
 
-def _line(name: str, found: Answer, is_named: bool, seconds: float) -> None:
-    mark = "WRONG" if found.is_wrong else "ok" if is_named else "other"
+def is_named(wrong: Wrong, found: Answer) -> bool:
+    """Whether what is wrong is among the first two reasons, or no answer was given at all."""
+    return bool(set(found.codes[:2]) & set(wrong.codes)) or (found.verdict == "refused" and not found.codes)
+
+
+def _line(name: str, found: Answer, told: bool, seconds: float) -> None:
+    mark = "WRONG" if found.is_wrong else "ok" if told else "other"
     print(f"{mark:6}{name}: {found.verdict} {', '.join(found.codes[:4])} "
           f"({found.farthest:.1f} sigma, held out {found.held_out:.2f}, {seconds:.1f} s)", flush=True)  # fmt: skip
 
