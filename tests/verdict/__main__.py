@@ -32,8 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
             for seed in range(1, options.seeds + 1):
                 begin = time.monotonic()
                 found = answer(wrong.make(robot, seed), named(loaded(robot)))
-                is_named = bool(set(found.codes[:2]) & set(wrong.codes))
-                tally.update(runs=1, named=int(is_named or (found.verdict == "refused" and not found.codes)))
+                told = is_named(wrong, found)
+                tally.update(runs=1, named=int(told))
                 tally.update(wrong=int(found.is_wrong), valid=int(found.verdict == "valid"))
                 _line(f"{wrong.name} ({robot}, {seed})", found, told, time.monotonic() - begin)
     for robot in options.robots:

@@ -222,7 +222,10 @@ CATALOGUE: list[Wrong] = [
         )
     ),
     *(
-        Wrong(f"machine: {name} on joint {number} of {robots[0]}", on_machine(with_effect(name, number, **values)), FIT, robots)
+        Wrong(
+            f"machine: {name} on joint {number} of {robots[0]}", on_machine(with_effect(name, number, **values)), FIT,
+            robots,
+        )
         for name, number, values, robots in (
             ("stribeck", 1, {"Fs": 1.0, "vs": 0.1}, ("scara",)),
             ("stribeck", 2, {"Fs": 0.1, "vs": 0.1}, ("scara",)),
