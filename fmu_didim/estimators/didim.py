@@ -24,6 +24,7 @@ from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.path import Path
+from fmu_didim.identification.second_minimum import lower_elsewhere
 from fmu_didim.identification.start import Start, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import Fit, point
@@ -198,7 +199,7 @@ class Didim(Estimator):
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         stages = {"didim": self._stage(fit)}
         if self.finish or fit.values.size > model.linear_count:
-            minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
+            minimum = self._lowest(efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress), progress)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled
             covariance = fit.bound
@@ -215,6 +216,24 @@ class Didim(Estimator):
         return torque_estimate(
             minimum, covariance, estimator=self.name, settled=settled, iterations=history, stages=stages
         )
+
+    def _lowest(self, minimum: Minimum, progress: Progress) -> Minimum:
+        """The same minimum, or a lower one that was found beyond it."""
+        for _ in range(limits.OTHER_MINIMA):
+            other = lower_elsewhere(minimum.fit)
+            if other is None:
+                break
+            fit = point(minimum.fit.model.with_values(other[0]), NoiseOfResidual(minimum.fit.model))
+            found = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
+            place = found.fit.model.index(other[1])
+            text = (
+                f"The torque error has several minima along {other[1]}: {minimum.fit.values[place]:.4g} was left for "
+                f"{found.fit.values[place]:.4g}, where it is smaller. A log at a higher rate would show one alone."
+            )
+            minimum = replace(
+                found, iterations=(*minimum.iterations, *found.iterations), remarks=(*found.remarks, text)
+            )
+        return minimum
 
     def _stage(self, fit: Fit) -> Stage:
         """DIDIM's own answer with the corrected standard deviation, and the paper's and the bound beside it."""
