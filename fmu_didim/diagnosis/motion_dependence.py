@@ -24,9 +24,11 @@ from fmu_didim.diagnosis.data.timing import CLOCK_EARLY, CLOCK_LATE
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY
-from fmu_didim.prediction.uncertainty import nominal_rate
+from fmu_didim.prediction.uncertainty import Colour, nominal_rate
 from fmu_didim.signals import Array
 
 DEPENDS_ON_MOTION = CATALOGUE(
@@ -111,6 +113,23 @@ def motion_dependence(
         whole = np.concatenate(parts)
         found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
     return found
+
+
+def dependence_of_fit(fit: Fit) -> list[Dependence]:
+    """How the residual of each joint depends on the motion at a point of the closed loop."""
+    return dependence_of(fit.model, fit.values, fit.residual, fit.jacobian, fit_uncertainty(fit).colours)
+
+
+def dependence_of(
+    model: LoopModel, values: Array, residual: Array, jacobian: Array, colours: Sequence[Colour]
+) -> list[Dependence]:
+    """The same of a residual (N, n) and sensitivities (N, n, p) of all fitted experiments, one below the other."""
+    rows = model.rows
+    return motion_dependence(
+        model, values, {label: residual[part] for label, part in rows.items()},
+        {label: jacobian[part] for label, part in rows.items()},
+        {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours},
+    )  # fmt: skip
 
 
 def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int) -> Dependence:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.path import Path
+from fmu_didim.identification.second_minimum import lowest
 from fmu_didim.identification.start import Start, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import Fit, point
@@ -201,7 +203,8 @@ class Didim(Estimator):
         known = fit_uncertainty(fit, _inverse(prediction)[0])
         stages = {"didim": self._stage(fit, known)}
         if self.finish or fit.values.size > model.linear_count:
-            minimum = efficient_finish(fit, tolerance=self.finish_tolerance, progress=progress)
+            finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=progress)
+            minimum = lowest(finish(fit), finish)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = fit_uncertainty(fit)

@@ -9,7 +9,7 @@ import numpy as np
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnosis.motion_dependence import motion_dependence, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
@@ -65,26 +65,14 @@ def judged(
     ]  # fmt: skip
     found += physical_diagnostics(model, estimate.value, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
-    found += _motion_diagnostics(model, estimate)
+    if estimate.jacobian is not None:  # else the residual is not that of a simulated torque
+        left = (model, estimate.value, estimate.residual, estimate.jacobian, estimate.colours)
+        found += motion_diagnostics(dependence_of(*left))
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     return judgement(found, settled=estimate.status is Status.CONVERGED)
-
-
-def _motion_diagnostics(model: LoopModel, estimate: Estimate) -> list[Diagnostic]:
-    """Whether the residual depends on the motion, where it is that of a simulated torque."""
-    if estimate.jacobian is None:
-        return []
-    rows = model.rows
-    found = motion_dependence(
-        model, estimate.value,
-        {label: estimate.residual[part] for label, part in rows.items()},
-        {label: estimate.jacobian[part] for label, part in rows.items()},
-        {(colour.joint, colour.rate_hz): colour.coefficients for colour in estimate.colours},
-    )  # fmt: skip
-    return motion_diagnostics(found)
 
 
 def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:

@@ -48,6 +48,22 @@ NOMINAL_FLOOR = TABLE(
 RISES = TABLE(
     "RISES", 2, "iterations", "So many in a row that do not lower the error: DIDIM hands its best one to the finish."
 )
+SCANNED = TABLE(
+    "SCANNED",
+    300,
+    "samples",
+    "From the begin of a log, on which other minima are looked for first: a third of the time.",
+)
+OTHER_MINIMA = TABLE("OTHER_MINIMA", 3, "minima", "Left for lower ones at most.")
+FARTHEST_FACTOR = TABLE(
+    "FARTHEST_FACTOR",
+    6.0,
+    "1",
+    "Ratio of inertias up to which a resonance that is folded back is looked for elsewhere.",
+)
+SCAN_POINTS = TABLE(
+    "SCAN_POINTS", 24, "points", "Of that range: 16 % apart, half of the width of the valleys of a TX40's last joint."
+)
 MAXIMUM_HALVINGS = TABLE("MAXIMUM_HALVINGS", 6, "halvings", "Of a step of DIDIM that leads to nothing better.")
 GROWTH = TABLE("GROWTH", 1.5, "1", "A step after which the error is this many times that of the best point is halved.")
 ERROR_FLOOR = TABLE(

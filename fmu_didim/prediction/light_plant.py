@@ -53,6 +53,11 @@ def implied_motion(model: LoopModel, label: str) -> Motion:
     raise SimulationError("No motion was found in which the controller gives the measured torque.", got=reason)
 
 
+def stiffness(model: LoopModel, label: str, frequency: float) -> Array:
+    """(n,) complex response -d tau_j / d q_j of the controller at a frequency in rad/s; raises SimulationError."""
+    return _Loop(model, label).response(frequency)
+
+
 class _Loop:
     """The loop of one experiment with a light plant in place of the robot."""
 
@@ -88,7 +93,7 @@ class _Loop:
         Args:
             bandwidth: w, in rad/s.
         """
-        response = self._response(bandwidth)
+        response = self.response(bandwidth)
         if not (np.abs(response) > 0).all():
             raise SimulationError("The torque of the loop does not follow from the motion of the joints.")
         mass = np.abs(response) / bandwidth**2
@@ -112,7 +117,7 @@ class _Loop:
         ticks = np.arange(self._reference.time.size) / self._model.subdivision
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
-    def _response(self, bandwidth: float) -> Array:
+    def response(self, bandwidth: float) -> Array:
         """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the begin of the reference."""
         n, time = self._model.joint_count, self._step * np.arange(self._reference.time.size)
         length = min(limits.PERIODS * 2 * np.pi / bandwidth, time[-1])
