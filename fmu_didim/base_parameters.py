@@ -36,6 +36,7 @@ class BaseParameters:
         regrouping: (b, d) matrix K.
         known: (ns,) values of all other parameters; zero at ``index`` and ``dependent``.
         standard_names: (ns,) names of chi.
+        held: names of those that act on the torque, are not identified, and are not stated as known either.
     """
 
     names: tuple[str, ...]
@@ -46,6 +47,7 @@ class BaseParameters:
     regrouping: Array
     known: Array
     standard_names: tuple[str, ...]
+    held: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -106,6 +108,7 @@ def base_parameters(model: RobotModel) -> BaseParameters:
     values = model.parameter_values
     fixed = values.copy()
     fixed[[*kept, *dependent]] = 0.0
+    stated = {*kept, *dependent, *known}
     regrouped = [bool(row.any()) for row in regrouping]
     labels = list(shown) if shown is not None else [names[i] + "R" * r for i, r in zip(kept, regrouped, strict=True)]
     return BaseParameters(
@@ -117,6 +120,7 @@ def base_parameters(model: RobotModel) -> BaseParameters:
         regrouping=regrouping,
         known=fixed,
         standard_names=tuple(names),
+        held=tuple(names[i] for i in active if i not in stated),
     )
 
 

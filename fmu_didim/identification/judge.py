@@ -13,11 +13,12 @@ from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnost
 from fmu_didim.diagnosis.physical import physical_diagnostics
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.prediction.free_parameter import DELAY, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.parameters import RobotParameters
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -25,6 +26,12 @@ AT_LIMIT = CATALOGUE(
     "others do not know of it.",
     next_step="Widen the limits if the value may lie beyond; else look for what the model lacks: fmu-didim discover "
     "CASE.yaml.",
+)  # fmt: skip
+HELD = CATALOGUE(
+    "parameters-held", REMARK, rank=65,
+    meaning="Parameters that act on the torque are not among those identified, and are taken as the robot description "
+    "has them: the others make up for what is wrong with them.",
+    next_step="List them under identified in the robot description, or under known if they are.",
 )  # fmt: skip
 DISAGREE = CATALOGUE(
     "experiments-disagree", DOUBT, rank=45,
@@ -55,6 +62,7 @@ def judged(
     held = [v for v in validations if v.role == "validation"]
     found = [
         *before,
+        *held_parameters(model),
         *limit_diagnostics(model.free_parameters, estimate),
         *agreement_diagnostics(estimate.agreements.values()),
         *held_out_diagnostics(
@@ -73,6 +81,20 @@ def judged(
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def held_parameters(model: LoopModel) -> list[Diagnostic]:
+    """Parameters of the robot that act on the torque with a value of the description, without being called known; one
+    of zero is not in the model at all."""
+    if not isinstance(model.parameters, RobotParameters):
+        return []
+    base = model.parameters.base
+    values = dict(zip(base.standard_names, base.known.tolist(), strict=True))
+    held = [name for name in base.held if values[name]]
+    if not held:
+        return []
+    text = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
+    return [Diagnostic(HELD, f"Not identified, but taken as the description has them: {text}.", "robot")]
 
 
 def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:

@@ -11,6 +11,7 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.identification.judge import judged, limit_diagnostics
 from fmu_didim.prediction.free_parameter import LONGEST_DELAY, delay_parameter
+from fmu_didim.robot import read_robot, write_robot
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.outcome import Outcome
 from tests.identification.test_several_experiments import case, run
@@ -35,6 +36,20 @@ def test_a_right_model_is_valid(outcome: Outcome) -> None:
 def test_coarse_steps_are_told(outcome: Outcome) -> None:
     assert again(outcome, integration_shift=np.array([0.01, 0.5])) == ["integration-too-coarse"]
     assert again(outcome, integration_shift=np.full(2, np.nan)) == []
+
+
+def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path: Path) -> None:
+    """Friction of joint 2 left out of the list: the values of the others depend on what the description has."""
+    assert not any("Not identified" in remark for remark in outcome.document.remarks)
+    robot = read_robot("fmus/scara/robot.yaml")
+    assert not isinstance(robot.identified, str)
+    fewer = {name: own for name, own in robot.identified.items() if name != "Fv2"}
+    write_robot(robot.model_copy(update={"identified": fewer}), tmp_path / "robot.yaml")
+    case_of_fewer = load_case("examples/scara/identify.yaml").with_(
+        robot=str(tmp_path / "robot.yaml"), plant={"kind": "model"}, estimator={"kind": "didim", "start": "reference"}
+    )
+    found = identify(case_of_fewer).document.remarks
+    assert any("Not identified, but taken as the description has them: Fv2 = 0.013" in remark for remark in found)
 
 
 @pytest.mark.parametrize(("value", "told"), [(1.0, 0), (0.0, 0), (LONGEST_DELAY, 1)])
