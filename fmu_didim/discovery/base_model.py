@@ -51,7 +51,7 @@ def prepare(model: LoopModel) -> Prepared:
             got=f"{samples} samples for {count} parameters",
         )
     model = with_nuisances(model)
-    found = refuse_problems(data_diagnostics(model))
+    found = refuse_problems(data_diagnostics(model, causes=False))
     doubts = tuple(d for d in found if d.code.severity is DOUBT and d.code.rank < limits.OF_THE_DATA)
     notes = [str(d) for d in found if d not in doubts]
     repeated, further = repeated_noise(model)

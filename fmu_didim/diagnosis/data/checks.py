@@ -23,7 +23,7 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
 
-def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) -> list[Diagnostic]:
+def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
     """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
 
     Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
@@ -31,6 +31,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) ->
 
     Args:
         without_torque: labels of validation experiments that have no log, and are not in the model.
+        causes: whether to ask what another timing, scale or length of a link would explain, with some steps of DIDIM;
+            discovery names such causes itself.
     """
     if model.chooses_substeps and model.substeps is None:
         model = replace(model, substeps=limits.SUBSTEPS)
@@ -43,7 +45,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = ()) ->
         of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if of_log or (held_out and explained) or (near := nearby(model, label)) is None:
+        if not causes or of_log or (held_out and explained) or (near := nearby(model, label)) is None:
             continue
         offered = [*timing(near, label, clock_alone=held_out)]
         if not held_out:
