@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.optimize import minimize
-from scipy.stats import qmc
+from scipy.optimize import differential_evolution
 
 from fmu_didim.base_parameters import BaseParameters
 from fmu_didim.diagnosis import thresholds as limits
@@ -158,19 +157,12 @@ class Worst:
 
 
 def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: Array) -> Worst:
-    """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each: the worst of points
-    that fill it evenly, and minima from there."""
-    robot, chi, n = parameters.model, parameters.base.expand(theta), low.size
-    points = qmc.Sobol(n, seed=0).random(limits.POSITIONS)
-    points = low + points * (high - low)
-    found = robot.inertia_along(points, chi)
-    order = np.argsort(found)[: limits.DESCENTS]
-    best = Worst(points[order[0]], float(found[order[0]]))
-    for start in points[order]:
-        result = minimize(
-            lambda q: robot.minimum_inertia(np.clip(q, low, high)[None], chi), start, method="Nelder-Mead",
-            options={"maxfev": 100 * n, "fatol": limits.EIGENVALUE_TOLERANCE},
-        )  # fmt: skip
-        if result.fun < best.eigenvalue:
-            best = Worst(np.clip(result.x, low, high), float(result.fun))
-    return best
+    """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each, by differential
+    evolution (Storn, Price, Journal of Global Optimization 11, 1997)."""
+    robot, chi = parameters.model, parameters.base.expand(theta)
+    found = differential_evolution(
+        lambda positions: robot.inertia_along(positions.T, chi), list(zip(low, high, strict=True)), vectorized=True,
+        updating="deferred", init="sobol", popsize=limits.POPULATION, maxiter=limits.GENERATIONS, polish=False, seed=0,
+        tol=0.0, atol=limits.EIGENVALUE_TOLERANCE,
+    )  # fmt: skip
+    return Worst(np.asarray(found.x), float(found.fun))
