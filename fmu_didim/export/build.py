@@ -114,7 +114,7 @@ def find_compiler(platform: Platform | None = None) -> Compiler:
         advice = "pip install ziglang" + (", or set the environment variable CC." if target == host else ".")
         raise BuildError(f"There is no C compiler for {target.name}.", next_step=advice) from error
     flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined", *_zig_target(target, host))
-    found = Compiler((sys.executable, "-m", "ziglang", "cc"), flags, f"zig {release}", libraries)
+    found = Compiler((sys.executable, "-P", "-m", "ziglang", "cc"), flags, f"zig {release}", libraries)
     if target.system == "windows":
         return replace(found, lean=("-nostdlib",), runtime="windows.c", lean_libraries=_WINDOWS_LIBRARIES)
     return replace(found, lean=("-rtlib=none",), lean_libraries=libraries)

@@ -17,13 +17,15 @@ import threading
 import time as clock
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import IO, Any
 
 from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
 
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
-WORKER = "fmu_didim.components.fmu.worker"
+_START = Path(__file__).resolve().with_name("worker_start.py")
+_PACKAGE = _START.parents[2] / "__init__.py"
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -35,6 +37,19 @@ def send(stream: IO[bytes], message: Any) -> None:
 def receive(stream: IO[bytes]) -> Any:
     """Read one message; raises EOFError when the other end is gone."""
     return pickle.load(stream)  # from our own child, or its parent
+
+
+def worker_command() -> list[str]:
+    """The command of the process: see ``worker_start`` for why it is not ``python -m``.
+
+    Of the folders that this process searches for modules it gets all but the current one.
+    """
+    here = {""}
+    with contextlib.suppress(OSError):  # the current folder was deleted
+        here.add(os.path.realpath(os.curdir))
+    folders = [os.path.abspath(folder) for folder in sys.path if folder and os.path.realpath(folder) not in here]  # noqa: PTH100
+    quiet = ["-B"] if sys.dont_write_bytecode else []  # what the environment says of it is not read in isolated mode
+    return [sys.executable, "-I", *quiet, str(_START), str(_PACKAGE), *folders]
 
 
 class ProcessEndedError(SimulationError):
@@ -51,13 +66,8 @@ class Worker:
     def __init__(self, where: str, time_limit: float) -> None:
         self._where, self._limit = where, time_limit
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - without a name, gone with the handle
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", WORKER],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            env=environment,
+            worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors
         )
         self._deadline: list[float] = [0.0]
         self._expired, self._done = threading.Event(), threading.Event()

@@ -1,4 +1,4 @@
-"""The process of an isolated FMU: ``python -m fmu_didim.components.fmu.worker``, started by ``process`` only."""
+"""What runs in the process of an isolated FMU: begun by ``worker_start``, started by ``process`` only."""
 
 from __future__ import annotations
 
@@ -50,7 +50,3 @@ def main() -> None:
     if hasattr(os, "getppid") and sys.platform != "win32":
         threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     _serve(requests, answers)
-
-
-if __name__ == "__main__":
-    main()

@@ -43,6 +43,12 @@ def read_too(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Processes of FMUs find no modules in the current folder; this one lies in the project."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
 def written_too(monkeypatch: pytest.MonkeyPatch) -> None:
     third = WRITTEN["3.0"]
 
@@ -65,7 +71,7 @@ def stated(source: Path, target: Path, version: str) -> Path:
 
 @pytest.mark.parametrize("kind", ["co-simulation", "model-exchange"])
 @pytest.mark.parametrize("isolated", [False, True])
-@pytest.mark.usefixtures("read_too")
+@pytest.mark.usefixtures("read_too", "elsewhere")
 def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: str, isolated: bool) -> None:
     path = stated(exported("scara", "3.0"), tmp_path / "nine.fmu", "9.0")
     third = load_fmu(exported("scara", "3.0"), interface=kind, isolated=isolated)
@@ -76,7 +82,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
     assert Binding9.used == before + (not isolated)
 
 
-@pytest.mark.usefixtures("read_too")
+@pytest.mark.usefixtures("read_too", "elsewhere")
 def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = stated(exported("pd", "3.0"), tmp_path / "nine.fmu", "9.0")
     found = probe_fmu(load_fmu(path), fresh=True, step_size=PERIOD)
