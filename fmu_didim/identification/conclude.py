@@ -70,7 +70,7 @@ def efficient_finish(
     for left in reversed(range(limits.MAXIMUM_REFINEMENTS)):
         fit = minimise(
             model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
-            stage=stage, progress=progress,
+            steps=fit.steps, stage=stage, progress=progress,
         )  # fmt: skip
         iterations.extend(fit.iterations)
         error = integration_error(fit)

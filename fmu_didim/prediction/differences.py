@@ -1,6 +1,20 @@
-"""Differences of closed-loop simulations, with steps that suit what is simulated."""
+"""Central differences of closed-loop simulations, with the step that suits what is simulated.
+
+The difference D(h) = (tau(+h) - tau(-h)) / 2h of a plant whose integrator is not ours errs by its truncation, which
+grows with h^2, and by what rounding and the plant's own step control add to each simulation, which grows with 1/h. The
+second difference tau(+h) + tau(-h) - 2 tau shows both at no cost: of errors of equal size in three simulations it
+keeps sqrt(6), the first one sqrt(2), so that the first errs by 1/sqrt(3) of the second, or by less where the second is
+curvature.
+
+Step control that takes the same steps for very small changes makes a torque smooth in pieces, whose slopes need not be
+that of the whole. So a short step is believed only if all longer ones agree with it, as well as they are known.
+
+Source: J. J. More, S. M. Wild, "Estimating derivatives of noisy simulations", ACM TOMS 38 (2012).
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,37 +23,141 @@ from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
+FIRST_STEP = limits.DIFFERENCE_STEPS.index(limits.STEP)
 
-def central(model: LoopModel, values: Array, label: str, torque: Array, i: int, size: float) -> Array:
-    """Column (N, n) of a parameter by central differences: with the shortest step whose two sides agree; with the one
-    whose sides agree best if none does.
+
+@dataclass(frozen=True)
+class Step:
+    """The step of a parameter.
+
+    Attributes:
+        place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
+        sought: error for which no better step was found, or needed.
+    """
+
+    place: int
+    error: float
+    sought: float = np.inf
+
+    def is_sought(self, wanted: float) -> bool:
+        """Whether a step for such an error was looked for already."""
+        return self.sought <= limits.KEPT_STEP * wanted
+
+
+Steps = dict[tuple[str, int], Step]
+"""The steps that were found, by label of the experiment and number of the parameter, so that they are kept."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A column (N, n) of the sensitivity, and its step; None where its error is not in question."""
+
+    column: Array
+    step: Step | None = None
+
+
+class Ladder:
+    """Central differences of one parameter in one experiment, simulated as they are asked for.
 
     Args:
-        torque: (N, n) at the values, of the experiment of this label; size: of the parameter.
-
-    Raises:
-        SimulationError: no step can be simulated.
+        torque: (N, n) at the values, of the experiment of this label; size: of the parameter, which steps are relative
+            to.
     """
-    best: tuple[float, Array] | None = None
-    for relative in limits.ROUGH_STEPS:
-        up, down = values.copy(), values.copy()
-        up[i] += relative * size
-        down[i] -= relative * size
+
+    def __init__(self, model: LoopModel, values: Array, label: str, torque: Array, i: int, size: float) -> None:
+        self._model, self._values, self._label, self._torque, self._i = model, values, label, torque, i
+        self._size = size
+        self._tried: dict[int, Difference | None] = {}
+
+    def at(self, place: int) -> Difference | None:
+        """The difference with the step of this place; None where it cannot be simulated."""
+        if place not in self._tried:
+            self._tried[place] = self._simulated(place)
+        return self._tried[place]
+
+    def _simulated(self, place: int) -> Difference | None:
+        change = limits.DIFFERENCE_STEPS[place] * self._size
+        up, down = self._values.copy(), self._values.copy()
+        up[self._i] += change
+        down[self._i] -= change
         try:
-            above, below = model.torque(up, label), model.torque(down, label)
+            above, below = (self._model.torque(values, self._label) for values in (up, down))
         except SimulationError:
-            break  # a longer step leads still farther away
-        first = np.linalg.norm(above - below)
-        second = np.linalg.norm(above + below - 2 * torque)
-        rough = float(second / first) if first > 0 else 0.0
-        if best is None or rough < best[0]:
-            best = rough, (above - below) / (2 * relative * size)
-        if rough <= limits.ROUGHNESS:
-            break
-    if best is None:
-        raise SimulationError(
-            f"The parameter '{model.names[i]}' cannot be varied.",
-            got=f"no simulation succeeds near {values[i]:.6g}",
-            next_step="Start from other values.",
-        )
-    return best[1]
+            return None
+        first = float(np.linalg.norm(above - below))
+        second = float(np.linalg.norm(above + below - 2 * self._torque))
+        error = second / np.sqrt(3) / first if first > 0 else np.inf
+        return Difference((above - below) / (2 * change), Step(place, float(error)))
+
+    def best(self, wanted: float, begin: int = FIRST_STEP) -> Difference:
+        """The first difference that errs by at most ``wanted`` of its norm, or else the one that errs least.
+
+        Args:
+            begin: place of the step that is tried first.
+
+        Raises:
+            SimulationError: no step can be simulated.
+        """
+        first = self.at(begin)
+        if first is not None and _error(first) <= wanted:
+            return first
+        self._walk(begin, -1, wanted)
+        if first is None or not self._is_found(wanted):
+            self._walk(begin, 1, wanted)
+        return self._best()
+
+    def _walk(self, begin: int, way: int, wanted: float) -> None:
+        """Shorter steps while they err less, or longer ones, which one rise does not end."""
+        before, rises = _size_of_error(self.at(begin)), 0
+        places = range(begin - 1, -1, -1) if way < 0 else range(begin + 1, len(limits.DIFFERENCE_STEPS))
+        for place in places:
+            here = self.at(place)
+            if here is None and way > 0:
+                return  # a longer step leads still farther away
+            if here is None:
+                continue
+            size = _size_of_error(here)
+            rises = rises + 1 if size >= before else 0
+            if self._is_found(wanted) or rises > (way > 0):
+                return
+            before = min(size, before)
+
+    def _is_found(self, wanted: float) -> bool:
+        """Whether a difference errs little enough, and longer steps that show something agree with it."""
+        found = [one for one in self._known() if _error(one) <= limits.SHOWS_SOMETHING]
+        return len(found) > 1 and _error(self._best()) <= wanted
+
+    def _known(self) -> list[Difference]:
+        """What was simulated, from the longest step to the shortest."""
+        return [one for _, one in sorted(self._tried.items(), reverse=True) if one is not None]
+
+    def _best(self) -> Difference:
+        known = self._known()
+        if not known:
+            raise SimulationError(
+                f"The parameter '{self._model.names[self._i]}' cannot be varied.",
+                got=f"no simulation succeeds near {self._values[self._i]:.6g}",
+                next_step="Start from other values.",
+            )
+        agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]
+        return min(agreeing, key=_size_of_error)
+
+
+def _error(one: Difference) -> float:
+    """Of a column, relative to its norm."""
+    assert one.step is not None
+    return one.step.error
+
+
+def _size_of_error(one: Difference | None) -> float:
+    """Norm of the error of a column; infinite where the step changes nothing, or cannot be simulated."""
+    if one is None or not np.isfinite(_error(one)):
+        return np.inf
+    return _error(one) * float(np.linalg.norm(one.column))
+
+
+def _agrees(one: Difference, longer: Difference) -> bool:
+    """Whether a difference is that of a longer step, as far as this one is known."""
+    size = _size_of_error(longer)
+    allowed = limits.KNOWN_WITHIN * size + limits.TRUNCATED * float(np.linalg.norm(longer.column))
+    return not np.isfinite(size) or float(np.linalg.norm(one.column - longer.column)) <= allowed

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from fmu_didim.prediction.differences import Steps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -29,6 +30,7 @@ class Fit:
             because nothing good enough was in reach.
         iterations: the history, where it was asked for; simulations: how many it took.
         prediction: torque with the regressor, where it is known.
+        steps: of the central differences in the sensitivity.
     """
 
     model: LoopModel
@@ -43,6 +45,7 @@ class Fit:
     iterations: tuple[Iteration, ...] = ()
     simulations: int = 0
     prediction: Prediction | None = None
+    steps: Steps = field(default_factory=dict)
 
     @property
     def residual(self) -> Array:
@@ -80,7 +83,8 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
     values = model.start
     prediction = prediction or predict(model, values)
     sizes = parameter_sizes(model, values, prediction)
-    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes)
+    steps: Steps = {}
+    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes, steps=steps)
     residual = model.measured - prediction.torque
     deviation = weighting.deviation(residual, jacobian)
     return Fit(
@@ -92,6 +96,7 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
         deviation,
         sum_of_squares(residual, deviation),
         prediction=prediction,
+        steps=steps,
     )
 
 

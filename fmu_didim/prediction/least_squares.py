@@ -21,6 +21,7 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.differences import Steps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -73,6 +74,7 @@ def minimise(
     jacobian: Array | None = None,
     torque: Array | None = None,
     sizes: Array | None = None,
+    steps: Steps | None = None,
     stage: str = "finish",
     progress: Callable[[Iteration], None] | None = None,
 ) -> Fit:
@@ -83,13 +85,15 @@ def minimise(
         jacobian: (N, n, p) at the start, if known; stale columns only slow the steps down.
         torque: (N, n) at the start, if known.
         sizes: (b,) of the base parameters, for exact differences; see :func:`parameter_sizes`.
+        steps: of central differences that are known.
         stage: name of the iterations in the history, which is kept where ``progress`` is given.
 
     Raises:
         SimulationError: the start cannot be simulated.
     """
     weighting = KnownNoise(noise) if isinstance(noise, Noise) else noise
-    return _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress).run(jacobian, torque)
+    solver = _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress, steps)
+    return solver.run(jacobian, torque)
 
 
 @dataclass
@@ -122,9 +126,10 @@ class _Solver:
         sizes: Array | None,
         stage: str,
         progress: Callable[[Iteration], None] | None,
+        steps: Steps | None = None,
     ) -> None:
         self._model, self._weighting, self._stopping = model, weighting, stopping
-        self._sizes, self._stage, self._progress = sizes, stage, progress
+        self._sizes, self._stage, self._progress, self._steps = sizes, stage, progress, dict(steps or {})
         self._measured, (self._low, self._high) = model.measured, model.limits
         self._history: list[Iteration] = []
 
@@ -166,8 +171,9 @@ class _Solver:
 
     def _differentiate(self, at: _State) -> None:
         at.jacobian = sensitivity(
-            self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact, whole=self._stopping.whole
-        )
+            self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact,
+            whole=self._stopping.whole, steps=self._steps,
+        )  # fmt: skip
         at.differentiated, at.fresh = at.values, True
         at.updates -= 1
         at.simulations += at.values.size
@@ -292,8 +298,9 @@ class _Solver:
         model = self._model.with_values(at.values)
         noise, history = self._weighting.noise(deviation), tuple(self._history)
         return Fit(
-            model, at.values, at.torque, at.jacobian, noise, deviation, cost, settled, given_up, history, at.simulations
-        )
+            model, at.values, at.torque, at.jacobian, noise, deviation, cost, settled, given_up, history,
+            at.simulations, steps=self._steps,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ Three ways, the best one that a parameter allows:
 * one run of the loop with its derivatives, where the equations of all components are known
   (:func:`fmu_didim.master.variation.with_derivatives`): exact for all parameters of all components at once;
 * a forward difference, where the simulation is smooth in the parameter because the integrator of the plant is ours;
-* a central difference with a step that is found, elsewhere (:mod:`fmu_didim.prediction.differences`).
+* a central difference with a step that is found, elsewhere (:mod:`fmu_didim.prediction.differences`): so that the
+  columns err by little beside the smallest singular value of all of them, on which the deviations depend.
 
 Where compiled code runs the loop, simulations run side by side.
 """
@@ -13,6 +14,7 @@ Where compiled code runs the loop, simulations run side by side.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +24,7 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.master import System
 from fmu_didim.master.variation import with_derivatives
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import central
+from fmu_didim.prediction.differences import Difference, Ladder, Steps
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel
@@ -41,6 +43,7 @@ def sensitivity(
     sizes: Array | None = None,
     exact: bool = True,
     whole: bool = True,
+    steps: Steps | None = None,
 ) -> Array:
     """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
 
@@ -51,7 +54,9 @@ def sensitivity(
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
         exact: False where a search compares many models, for which forward differences do.
         whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
+        steps: of central differences that were found before, which are kept; those that are found now are added.
     """
+    steps = {} if steps is None else steps
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
     tables, tasks = {}, []
@@ -66,11 +71,24 @@ def sensitivity(
                 table[:, :, k] = varied[chosen[k]]
             missing = [k for k in missing if chosen[k] not in varied]
         one = _Experiment(model, values, label, torque[rows], sizes, exact, beginning)
-        tasks += [(label, k, one.column(chosen[k])) for k in missing]
-    found = side_by_side([task for _, _, task in tasks], model.allowed_workers(values) if len(tasks) > 1 else 1)
-    for (label, k, _), column in zip(tasks, found, strict=True):
-        tables[label][:, :, k] = column
+        tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
+    workers = model.allowed_workers(values) if len(tasks) > 1 else 1
+    _fill(tables, tasks, steps, limits.SMOOTH if exact else limits.ROUGHNESS, workers)
+    if exact and any(task.ladder for task in tasks):
+        # Only now it is known which columns are hard to tell apart.
+        size = np.sqrt(np.mean(torque**2, axis=0))
+        smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
+        wanted = limits.SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
+        _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
     return np.concatenate(list(tables.values()))
+
+
+def smallest_singular_value(table: Array) -> float:
+    """Of columns (N, n, p) of length one; those that are zero are left out."""
+    columns = table.reshape(-1, table.shape[2])
+    length = np.linalg.norm(columns, axis=0)
+    columns = columns[:, length > 0] / length[length > 0]
+    return float(np.linalg.svd(columns, compute_uv=False)[-1]) if columns.size else 1.0
 
 
 def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> Array:
@@ -157,6 +175,46 @@ def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None
     return (model.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
 
 
+@dataclass(frozen=True)
+class _Column:
+    """A column to be simulated: ``k`` of the table of an experiment, of parameter ``i``, by a forward difference or by
+    central ones."""
+
+    label: str
+    k: int
+    i: int
+    forward: Callable[[], Array] | None
+    ladder: Ladder | None
+
+    def simulated(self, steps: Steps, wanted: float) -> Difference:
+        """With a step whose error is wanted; the one that was found before is kept while it serves as well as then."""
+        if self.ladder is None:
+            assert self.forward is not None
+            return Difference(self.forward())
+        known = steps.get((self.label, self.i))
+        if known is None:
+            found, sought = self.ladder.best(wanted), wanted
+        else:
+            allowed = max(wanted, limits.KEPT_STEP * known.error) if known.is_sought(wanted) else wanted
+            found, sought = self.ladder.best(allowed, known.place), min(wanted, known.sought)
+        assert found.step is not None
+        return replace(found, step=replace(found.step, sought=sought))
+
+    def falls_short(self, steps: Steps, wanted: float) -> bool:
+        """Whether a better step than the known one is to be looked for."""
+        known = steps.get((self.label, self.i)) if self.ladder else None
+        return known is not None and known.error > wanted and not known.is_sought(wanted)
+
+
+def _fill(tables: Mapping[str, Array], columns: Sequence[_Column], steps: Steps, wanted: float, workers: int) -> None:
+    """Simulate columns into the tables of their experiments."""
+    found = side_by_side([partial(column.simulated, steps, wanted) for column in columns], workers)
+    for column, difference in zip(columns, found, strict=True):
+        tables[column.label][:, :, column.k] = difference.column
+        if difference.step is not None:
+            steps[column.label, column.i] = difference.step
+
+
 class _Experiment:
     """Columns of one experiment by differences."""
 
@@ -174,14 +232,14 @@ class _Experiment:
         self._sizes, self._exact, self._beginning = sizes, exact, beginning
         self._smooth = model.can_refine or model.plant.equations() is not None
 
-    def column(self, i: int) -> Callable[[], Array]:
-        """What simulates the column (N, n) of a parameter."""
+    def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
+        """What simulates the column (N, n) of a parameter: a forward difference, or central ones."""
         parameter = self._model.free_parameters[i]
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
         if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
-            return lambda: self._forward(i, parameter)
+            return partial(self._forward, i, parameter), None
         size = self._sizes[i] if self._sizes is not None and i < self._sizes.size else parameter.scale
-        return lambda: central(self._model, self._values, self._label, self._torque, i, float(size))
+        return None, Ladder(self._model, self._values, self._label, self._torque, i, float(size))
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
         step = limits.STEP * parameter.scale

@@ -138,14 +138,33 @@ SMOOTH_STEP = TABLE(
     "Of the value at which a parameter alone would make up the whole torque. The simulations of our own plants are "
     "smooth in the parameters, so that truncation and rounding both stay at some 1e-6 of the sensitivity.",
 )  # fmt: skip
-ROUGH_STEPS = TABLE(
-    "ROUGH_STEPS", (1e-4, 1e-3, 1e-2, 0.03, 0.1), "1",
-    "Relative steps tried on a loop whose integrator is not ours: with its own step control, torque jitters when a "
-    "parameter changes ever so little.",
+DIFFERENCE_STEPS = TABLE(
+    "DIFFERENCE_STEPS", (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.3), "1",
+    "Relative steps tried on a loop whose integrator is not ours, from rounding to where no parameter acts linearly; "
+    "denser where the torque jitters that much.",
 )  # fmt: skip
 ROUGHNESS = TABLE(
-    "ROUGHNESS", 0.1, "1",
-    "A step is long enough when the second difference is at most this fraction of the first; otherwise jitter rules.",
+    "ROUGHNESS", 0.1, "1", "Error of a column, relative to its norm, that a search among many models goes on with."
+)
+SMOOTH = TABLE("SMOOTH", 1e-3, "1", "The same of a fit, until the columns are known that a column has to be told from.")
+SHARE_OF_SINGULAR = TABLE(
+    "SHARE_OF_SINGULAR", 0.02, "1",
+    "Errors of the columns, of length one, over the smallest singular value of all of them: no deviation is wrong by a "
+    "larger part. Shorter or longer steps are tried where it is more.",
+)  # fmt: skip
+KEPT_STEP = TABLE(
+    "KEPT_STEP", 3.0, "1", "A step that was found is kept until its column errs by so many times as much as then."
+)
+SHOWS_SOMETHING = TABLE(
+    "SHOWS_SOMETHING", 0.3, "1", "A column that errs by more of its norm does not tell whether a shorter step is right."
+)
+KNOWN_WITHIN = TABLE(
+    "KNOWN_WITHIN", 3.0, "1", "Columns of two steps agree within so many times what the longer one errs by."
+)
+TRUNCATED = TABLE(
+    "TRUNCATED", 0.1, "1",
+    "Part of a column beyond that by which a longer step may differ: its truncation, which second differences of "
+    "symmetric functions do not show.",
 )  # fmt: skip
 
 # What may be simulated and returned ----------------------------------------------------------------------------------

@@ -546,7 +546,7 @@ def test_how_often_the_sensitivity_is_taken(monkeypatch: pytest.MonkeyPatch) -> 
         least_squares, "sensitivity", lambda m, v, t, **more: taken.append((v.copy(), more)) or real(m, v, t, **more)
     )
     minimise(curved(-3.0), UNIT, stopping=Stopping(9, updates=0, promise=0.0))
-    assert len(taken) == 1 and taken[0][1] == {"sizes": None, "exact": False, "whole": False}
+    assert len(taken) == 1 and taken[0][1] == {"sizes": None, "exact": False, "whole": False, "steps": {}}
     del taken[:]
     minimise(curved(-3.0), UNIT, stopping=Stopping(9, updates=2, promise=1e-9))
     assert len(taken) == 3
@@ -556,7 +556,7 @@ def test_how_often_the_sensitivity_is_taken(monkeypatch: pytest.MonkeyPatch) -> 
     del taken[:]
     sizes = np.array([2.0])
     found = minimise(curved(), UNIT, stopping=Stopping(3, updates=0, exact=True), sizes=sizes)
-    assert [more for _, more in taken] == 2 * [{"sizes": sizes, "exact": True, "whole": False}]
+    assert [more for _, more in taken] == 2 * [{"sizes": sizes, "exact": True, "whole": False, "steps": {}}]
     assert taken[-1][0] == found.values and taken[0][0] == [0.2]  # at the minimum once more
     np.testing.assert_allclose(found.jacobian[:, 0, 0], (T * found.torque)[:, 0], rtol=1e-5)
 

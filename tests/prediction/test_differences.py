@@ -1,0 +1,186 @@
+"""Steps of central differences on torques that are formulas, with the jitter that step control would add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.errors import SimulationError
+from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.differences import Ladder, Step, Steps
+from fmu_didim.prediction.sensitivity import sensitivity, smallest_singular_value
+from fmu_didim.signals import Array
+from tests.prediction.law_model import LawModel, free
+
+COUNT = 400
+T = np.linspace(0, 5, COUNT)
+SIDEWAYS = np.random.default_rng(0).normal(size=COUNT)
+COLUMNS = np.column_stack([np.sin(3 * T), np.cos(2 * T), np.sin(3 * T) + 0.003 * SIDEWAYS])
+"""Two of them nearly the same: unit columns have the smallest singular value 0.003."""
+TRUTH = COLUMNS * np.array([1.0, 1.2, np.cos(1.0)])
+INSIDE = 3 * np.cos(7 * SIDEWAYS)
+
+
+def smooth(v: Mapping[str, float]) -> Array:
+    return np.asarray(COLUMNS @ np.array([np.exp(v["a"] - 1), v["b"] + 0.1 * v["b"] ** 2, np.sin(v["c"])]))
+
+
+def jitter(value: float, width: float) -> Array:
+    """Torque (N,) that is another one in each piece of this width, and smooth, with a slope of its own, inside."""
+    piece = np.floor(value / width)
+    return np.random.default_rng(int(piece)).normal(size=COUNT) + INSIDE * (value / width - piece)
+
+
+def law_model(size: float = 0.0, width: float = 1e-9, **more: Any) -> LawModel:
+    def law(v: Mapping[str, float], label: str) -> Array:
+        torque = smooth(v)
+        if size:
+            torque = torque + size * sum(jitter(value, width) for value in v.values())
+        return torque[:, None]
+
+    parameters = tuple(free(name, 1.0) for name in "abc")
+    return LawModel(law, {"one": np.zeros((COUNT, 1))}, parameters, can_refine=False, **more)
+
+
+def columns(model: LawModel, steps: Steps | None = None, **more: Any) -> Array:
+    torque = model.torque(model.start)
+    del model.calls[:]
+    return sensitivity(model, model.start, torque, steps=steps, **more)[:, 0, :]  # type: ignore[arg-type]
+
+
+def deviations(table: Array) -> Array:
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(table.T @ table))))
+
+
+@pytest.mark.parametrize(
+    ("size", "width"),
+    [
+        (0.0, 1.0),
+        (1e-10, 1e-12),  # rounding, or a step control that is hardly seen
+        (1e-7, 1e-12),
+        (1e-5, 1e-9),
+        (1e-6, 2e-8),  # short steps stay inside a piece, whose slope is another one
+        (1e-5, 3e-5),  # and so does the step that is tried first
+    ],
+)
+def test_deviations_of_nearly_collinear_columns_hold_with_jitter(size: float, width: float) -> None:
+    """The one of 1e-5 makes a column by steps of 1e-4 wrong by far more than the smallest singular value."""
+    found = columns(law_model(size, width))
+    np.testing.assert_allclose(deviations(found), deviations(TRUTH), rtol=0.1)
+
+
+def test_the_error_that_a_difference_knows_is_that_which_it_has() -> None:
+    steps: Steps = {}
+    found = columns(law_model(1e-4, 1e-9), steps)
+    truly = np.linalg.norm(found - TRUTH, axis=0) / np.linalg.norm(TRUTH, axis=0)
+    told = np.array([steps["one", i].error for i in range(3)])
+    assert (truly <= 1.5 * told).all() and (told <= 3 * truly).all()
+
+
+def test_a_smooth_loop_costs_two_simulations_a_column_and_more_only_where_columns_are_alike() -> None:
+    one, steps = law_model(), {}
+    found = columns(one, steps)
+    # The step of the sine, whose curvature might be an error, is tried shorter.
+    assert len(one.calls) == 2 * 3 + 2
+    np.testing.assert_allclose(found, TRUTH, rtol=1e-7, atol=1e-9)
+    assert [steps["one", i].place for i in range(3)] == [5, 5, 4]
+
+
+@pytest.mark.parametrize(("size", "width"), [(0.0, 1.0), (1e-5, 1e-9), (1e-4, 1e-9)])
+def test_steps_are_kept(size: float, width: float) -> None:
+    one, steps = law_model(size, width), {}
+    first = columns(one, steps)
+    before = dict(steps)
+    again = columns(one, steps)
+    assert len(one.calls) == 2 * 3
+    assert {key: step.place for key, step in steps.items()} == {key: step.place for key, step in before.items()}
+    np.testing.assert_array_equal(again, first)
+
+
+def test_a_kept_step_that_serves_no_more_is_looked_for_anew() -> None:
+    steps: Steps = {("one", i): Step(1, 1e-6, 1e-6) for i in range(3)}
+    found = columns(law_model(1e-6, 1e-12), steps)
+    np.testing.assert_allclose(deviations(found), deviations(TRUTH), rtol=0.1)
+    assert all(step.place > 5 for step in steps.values())
+
+
+def test_a_search_among_models_takes_less_care() -> None:
+    one = law_model(1e-6, 1e-9)
+    columns(one, exact=False)
+    assert len(one.calls) == 2 * 3
+
+
+# ---- one parameter
+
+
+def ladder(law: Callable[[float], Array], start: float = 1.0) -> Ladder:
+    one = LawModel(lambda v, _: law(v["a"])[:, None], {"one": np.zeros((COUNT, 1))}, (free("a", start),))
+    values = np.array([start])
+    return Ladder(one, values, "one", one.torque(values), 0, 1.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wanted", [1e-3, 1e-6])
+def test_steps_that_are_seen_to_suffice_are_taken(wanted: float) -> None:
+    found = ladder(lambda a: np.exp(a - 1) * np.cos(T)).best(wanted)
+    assert found.step is not None and found.step.error <= wanted
+    np.testing.assert_allclose(found.column[:, 0], np.cos(T), rtol=1e-6)
+
+
+def test_a_slope_inside_a_piece_is_no_slope() -> None:
+    """Steps of 1e-9 to 1e-8 are the smoothest ones, and wrong by a factor of thousands."""
+    law = ladder(lambda a: a * np.cos(T) + 1e-3 * jitter(a, 1e-7), start=1.00000005)
+    inside = law.at(0)
+    assert inside is not None and inside.step is not None
+    assert inside.step.error < 1e-3 and np.linalg.norm(inside.column[:, 0]) > 1e3 * np.linalg.norm(np.cos(T))
+    found = law.best(1e-6)
+    np.testing.assert_allclose(found.column[:, 0], np.cos(T), atol=0.05)
+
+
+def test_a_step_of_the_torque_far_away_does_not_count() -> None:
+    def law(a: float) -> Array:
+        return np.asarray(a * np.cos(T) + 1e-4 * (a > 1 + 2e-5))
+
+    found = ladder(law).best(1e-4)
+    assert found.step is not None
+    assert limits.DIFFERENCE_STEPS[found.step.place] == 1e-5
+    np.testing.assert_allclose(found.column[:, 0], np.cos(T), atol=1e-6)
+
+
+def test_a_quantised_parameter_needs_long_steps() -> None:
+    found = ladder(lambda a: 1e-3 * np.round(a / 1e-3) * np.cos(T)).best(0.05)
+    np.testing.assert_allclose(found.column[:, 0], np.cos(T), atol=0.1)
+
+
+def test_an_idle_parameter_has_a_column_of_zeros() -> None:
+    assert not ladder(lambda a: np.cos(T)).best(1e-3).column.any()
+
+
+def test_steps_that_cannot_be_simulated_are_left_out() -> None:
+    def law(a: float) -> Array:
+        if abs(a - 1) > 2e-6:
+            raise SimulationError("It diverges.")
+        return np.asarray(a**2 * np.cos(T))
+
+    found = ladder(law).best(1e-3)
+    np.testing.assert_allclose(found.column[:, 0], 2 * np.cos(T), rtol=1e-6)
+
+
+def test_a_parameter_that_cannot_be_varied_is_named() -> None:
+    def law(a: float) -> Array:
+        if a != 1:
+            raise SimulationError("It diverges.")
+        return np.cos(T)
+
+    with pytest.raises(SimulationError, match="parameter 'a' cannot be varied"):
+        ladder(law).best(1e-3)
+
+
+def test_smallest_singular_value() -> None:
+    table = np.zeros((4, 1, 3))
+    table[0, 0, 0], table[:2, 0, 1] = 5.0, (3.0, 4.0)
+    # Unit columns (1, 0) and (0.6, 0.8): singular values sqrt(1 +- 0.6).
+    assert smallest_singular_value(table) == pytest.approx(np.sqrt(0.4))
+    assert smallest_singular_value(np.zeros((4, 1, 2))) == 1.0
