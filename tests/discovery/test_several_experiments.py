@@ -67,7 +67,7 @@ def test_files_hold_every_experiment(found: tuple[Path, FindingsDocument]) -> No
     (note,) = [n for n in document.notes if "augmented case" in n]
     assert float(note.split(" of its peak")[0].split()[-1]) < 2e-3
     again = discover(folder / "out" / document.files["case"])
-    assert again.verdict == "nothing"
+    assert again.answer == "nothing"
     assert again.roles == document.roles
 
 
