@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -17,6 +18,7 @@ from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
     from fmu_didim.prediction.iteration import Iteration
+    from fmu_didim.workflow import Discovered, Outcome
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR = 1
@@ -145,17 +147,20 @@ def _identify(options: argparse.Namespace) -> int:
     """Identify the parameters of a case, print the table, save result.json and report.html."""
     from fmu_didim.case import load_case
     from fmu_didim.workflow import identify
-    from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE
+    from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
 
     out = options.out or Path("results") / _stem(options.case)
     say = _silent if options.quiet else _say
     started = time.perf_counter()
+    result_folder(out).check()
     say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
     case = load_case(options.case)
     say(f"Ready after {time.perf_counter() - started:.1f} s. Identifying {case.name} ...")
-    outcome = identify(case, out=out, progress=lambda it: say(_progress_line(it, time.perf_counter() - started)))
-    print()
-    print(outcome.summary())
+
+    def progress(iteration: Iteration) -> None:
+        say(_progress_line(iteration, time.perf_counter() - started))
+
+    outcome = identify(case, out=out, progress=progress, show=_print_summary)
     if outcome.robot is not None:
         robot = out / ROBOT_FILE
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
@@ -200,9 +205,8 @@ def _discover(options: argparse.Namespace) -> int:
     found = discover(
         options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
         rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=say,
+        show=_print_summary,
     )  # fmt: skip
-    print()
-    print(found.summary())
     took = f"({time.perf_counter() - started:.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
     return found.exit_code
@@ -212,11 +216,12 @@ def _simulate(options: argparse.Namespace) -> int:
     """Simulate the closed loop of a case with the values of its robot description, write a CSV table."""
     from fmu_didim.signals import write_csv
     from fmu_didim.workflow import simulate
+    from fmu_didim.workflow.result_folder import check_writable, write_whole
 
     out = options.out or Path("results") / f"{_stem(options.case)}.csv"
+    check_writable(out.parent)
     table = simulate(options.case, parameters=_assignments(options.set), experiment=options.experiment)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_csv(table, out)
+    write_whole(out, partial(write_csv, table))
     print(f"{table.time.size} rows, columns t, {', '.join(table.names)}: {out}")
     return 0
 
@@ -280,6 +285,11 @@ def _assignments(texts: list[str]) -> dict[str, float]:
 def _stem(case: Path) -> str:
     """A folder name that tells cases of one folder apart: ``scara-identify``."""
     return f"{case.resolve().parent.name}-{case.stem}"
+
+
+def _print_summary(found: Outcome | Discovered) -> None:
+    """The table, before anything is written: it is there even if the disk is full."""
+    print(f"\n{found.summary()}", flush=True)
 
 
 def _say(text: str) -> None:

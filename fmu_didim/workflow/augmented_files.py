@@ -33,18 +33,19 @@ _PATH_KEYS = ("robot", "source", "file", "system")
 
 
 def write_augmented(
-    case: Case, found: Found, description: RobotDescription | None, out: Path
+    case: Case, found: Found, description: RobotDescription | None, out: Path, home: Path
 ) -> tuple[dict[str, str], str]:
     """The augmented model in a folder: what each file is, and how well it gives the fitted torque when it is run anew.
 
     Args:
         description: the robot, None for a plant that is a black box: it is left as it is, the parts stand in the loop.
+        out: where the files are written; home: where they will lie, from which the case sees what it reads.
     """
     final = found.discovery.final
     files = _write_parts(found.builder, final, out)
     if description is not None:
-        files |= _write_robot(found.builder, final, case, out)
-        return files, _rerun(out / CASE_FILE, final, found)
+        described, content = _write_robot(found.builder, final, case, out, home)
+        return files | described, _rerun(load_case(content, folder=out), final)
     system, note = _write_system(case.name, final, files, out)
     return files | system, note
 
@@ -99,11 +100,22 @@ def _described_values(robot: RobotDescription | None) -> dict[str, float]:
     return {v.name: v.start for v in (*robot.standard_parameters(), *robot.shape_parameters())}
 
 
-def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> dict[str, str]:
+def _write_robot(
+    builder: LoopModelBuilder, fit: Fit, case: Case, out: Path, home: Path
+) -> tuple[dict[str, str], dict[str, Any]]:
+    """Robot, FMU and case; and the case as it is while it lies in ``out``."""
     robot = augmented_robot(builder, fit)
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
-    document = _relocated(case.content, case.folder, out, _write_given(case, out))
+    given = _write_given(case, out)
+    at_home = _augmented_case(fit, _relocated(case.content, case.folder, home, given))
+    (out / CASE_FILE).write_text(yaml.safe_dump(at_home, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    files = {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
+    return files, _augmented_case(fit, _relocated(case.content, case.folder, out, given))
+
+
+def _augmented_case(fit: Fit, document: dict[str, Any]) -> dict[str, Any]:
+    """The case with the augmented robot and the shift of the logs that was found."""
     document["robot"] = ROBOT_FILE
     chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
     document["plant"] = {"kind": "fmu", **chosen}
@@ -112,8 +124,7 @@ def _write_robot(builder: LoopModelBuilder, fit: Fit, case: Case, out: Path) -> 
     logs = [run.get("torque") for run in (*runs, *document.get("experiments", {}).values())]
     for log in (log for log in logs if log and shift):
         log["log_shift_s"] = log.get("log_shift_s", 0.0) + shift
-    (out / CASE_FILE).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
-    return {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
+    return document
 
 
 def _write_given(case: Case, out: Path) -> dict[str, str]:
@@ -190,9 +201,8 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
     return {"system": path.name}, note + stated
 
 
-def _rerun(path: Path, final: Fit, found: Found) -> str:
+def _rerun(case: Case, final: Fit) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
-    case = load_case(path)
     model = case.model
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)

@@ -12,6 +12,17 @@ from fmu_didim.case.sources import SignalFile
 
 def case_files(case: Case) -> dict[str, str]:
     """SHA-256 of the files that the case reads, under the names it gives them, or of the signals given for them."""
+    given = {name: signals.digest() for name, signals in case.signals.items()}
+    return {name: file_digest(path) for name, path in _named(case).items() if path.is_file()} | given
+
+
+def paths_read(case: Case) -> list[Path]:
+    """The case file and those that it reads."""
+    return [case.path, *_named(case).values()]
+
+
+def _named(case: Case) -> dict[str, Path]:
+    """Files under the names that the case gives them."""
     document = case.document
     named: dict[str, Path] = {}
     controller = document.controller.source if document.controller is not None else None
@@ -23,5 +34,4 @@ def case_files(case: Case) -> dict[str, str]:
         for part in (run.reference, run.torque, run.positions):
             if isinstance(part, SignalFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
-    given = {name: signals.digest() for name, signals in case.signals.items()}
-    return {name: file_digest(path) for name, path in named.items() if path.is_file()} | given
+    return named

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.case import Case, load_case
-from fmu_didim.discovery.findings import FindingsDocument, save_findings
+from fmu_didim.case import Case
+from fmu_didim.discovery.findings import FINDINGS_FILE, FindingsDocument, save_findings
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_in
@@ -19,9 +19,17 @@ from fmu_didim.effects import effect_catalogue
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.robot import RobotDescription, RobotModel
-from fmu_didim.workflow.augmented_files import augmented_robot, write_augmented, write_signals
+from fmu_didim.workflow.augmented_files import (
+    CASE_FILE,
+    ROBOT_FILE,
+    SYSTEM_FILE,
+    augmented_robot,
+    write_augmented,
+    write_signals,
+)
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.discovered import Discovered
+from fmu_didim.workflow.result_folder import ResultFolder, checked_case
 
 NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
@@ -38,25 +46,30 @@ def discover(
     seed: int = 0,
     time_limit: float | None = None,
     progress: Callable[[str], None] | None = None,
+    show: Callable[[Discovered], None] | None = None,
 ) -> Discovered:
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
-            ``findings.json`` holds the best answer so far while the search goes on.
+            ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
+            left there is replaced, or nothing of it.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
         effects: further effects, ``package.module:Name``.
         rounds: largest number of effects; seed: of the bootstrap.
         time_limit: s from now on after which the search ends with the best answer so far, whose verdict is
             ``unfinished``; the fit of the base model is always made, and what was found is written in any case.
         progress: called with a line about each piece of work.
+        show: called with what was found before it takes its place in ``out``.
 
     Raises:
-        InputError, UnknownNameError: the case or a name is wrong; SimulationError: the base model cannot be simulated.
+        InputError, UnknownNameError: the case or a name is wrong, or the results could not be written to ``out``;
+            SimulationError: the base model cannot be simulated.
     """
     watch = Watch.limited(progress or (lambda text: None), time_limit)
-    case = case if isinstance(case, Case) else load_case(case)
+    folder = None if out is None else result_folder(out)
+    case = checked_case(case, folder)
     model = case.model
     catalogue = effect_catalogue(effects)
     for name in (*forbid, *prefer):
@@ -72,20 +85,33 @@ def discover(
         options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
         provenance={**record, "loop": model.systems[model.first].describe()},
         watch=watch,
-        keep=None if out is None else partial(_kept, Path(out)),
+        keep=None if folder is None else partial(_kept, folder, watch.say),
         case=case.path.name,
     )
-    document = found.document if out is None else _saved(case, found, description, Path(out), watch)
-    return Discovered(document, found)
+    tell = show or (lambda found: None)
+    if folder is not None:
+        return _saved(case, found, description, folder, watch, tell)
+    answer = Discovered(found.document, found)
+    tell(answer)
+    return answer
 
 
-def _kept(out: Path, document: FindingsDocument) -> None:
-    """The answer so far written down; a page of an earlier run would belie it."""
+def result_folder(out: Path | str) -> ResultFolder:
+    """The folder of the results of ``discover``."""
     from fmu_didim.report.discovery_page import DISCOVERY_FILE
 
-    out.mkdir(parents=True, exist_ok=True)
-    (out / DISCOVERY_FILE).unlink(missing_ok=True)
-    save_findings(document, out)
+    fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
+    patterns = ("signals_*.csv", "data_*.csv", "*.fmu", "reference_next.csv")
+    return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files")
+
+
+def _kept(folder: ResultFolder, say: Callable[[str], None], document: FindingsDocument) -> None:
+    """The answer so far written down, without anything of an earlier run; the search goes on where that fails."""
+    try:
+        with folder.written() as new:
+            save_findings(document, new)
+    except InputError as error:
+        say(f"the answer so far could not be written: {error.got}")
 
 
 def _description(case: Case) -> RobotDescription | None:
@@ -97,25 +123,44 @@ def _description(case: Case) -> RobotDescription | None:
     return robot.description if isinstance(robot, RobotModel) else None
 
 
-def _saved(case: Case, found: Found, description: RobotDescription | None, out: Path, watch: Watch) -> FindingsDocument:
-    """Everything written to the folder, and the document that names it."""
+def _saved(
+    case: Case,
+    found: Found,
+    description: RobotDescription | None,
+    folder: ResultFolder,
+    watch: Watch,
+    show: Callable[[Discovered], None],
+) -> Discovered:
+    """What was found, shown and then in its folder; where that fails, shown as far as it came."""
+    answer = Discovered(found.document, found)
+    with folder.written() as new:
+        try:
+            answer = Discovered(_written(case, found, description, new, folder.folder, watch), found)
+        finally:
+            show(answer)
+    return answer
+
+
+def _written(
+    case: Case, found: Found, description: RobotDescription | None, new: Path, home: Path, watch: Watch
+) -> FindingsDocument:
+    """Everything written to a folder whose files will lie in ``home``, and the document that names it."""
     from fmu_didim.report.discovery_page import write_discovery_report
 
-    out.mkdir(parents=True, exist_ok=True)
-    files = write_signals(found, out)
+    files = write_signals(found, new)
     notes = list(found.document.notes)
     if found.discovery.final.model.added_effects:
         watch.say("writing the augmented model")
-        augmented, note = write_augmented(case, found, description, out)
+        augmented, note = write_augmented(case, found, description, new, home)
         files |= augmented
         notes.append(note)
     document = found.document
     proposed: dict[str, str] = {}
     if description is not None and not watch.is_over:
-        document, proposed = _with_experiment(found, case, out, watch.say)
+        document, proposed = _with_experiment(found, case, new, watch.say)
     document = document.model_copy(update={"files": files | proposed, "notes": notes})
-    save_findings(document, out)
-    write_discovery_report(out)
+    save_findings(document, new)
+    write_discovery_report(new)
     return document
 
 

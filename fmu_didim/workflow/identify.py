@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case
 from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
-from fmu_didim.diagnosis.validation import Validation, validate
+from fmu_didim.diagnosis.validation import validate
 from fmu_didim.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
-from fmu_didim.errors import FmuDidimError, IdentificationError
+from fmu_didim.errors import FmuDidimError, IdentificationError, InputError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
 from fmu_didim.identification.judge import judged
 from fmu_didim.identification.provenance import provenance
-from fmu_didim.identification.result import ResultDocument, save_result
+from fmu_didim.identification.result import RESULT_FILE, save_result
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import write_robot
@@ -27,59 +28,111 @@ from fmu_didim.workflow.check import has_own_plant
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
 from fmu_didim.workflow.outcome import Outcome
+from fmu_didim.workflow.result_folder import ResultFolder, checked_case
 
 ROBOT_FILE = "robot_identified.yaml"
 OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
 """The robot description with the identified values: from it come the FMU (``fmu-didim export``) and the model."""
 
 
+_log = logging.getLogger(__name__)
+
+
+def result_folder(out: Path | str) -> ResultFolder:
+    """The folder of the results of ``identify``."""
+    from fmu_didim.report.page import REPORT_FILE
+
+    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv")
+    return ResultFolder(Path(out), "identify", RESULT_FILE, (REPORT_FILE, ROBOT_FILE), patterns, "signals")
+
+
 def identify(
-    case: Case | Path | str | Mapping[str, Any], out: Path | str | None = None, *, progress: Progress | None = None
+    case: Case | Path | str | Mapping[str, Any],
+    out: Path | str | None = None,
+    *,
+    progress: Progress | None = None,
+    show: Callable[[Outcome], None] | None = None,
 ) -> Outcome:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
     Args:
         case: a loaded case, the path of its file, or its content.
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
-            that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own.
+            that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
+            replace all that an earlier run left there, or nothing of it.
         progress: called with each :class:`~fmu_didim.prediction.iteration.Iteration`.
+        show: called with the outcome before anything is written.
 
     Raises:
-        InputError: something in the case is wrong; found before any long work.
+        InputError: something in the case is wrong, or there is no writing to ``out``; found before any long work. Or
+            the results could not be written in the end.
         RefusedError: no physical answer was found; with ``out``, a result that says so is saved first.
         IdentificationError: the data cannot tell some parameters apart.
     """
-    case = case if isinstance(case, Case) else load_case(case)
+    folder = None if out is None else result_folder(out)
+    case = checked_case(case, folder)
     model = case.model
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
-    known: dict[str, Any] = {}
-
-    def refused(error: FmuDidimError, before: Sequence[Diagnostic]) -> None:
-        if out is not None:
-            document = refused_document(case.name, model, case.estimator.name, error, record, known=before)
-            _save(document.model_copy(update={**known, "loop": described_loop(case, document.loop)}), (), Path(out))
-
+    refusal = _Refusal(case, folder, record)
     try:
         of_data = refuse_problems(case_diagnostics(case, model))
         consistency, of_plant = _known_of_plant(case, model)
     except DiagnosedError as error:
-        refused(error, error.found)
+        refusal.save(error, error.found)
         raise
     before = by_weight([*of_data, *of_plant])
     if consistency is not None:
-        known["consistency"] = consistency_result(consistency)
+        refusal.known["consistency"] = consistency_result(consistency)
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
     except RefusedError as error:
-        refused(error, before)
+        refusal.save(error, before)
         raise _with_known(error, before) from error
     except IdentificationError as error:
-        refused(error, before)
+        refusal.save(error, before)
         raise
-    estimate = replace(estimate, provenance=record)
-    found = _found(model, estimate)
+    outcome = _judged(case, replace(estimate, provenance=record), before, refusal.known)
+    if show is not None:
+        show(outcome)
+    if folder is not None:
+        _save(folder, outcome)
+    return outcome
+
+
+@dataclass
+class _Refusal:
+    """How a result that says why there is none is saved.
+
+    Attributes:
+        known: entries of the document that were found before.
+    """
+
+    case: Case
+    folder: ResultFolder | None
+    record: dict[str, Any]
+    known: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, error: FmuDidimError, before: Sequence[Diagnostic]) -> None:
+        """What hinders the writing is told in the log only: the refusal itself must be heard."""
+        from fmu_didim.report import write_report
+
+        if self.folder is None:
+            return
+        case = self.case
+        document = refused_document(case.name, case.model, case.estimator.name, error, self.record, known=before)
+        document = document.model_copy(update={**self.known, "loop": described_loop(case, document.loop)})
+        try:
+            with self.folder.written() as new:
+                save_result(document, (), new)
+                write_report(new)
+        except InputError as failed:
+            _log.warning("%s", failed)
+
+
+def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Outcome:
+    found = _found(case.model, estimate)
     validations = [validate(found, found.start, label) for label in found.experiments]
     judgement = judged(found, estimate, validations, before=before)
     document = result_document(
@@ -87,14 +140,7 @@ def identify(
         judged=judgement, description=case.document.description, case=case.path.name,
     )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
-    if out is not None:
-        _save(document, validations, Path(out))
-    outcome = Outcome(document, estimate, tuple(validations), found)
-    if out is not None and outcome.robot is not None:
-        write_robot(outcome.robot, Path(out) / ROBOT_FILE)
-        for label, robot in outcome.robots.items():
-            write_robot(robot, Path(out) / OWN_ROBOT_FILE.format(label=label))
-    return outcome
+    return Outcome(document, estimate, tuple(validations), found)
 
 
 def _found(model: LoopModel, estimate: Estimate) -> LoopModel:
@@ -128,8 +174,13 @@ def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedErr
     )  # fmt: skip
 
 
-def _save(document: ResultDocument, validations: tuple[Validation, ...] | list[Validation], out: Path) -> None:
+def _save(folder: ResultFolder, outcome: Outcome) -> None:
     from fmu_didim.report import write_report
 
-    save_result(document, validations, out)
-    write_report(out)
+    with folder.written() as new:
+        save_result(outcome.document, outcome.validations, new)
+        write_report(new)
+        if outcome.robot is not None:
+            write_robot(outcome.robot, new / ROBOT_FILE)
+            for label, robot in outcome.robots.items():
+                write_robot(robot, new / OWN_ROBOT_FILE.format(label=label))
