@@ -20,7 +20,12 @@ from tests.helpers import with_component, with_delay
 Array = np.ndarray
 ROBOTS = ("scara", "arm", "tx40")
 SEEDS = {"scara": (1, 2, 3), "arm": (1, 2, 3), "tx40": (1,)}
-RUNS = [(robot, seed) for robot in ROBOTS for seed in SEEDS[robot]]
+RUNS = [
+    pytest.param(robot, seed, marks=[pytest.mark.slow] if seed > 1 else [], id=f"{robot}-{seed}")
+    for robot in ROBOTS
+    for seed in SEEDS[robot]
+]
+"""One seed a robot takes seconds, the others minutes."""
 
 
 def degrees(model: LoopModel) -> LoopModel:
@@ -176,7 +181,14 @@ def codes(model: LoopModel) -> list[str]:
     return [d.code.name for d in data_diagnostics(model)]
 
 
-@pytest.mark.parametrize(("robot", "seed"), [(r, s) for r in ROBOTS for s in range(1, 3 if r == "tx40" else 9)])
+@pytest.mark.parametrize(
+    ("robot", "seed"),
+    [
+        pytest.param(r, s, marks=[pytest.mark.slow] if s > (1 if r == "tx40" else 3) else [], id=f"{r}-{s}")
+        for r in ROBOTS
+        for s in range(1, 3 if r == "tx40" else 9)
+    ],
+)
 def test_right_data_give_nothing(robot: str, seed: int) -> None:
     assert codes(right(robot, seed)) == []
 
@@ -217,7 +229,7 @@ def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
     assert told.value / told.bound == pytest.approx(1.25, abs=0.1)
 
 
-@pytest.mark.parametrize(("robot", "seed"), [(r, s) for r, s in RUNS if r != "scara"])
+@pytest.mark.parametrize(("robot", "seed"), [run for run in RUNS if run.values[0] != "scara"])
 @pytest.mark.parametrize("factor", [2.0, 0.5, 1.3])
 def test_a_torque_that_is_scaled_against_the_others_is_told(robot: str, seed: int, factor: float) -> None:
     def scaled(torque: Array) -> Array:
