@@ -18,10 +18,10 @@ from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
-from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, keep_rerun, read_kept, said, step_of
+from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, read_kept, remember_rerun, said, step_of, trial_name
 from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 
-_FORMAT = 3
+_FORMAT = 4
 
 
 @dataclass(frozen=True)
@@ -113,19 +113,20 @@ def probe_fmu(
     """
     component = replace(component, isolated=False)
     h = step_size or step_of(component)
-    path = cache_directory() / "probes" / f"{_key(component, h)}.json"
+    path = cache_directory() / "probes" / f"{component.digest}-{_key(component, h)}.json"
     known = None if fresh else read_kept(path, _frozen)
     if known is not None:
         return replace(known, file=component.path.name)
-    found = _probe(component, h, time_limit_s)
-    keep(path, found)
+    found, may_be_kept = _probe(component, h, time_limit_s)
+    if may_be_kept:
+        keep(path, found)
     return found
 
 
 def _key(component: FmuComponent, h: float) -> str:
     values = [component.parameter_values(), dict(component.options), component.solver, component.substeps, h]
     text = json.dumps([_FORMAT, component.digest, component.interface.kind, values], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _frozen(response: Any = (), **known: Any) -> FmuProbe:
@@ -134,22 +135,24 @@ def _frozen(response: Any = (), **known: Any) -> FmuProbe:
     return FmuProbe(response=tuple(tuple(pair) for pair in response), **rest)
 
 
-def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:
+def _probe(component: FmuComponent, h: float, limit: float) -> tuple[FmuProbe, bool]:
+    """What was found, and whether all of it was measured to its end."""
     ended: list[str] = []
+    unfinished: list[str] = []
 
     def ask(question: Callable[..., Any]) -> Any:
         try:
             return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
-        except ProcessEndedError:
-            ended.append(question.__name__)
+        except ProcessEndedError as error:
+            (ended if error.by_fmu else unfinished).append(trial_name(question))
             raise
 
     facts = ask_facts(component, h, limit)
     blank = FmuProbe(component.path.name, component.digest, component.interface.kind, h)
     rerun = choose(facts)
     if facts.first is None:
-        keep_rerun(component, rerun)
-        return replace(blank, failure=facts.failure, strategy=rerun.strategy, reason=rerun.reason)
+        remember_rerun(component, rerun, facts)
+        return replace(blank, failure=facts.failure, strategy=rerun.strategy, reason=rerun.reason), False
     once = component.interface.once_per_process
     side_by_side = None if once else said(ask, questions.side_by_side)
     nothing: tuple[tuple[str, ...], ...] = ((), (), ())
@@ -173,12 +176,12 @@ def _probe(component: FmuComponent, h: float, limit: float) -> FmuProbe:
         idle_in_a_run=tuple(name for name in in_a_run[1] if name in acting),
         refused_in_a_run=in_a_run[2],
     )
-    needed = {name.replace("_", " ") for name in ended if name != questions.state.__name__}  # that no run asks for
-    rerun = choose(replace(facts, crashed=facts.crashed | needed))
-    keep_rerun(component, rerun)
+    of_a_run = {name for name in (*ended, *unfinished) if name != questions.state.__name__}  # that no run asks for
+    facts = replace(facts, crashed=facts.crashed | of_a_run, unfinished=(*facts.unfinished, *unfinished))
+    rerun = remember_rerun(component, choose(facts), facts)
     alone = found.independent is False and rerun.strategy in (RESET, STATE)
     reason = rerun.reason + ("; only one instance of it at a time in a process" if alone else "")
-    return replace(found, strategy=rerun.strategy, reason=reason)
+    return replace(found, strategy=rerun.strategy, reason=reason), facts.may_be_kept
 
 
 def _three(answer: Any) -> tuple[tuple[str, ...], ...]:

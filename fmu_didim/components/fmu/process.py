@@ -24,6 +24,8 @@ from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
 
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
+_KILLED = 9
+"""SIGKILL: how a system without memory left ends a process."""
 _START = Path(__file__).resolve().with_name("worker_start.py")
 _PACKAGE = _START.parents[2] / "__init__.py"
 
@@ -53,7 +55,14 @@ def worker_command() -> list[str]:
 
 
 class ProcessEndedError(SimulationError):
-    """The process of an FMU died or was stopped."""
+    """The process of an FMU died or was stopped.
+
+    Attributes:
+        by_fmu: the FMU itself ended it, by a crash or an exit, and would do so again. Not so if it took too long,
+            which a busy machine may be the reason for, was killed, or never began.
+    """
+
+    by_fmu = False
 
 
 class Worker:
@@ -66,9 +75,14 @@ class Worker:
     def __init__(self, where: str, time_limit: float) -> None:
         self._where, self._limit = where, time_limit
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - without a name, gone with the handle
-        self._process = subprocess.Popen(
-            worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors
-        )
+        self._has_begun = False
+        try:
+            self._process = subprocess.Popen(
+                worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors
+            )
+        except OSError as error:
+            self._errors.close()
+            raise ProcessEndedError("The process of the FMU could not be started.", where=where, got=error) from error
         self._deadline: list[float] = [0.0]
         self._expired, self._done = threading.Event(), threading.Event()
         watch = (self._process, self._deadline, self._expired, self._done, min(0.2, time_limit / 5))
@@ -103,6 +117,7 @@ class Worker:
             raise
         finally:
             self._deadline[0] = 0.0
+        self._has_begun = True
         if kind == "error":
             raise _rebuilt(answer)
         return answer
@@ -120,13 +135,16 @@ class Worker:
         else:
             what = f"The FMU ended its process (exit status {code})."
             advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
+        by_fmu = self._has_begun and not self._expired.is_set() and code is not None and code != -_KILLED
         got = f"during {call}"
         with contextlib.suppress(OSError, ValueError):
             self._errors.seek(0)
             lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
             got += f"; its last words: {lines[-1][:300]}" if lines else ""
         self.close()
-        return ProcessEndedError(what, where=self._where, got=got, next_step=advice)
+        ended = ProcessEndedError(what, where=self._where, got=got, next_step=advice)
+        ended.by_fmu = by_fmu
+        return ended
 
     def close(self) -> None:
         """End the process; may be called twice."""

@@ -11,16 +11,14 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
-import tempfile
 import threading
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fmu_didim.cache import cache_directory
+from fmu_didim.cache import cache_directory, whole_file
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import RESTORES
@@ -35,7 +33,7 @@ TIME_LIMIT = 30.0
 Kept = TypeVar("Kept")
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
-_FORMAT = 2
+_FORMAT = 3
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
@@ -51,6 +49,8 @@ class Facts:
         first, second: trajectories of two new instances in one process.
         reproducible: whether a new process gives the same as the first.
         reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
+        unfinished: the trials that did not come to their end: they took too long, or their process was killed or did
+            not start. A busy machine may be the reason, so what follows from them is not kept for later runs.
     """
 
     failure: str = ""
@@ -61,6 +61,12 @@ class Facts:
     reproducible: bool = False
     reset: str = ""
     new_state: str = ""
+    unfinished: tuple[str, ...] = ()
+
+    @property
+    def may_be_kept(self) -> bool:
+        """Whether all was measured to its end; what kept an FMU from running may be gone the next time."""
+        return not self.failure and not self.unfinished
 
 
 def known_rerun(component: FmuSettings) -> Rerun | None:
@@ -84,13 +90,21 @@ def find_rerun(component: FmuSettings) -> Rerun:
         known = known_rerun(component)
         if known is not None:
             return known
-        return keep_rerun(component, choose(ask_facts(component, step_of(component), TIME_LIMIT)))
+        facts = ask_facts(component, step_of(component), TIME_LIMIT)
+        return remember_rerun(component, choose(facts), facts)
 
 
-def keep_rerun(component: FmuSettings, found: Rerun) -> Rerun:
-    """Remember how to run it again."""
+def remember_rerun(component: FmuSettings, found: Rerun, facts: Facts) -> Rerun:
+    """Remember how to run it again: in this process, and if all was measured to its end for later ones."""
     path = _path(component)
-    keep(path, found)
+    if facts.may_be_kept:
+        keep(path, found)
+    elif facts.unfinished:
+        _log.warning(
+            "%s: a trial of it did not come to its end (%s), so the next run tries it again. On a machine that is not "
+            "busy, say how to run it again: 'rerun' of the source in the case, or of load_fmu.",
+            component.path.name, ", ".join(facts.unfinished),
+        )  # fmt: skip
     _known[path] = found
     return found
 
@@ -99,7 +113,7 @@ def _path(component: FmuSettings) -> Path:
     """Its place in the cache, by content and interface but not by values: an identification changes those."""
     what = [_FORMAT, component.digest, component.interface.kind, component.solver, component.event_mode]
     key = hashlib.sha256(json.dumps(what).encode()).hexdigest()
-    return cache_directory() / "reruns" / f"{key}.json"
+    return cache_directory() / "reruns" / f"{component.digest}-{key[:16]}.json"
 
 
 def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
@@ -113,10 +127,8 @@ def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
 def keep(path: Path, found: Any) -> None:
     """Write a dataclass to a file as a whole; several processes may do so at the same time."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(prefix=".partial-", dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        json.dump(asdict(found), stream)
-    Path(partial).replace(path)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
 
 
 def step_of(component: FmuSettings) -> float:
@@ -126,10 +138,27 @@ def step_of(component: FmuSettings) -> float:
 
 def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
     """Try an FMU out: all in one process if it stands that, else one process for each question."""
+    unfinished: dict[str, None] = {}
 
     def ask(question: Callable[..., Any]) -> Any:
-        return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
+        try:
+            return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
+        except ProcessEndedError as error:
+            if not error.by_fmu:
+                unfinished[trial_name(question)] = None
+            raise
 
+    return replace(_asked(ask), unfinished=tuple(unfinished))
+
+
+def trial_name(question: Callable[..., Any]) -> str:
+    """What is tried, in words."""
+    if isinstance(question, partial):
+        return str(question.keywords["strategy"])
+    return question.__name__.replace("_", " ")
+
+
+def _asked(ask: Callable[..., Any]) -> Facts:
     crashed: frozenset[str] = frozenset()
     try:
         first, second, reset, state = ask(questions.runs_again)

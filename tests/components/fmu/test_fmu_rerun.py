@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,11 @@ import pytest
 
 from fmu_didim.components import Instance
 from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
+from fmu_didim.components.fmu import probe as probe_module
+from fmu_didim.components.fmu import process as process_module
 from fmu_didim.components.fmu import rerun as rerun_module
 from fmu_didim.components.fmu.isolate import IsolatedInstance
+from fmu_didim.components.fmu.process import ProcessEndedError
 from fmu_didim.components.fmu.rerun import TOGETHER, Facts, choose
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export.versions import VERSIONS
@@ -211,6 +215,94 @@ def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pyte
     assert instance.restart(pickle.loads(pickle.dumps(made)))
     instance.close()
     assert len(asked) == 1
+
+
+# ---- what is kept for later runs -----------------------------------------------------------------------
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, question: str, *, by_fmu: bool) -> None:
+    """One of the trials ends its process."""
+    real = rerun_module.run_in_fresh_process
+
+    def run_in_fresh_process(asked: Any, *arguments: Any, **options: Any) -> Any:
+        if getattr(asked, "__name__", "") == question:
+            error = ProcessEndedError("The process ended.")
+            error.by_fmu = by_fmu
+            raise error
+        return real(asked, *arguments, **options)
+
+    for module in (rerun_module, probe_module):
+        monkeypatch.setattr(module, "run_in_fresh_process", run_in_fresh_process)
+
+
+def kept(tmp_path: Path) -> list[str]:
+    return sorted(path.parent.name for path in (tmp_path / "known").glob("*/*.json"))
+
+
+@pytest.mark.parametrize("by_fmu", [False, True])
+@pytest.mark.parametrize("question", ["runs_again", "once"])
+def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, question: str, by_fmu: bool
+) -> None:
+    """A crash is an answer of the FMU; a time limit or a process that did not start may come from the machine."""
+    made = load_fmu(awkward_fmu(tmp_path))
+    with monkeypatch.context() as busy:
+        failing(busy, question, by_fmu=by_fmu)
+        made.find_rerun()
+    assert kept(tmp_path) == (["reruns"] if by_fmu else [])
+    told = [record.getMessage() for record in caplog.records if "did not come to its end" in record.getMessage()]
+    assert len(told) == (not by_fmu)
+    assert by_fmu or question.replace("_", " ") in told[0]
+    monkeypatch.setattr(rerun_module, "_known", {})  # as in another process
+    found = made.find_rerun()
+    assert kept(tmp_path) == ["reruns"]
+    assert (found.strategy, found.isolated) == ("reset", by_fmu and question == "runs_again")
+
+
+@pytest.mark.parametrize("question", ["side_by_side", "parameters", "tunable", "response", "state"])
+def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
+) -> None:
+    monkeypatch.setattr(probe_module, "cache_directory", rerun_module.cache_directory)
+    made = load_fmu(awkward_fmu(tmp_path))
+    for by_fmu, wanted in ((False, []), (True, ["probes", "reruns"])):
+        with monkeypatch.context() as busy:
+            failing(busy, question, by_fmu=by_fmu)
+            probe_fmu(made)
+        assert kept(tmp_path) == wanted
+
+
+def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A licence or a library that is missing today may be there tomorrow."""
+    monkeypatch.setattr(probe_module, "cache_directory", rerun_module.cache_directory)
+    monkeypatch.setattr(rerun_module, "TIME_LIMIT", 0.5)
+    for macro in ("CRASH_IN_STEP", "HANG_IN_STEP", "MISSING_SYMBOL"):
+        made = load_fmu(awkward_fmu(tmp_path, macro))
+        assert made.find_rerun() is made.find_rerun()  # in this process it is
+        assert probe_fmu(made, time_limit_s=0.5).failure
+    assert kept(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("macro", "by_fmu"), [("CRASH_IN_STEP", True), ("EXIT_IN_STEP", True), ("HANG_IN_STEP", False), ("", False)]
+)
+def test_who_ended_the_process(tmp_path: Path, macro: str, by_fmu: bool) -> None:
+    made = load_fmu(awkward_fmu(tmp_path, *([macro] if macro else [])), isolated=True, time_limit_s=0.5)
+    instance = made.instantiate()
+    if not macro:  # as a system without memory left
+        os.kill(pid_of(instance), 9)
+    with pytest.raises(ProcessEndedError) as caught:
+        run(instance, U)
+    assert caught.value.by_fmu == by_fmu
+    instance.close()
+
+
+@pytest.mark.parametrize("program", ["/nowhere/python", sys.executable])
+def test_a_process_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str) -> None:
+    monkeypatch.setattr(process_module, "worker_command", lambda: [program, "-c", "import sys; sys.exit('gone')"])
+    with pytest.raises(ProcessEndedError, match=r"could not be started|last words: gone") as caught:
+        load_fmu(awkward_fmu(tmp_path), isolated=True).instantiate()
+    assert not caught.value.by_fmu
 
 
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
