@@ -62,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)
+    _add_cache(commands)
     return parser
 
 
@@ -141,6 +142,15 @@ def _add_fmu(commands: _Commands) -> None:
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
+
+
+def _add_cache(commands: _Commands) -> None:
+    five = commands.add_parser("cache", help="what is kept between runs: show it, clear it, clear one FMU")
+    tasks = five.add_subparsers(required=True, metavar="show|clear")
+    tasks.add_parser("show", help=_cache_show.__doc__, description=_cache_show.__doc__).set_defaults(run=_cache_show)
+    clear = tasks.add_parser("clear", help=_cache_clear.__doc__, description=_cache_clear.__doc__)
+    clear.add_argument("file", type=Path, metavar="FILE.fmu", nargs="?", help="only what is kept of this FMU")
+    clear.set_defaults(run=_cache_clear)
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -267,6 +277,32 @@ def _fmu_check(options: argparse.Namespace) -> int:
     found = probe_fmu(load_fmu(options.file, interface=options.interface), step_size=options.step)
     print("\n".join(found.lines()))
     return EXIT_ERROR if found.failure else 0
+
+
+def _cache_show(options: argparse.Namespace) -> int:
+    """Tell where compiled and extracted files are kept, and how much of each kind."""
+    from fmu_didim.cache import KINDS, LIMIT, cache_directory, entries
+
+    found = list(entries())
+    print(f"{cache_directory()}   (FMU_DIDIM_CACHE names another folder; at most about {LIMIT / 2**30:.0f} GB)")
+    for kind, what in KINDS.items():
+        sizes = [entry.size for entry in found if entry.kind == kind]
+        print(f"{kind:12} {len(sizes):6} {sum(sizes) / 2**20:10.1f} MB   {what}")
+    print(f"{'total':12} {len(found):6} {sum(entry.size for entry in found) / 2**20:10.1f} MB")
+    return 0
+
+
+def _cache_clear(options: argparse.Namespace) -> int:
+    """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
+    from fmu_didim.cache import entries, file_digest, remove_entry
+
+    if options.file is not None and not options.file.is_file():
+        raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
+    found = list(entries(file_digest(options.file) if options.file is not None else ""))
+    for entry in found:
+        remove_entry(entry.path)
+    print(f"{len(found)} entries removed, {sum(entry.size for entry in found) / 2**20:.1f} MB")
+    return 0
 
 
 def _assignments(texts: list[str]) -> dict[str, float]:

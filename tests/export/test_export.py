@@ -231,7 +231,7 @@ def test_two_processes_build_the_same_fmu(plant_fmu: Path, tmp_path: Path, monke
         worker.join(timeout=60)
         assert worker.exitcode == 0
     assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert len(list((tmp_path / "cache").glob("exported/*/*.fmu"))) == 1
+    assert len(list((tmp_path / "cache").glob("exported/*/content/*.fmu"))) == 1
     assert validate_fmu(str(paths[0])) == []
     result = fmpy.simulate_fmu(str(paths[0]), start_values={"u": 2.0}, stop_time=0.1, output=["y"])
     assert result["y"][-1] == 6.0
