@@ -5,14 +5,30 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import reprlib
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from yaml.composer import ComposerError
+from yaml.constructor import ConstructorError
 
 from fmu_didim.errors import InputError
 
+MAXIMUM_BYTES = 256 * 2**10
+MAXIMUM_VALUES = 50_000
+MAXIMUM_DEPTH = 50
+"""Bounds of a YAML file, values and depth with all aliases written out: ten times what the largest description has, and
+read in two seconds."""
+MOST_PROBLEMS = 20
+"""Problems of one file that are told."""
+LONGEST = 60
+"""Characters of a value or a key that are shown."""
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = LONGEST
+_REPR.maxlevel = 3
 Model = TypeVar("Model", bound=BaseModel)
 Positive = Annotated[float, Field(gt=0)]
 
@@ -49,17 +65,97 @@ Angle = Annotated[float, BeforeValidator(_angle)]
 
 
 def load_yaml(path: Path | str) -> dict[str, Any]:
-    """The mapping in a YAML file; raises InputError when it is missing or not a mapping."""
+    """The mapping in a YAML file.
+
+    Raises:
+        InputError: it is missing, no mapping, not UTF-8, larger, deeper or by its aliases longer than any description
+            is, or a key occurs twice in it.
+    """
     path = Path(path)
     if not path.is_file():
         raise InputError("The file does not exist.", where=str(path), next_step="Check the path.")
+    size = path.stat().st_size
+    if size > MAXIMUM_BYTES:
+        raise InputError(
+            "The file is too large for a description.", where=str(path), got=f"{size} bytes",
+            valid=f"at most {MAXIMUM_BYTES}", next_step="Put signals into CSV, MAT or Parquet files.",
+        )  # fmt: skip
+    raw = path.read_bytes()
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            "The file is not UTF-8.", where=f"{path}, line {line}", got=repr(raw[error.start : error.end]),
+            next_step="Save it as UTF-8.",
+        ) from error  # fmt: skip
     except yaml.YAMLError as error:
-        raise InputError("The file is not valid YAML.", where=str(path), got=str(error)) from error
+        raise InputError("The file is not valid YAML.", where=str(path), got=str(error)[:1000]) from error
     if not isinstance(content, dict):
         raise InputError("The file holds no mapping.", where=str(path), got=type(content).__name__, valid="key: value")
     return content
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values only, within bounds, and no key twice."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self.name = "the file"
+        self._depth = self._count = 0
+        self._measured: dict[yaml.Node, tuple[int, int]] = {}  # values in it and its depth, aliases written out
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        self._depth += 1
+        self._count += 1
+        self._bound(self._count, self._depth, event.start_mark)
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        if isinstance(event, yaml.AliasEvent):
+            if node not in self._measured:
+                raise _refusal("an alias stands in what it stands for", event.start_mark)
+        elif node is not None:
+            inner = [self._measured[part] for part in _parts(node)]
+            measure = 1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0)
+            self._bound(*measure, event.start_mark)
+            self._measured[node] = measure
+        return node
+
+    def _bound(self, count: int, depth: int, mark: Any) -> None:
+        if depth > MAXIMUM_DEPTH:
+            raise _refusal(f"it is nested more than {MAXIMUM_DEPTH} deep", mark)
+        if count > MAXIMUM_VALUES:
+            raise _refusal(f"it holds more than {MAXIMUM_VALUES} values, aliases written out", mark)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: dict[Any, Any] = {}
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue  # its keys are meant to be overruled
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in seen:
+                what = f"the key {_short(key)} occurs twice"
+                raise ConstructorError("first", seen[key], what, key_node.start_mark)
+            if isinstance(key, Hashable):
+                seen[key] = key_node.start_mark
+        return super().construct_mapping(node, deep=deep)
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep=deep)
+        except (ValueError, OverflowError) as error:  # such as the 30th of February, or five thousand digits
+            raise ConstructorError(None, None, str(error), node.start_mark) from error
+
+
+def _refusal(problem: str, mark: Any) -> ComposerError:
+    return ComposerError(None, None, problem, mark)
+
+
+def _parts(node: yaml.Node) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
 def validate(model: type[Model], content: dict[str, Any], *, where: str) -> Model:
@@ -67,8 +163,10 @@ def validate(model: type[Model], content: dict[str, Any], *, where: str) -> Mode
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        problems = [_problem(detail, model) for detail in error.errors()]
-        count = "a problem" if len(problems) == 1 else f"{len(problems)} problems"
+        details = error.errors(include_url=False)
+        problems = [_problem(detail, model) for detail in details[:MOST_PROBLEMS]]
+        count = "a problem" if len(details) == 1 else f"{len(details)} problems"
+        problems += ["and others"] if len(details) > MOST_PROBLEMS else []
         raise InputError(
             f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in problems), where=where
         ) from error
@@ -81,19 +179,23 @@ def read_document(model: type[Model], path: Path | str) -> Model:
 
 def _problem(detail: Any, model: type[BaseModel]) -> str:
     location = [part for part in detail["loc"] if not (isinstance(part, str) and part.startswith("function-"))]
-    path = ".".join(str(part) for part in location)
+    path = ".".join(str(part)[:LONGEST] for part in location)
     if detail["type"] == "extra_forbidden":
         names = _fields_at(model, location[:-1])
-        near = difflib.get_close_matches(str(location[-1]), names, n=1)
+        near = difflib.get_close_matches(str(location[-1])[:LONGEST], names, n=1)
         hint = f" Did you mean '{near[0]}'?" if near else ""
         return f"{path}: unknown key.{hint} Valid keys: {', '.join(names)}"
     if detail["type"] == "missing":
         return f"{path}: this key is required"
-    message = str(detail["msg"]).removeprefix("Value error, ")
+    message = str(detail["msg"])[: 10 * LONGEST].removeprefix("Value error, ")
     if not path:  # of the document as a whole
         return message
-    got = repr(detail.get("input"))
-    return f"{path}: {message} (got {got[:60]})"
+    return f"{path}: {message} (got {_short(detail.get('input'))})"
+
+
+def _short(value: object) -> str:
+    """A value as text, without writing out more of it than is shown."""
+    return _REPR.repr(value)[:LONGEST]
 
 
 def _fields_at(model: type[BaseModel], location: list[Any]) -> list[str]:

@@ -1,0 +1,123 @@
+"""YAML files: what no description needs is refused soon, in a few words and with its place."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fmu_didim.cli import main
+from fmu_didim.documents import LONGEST, MAXIMUM_BYTES, MAXIMUM_DEPTH, MAXIMUM_VALUES, load_yaml, validate
+from fmu_didim.errors import InputError
+from fmu_didim.robot import RobotDescription
+
+
+def laughs(levels: int, width: int) -> str:
+    lines = ["a0: &a0 [" + ", ".join(["x"] * width) + "]"]
+    lines += [f"a{k}: &a{k} [" + ", ".join([f"*a{k - 1}"] * width) + "]" for k in range(1, levels)]
+    return "\n".join(lines) + "\n"
+
+
+def mappings(levels: int, width: int) -> str:
+    lines = ["a0: &a0 {x: 1}"]
+    lines += [f"a{k}: &a{k} {{" + ", ".join(f"k{i}: *a{k - 1}" for i in range(width)) + "}" for k in range(1, levels)]
+    return "\n".join(lines) + "\n"
+
+
+CHAIN = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 60))
+ATTACKS = {
+    "ten to the ten": (laughs(10, 10), "more than 50000 values, aliases written out"),
+    "two to the forty": (laughs(40, 2), "more than 50000 values"),
+    "as mappings": (mappings(20, 8), "more than 50000 values"),
+    "deep by brackets": ("a: " + "[" * 100_000, "nested more than 50 deep"),
+    "deep by braces": ("a: " + "{a: " * 60_000, "nested more than 50 deep"),
+    "deep by indentation": ("\n".join(" " * k + "a:" for k in range(600)), "nested more than 50 deep"),
+    "deep by dashes": ("a:\n" + "- " * 60_000 + "1", "nested more than 50 deep"),
+    "deep by aliases": (CHAIN, "nested more than 50 deep"),
+    "in itself": ("a: &a [1, *a]", "stands in what it stands for"),
+    "a mapping in itself": ("a: &a {b: *a}", "stands in what it stands for"),
+    "many values": ("a: [" + "1," * 100_000 + "1]", "more than 50000 values"),
+    "large": ("a: " + "x" * MAXIMUM_BYTES, "too large for a description"),
+    "five thousand digits": ("name: x\na: " + "9" * 5000, r"line 2, column 4"),
+    "no such day": ("a: 2025-02-30", r"day.*[\s\S]*line 1, column 4"),
+    "no tag of ours": ("a: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
+    "no alias": ("a: *b", "undefined alias"),
+    "a list as a key": ("? [1, 2]\n: 3", "unhashable key"),
+    "a key twice": ("name: x\nrate: 1\nname: y\n", r"'name' occurs twice[\s\S]*line 3, column 1"),
+    "a key twice within": ("a:\n  - {b: 1, c: 2, b: 3}", r"'b' occurs twice[\s\S]*line 2"),
+    "a truth that is a number": ("1: x\ntrue: y", "True occurs twice"),
+    "a number twice": ("a: {1: x, 0x1: y}", "1 occurs twice"),
+    "a long key twice": ("? " + "k" * 1000 + "\n: 1\n? " + "k" * 1000 + "\n: 2", "occurs twice"),
+}
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_what_no_description_needs_is_refused(tmp_path: Path, attack: str) -> None:
+    text, told = ATTACKS[attack]
+    path = tmp_path / "case.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=told) as caught:
+        load_yaml(path)
+    assert caught.value.where == str(path)
+    assert len(str(caught.value)) < 2000
+
+
+def test_the_place_of_what_is_not_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_bytes("name: x\ndescription: Prüfstand\n".encode("latin-1"))
+    with pytest.raises(InputError, match=r"not UTF-8[\s\S]*line 2[\s\S]*xfc[\s\S]*Save it as UTF-8"):
+        load_yaml(path)
+    path.write_text("name: Prüfstand\n", encoding="utf-8")
+    assert load_yaml(path) == {"name": "Prüfstand"}
+
+
+def test_what_descriptions_use_is_read(tmp_path: Path) -> None:
+    """Anchors, merged keys that are overruled, aliases of one value in many places; up to the bounds."""
+    path = tmp_path / "case.yaml"
+    text = "base: &base {a: 1, b: [2, 3]}\none: {<<: *base, a: 5}\ntwo: [*base, *base]\n1: x\n'1': y\n"
+    path.write_text(text)
+    base = {"a": 1, "b": [2, 3]}
+    expected = {"base": base, "one": {"a": 5, "b": [2, 3]}, "two": [base, base], "1": "y"}
+    found = load_yaml(path)
+    assert {key: found[key] for key in expected} == expected
+    deep = "a: " + "[" * (MAXIMUM_DEPTH - 3) + "1" + "]" * (MAXIMUM_DEPTH - 3)
+    path.write_text(deep)
+    assert load_yaml(path) == yaml.safe_load(deep)
+    path.write_text("a: [" + ",".join(["1"] * (MAXIMUM_VALUES - 3)) + "]")
+    assert len(load_yaml(path)["a"]) == MAXIMUM_VALUES - 3
+
+
+def test_every_description_here_is_read() -> None:
+    for path in [*Path("examples").rglob("*.yaml"), *Path("fmus").rglob("*.yaml"), *Path("controllers").glob("*.yaml")]:
+        assert load_yaml(path) == yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def test_messages_stay_short_and_cheap() -> None:
+    """Values whose text would fill the memory: ten to the ten, as a program may hand them over."""
+    many: object = "x"
+    for _ in range(10):
+        many = [many] * 10
+    content = {"name": many, "joints": many, "k" * 100_000: "v" * 100_000, **{f"wrong{k}": many for k in range(500)}}
+    tracemalloc.start()
+    began = time.process_time()
+    with pytest.raises(InputError) as caught:
+        validate(RobotDescription, content, where="robot.yaml")
+    assert time.process_time() - began < 5.0
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+    message = str(caught.value)
+    assert "and others" in message
+    assert "problems" in message
+    assert max(len(line) for line in message.splitlines()) < 20 * LONGEST
+
+
+@pytest.mark.parametrize("attack", ["ten to the ten", "deep by brackets", "a key twice"])
+def test_commands_refuse_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[str], attack: str) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(ATTACKS[attack][0])
+    for arguments in (["check", str(path)], ["export", str(path)], ["simulate", str(path)]):
+        assert main(arguments) == 1
+        assert "The file is not valid YAML" in capsys.readouterr().err
