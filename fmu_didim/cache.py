@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -190,10 +190,10 @@ class Entry:
     used: float
 
 
-def entries(digest: str = "") -> Iterator[Entry]:
+def entries(digest: str = "", *, kinds: Iterable[str] = KINDS) -> Iterator[Entry]:
     """What the cache holds: of the FMU with this SHA-256, or all."""
     root = cache_directory()
-    for kind in KINDS:
+    for kind in kinds:
         for path in (root / kind).glob(f"{digest}*"):
             if path.name.startswith(PARTIAL):
                 continue
@@ -210,7 +210,8 @@ def limit_size() -> None:
         if stamp.is_file() and time.time() - stamp.stat().st_mtime < _CHECKED_EVERY:
             return
         stamp.touch()
-        found = sorted((entry for entry in entries() if entry.kind != COMPILER), key=lambda entry: entry.used)
+        limited = [kind for kind in KINDS if kind != COMPILER]
+        found = sorted(entries(kinds=limited), key=lambda entry: entry.used)
         size = sum(entry.size for entry in found)
         for entry in found:
             if size <= LIMIT or time.time() - entry.used < IN_USE:
