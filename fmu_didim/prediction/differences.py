@@ -14,7 +14,7 @@ Source: J. J. More, S. M. Wild, "Estimating derivatives of noisy simulations", A
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
+SIMULATIONS = 1 + 1 + 2**2
+"""Independent errors of equal size, of the two sides and of twice the middle, in the square of a second difference."""
 FIRST_STEP = limits.DIFFERENCE_STEPS.index(limits.STEP)
 
 
@@ -32,16 +34,23 @@ class Step:
 
     Attributes:
         place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
+        jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, at most.
         sought: error for which no better step was found, or needed.
     """
 
     place: int
     error: float
+    jitter: tuple[float, ...] = ()
     sought: float = np.inf
 
     def is_sought(self, wanted: float) -> bool:
         """Whether a step for such an error was looked for already."""
         return self.sought <= limits.KEPT_STEP * wanted
+
+    def after(self, known: Step, wanted: float) -> Step:
+        """This one, with what the one before has shown."""
+        jitter = self.jitter if known.place != self.place else tuple(map(min, self.jitter, known.jitter))
+        return replace(self, jitter=jitter, sought=min(wanted, known.sought))
 
 
 Steps = dict[tuple[str, int], Step]
@@ -87,7 +96,8 @@ class Ladder:
         first = float(np.linalg.norm(above - below))
         second = float(np.linalg.norm(above + below - 2 * self._torque))
         error = second / np.sqrt(3) / first if first > 0 else np.inf
-        return Difference((above - below) / (2 * change), Step(place, float(error)))
+        jitter = np.sqrt(np.mean((above + below - 2 * self._torque) ** 2, axis=0) / SIMULATIONS)
+        return Difference((above - below) / (2 * change), Step(place, float(error), tuple(jitter.tolist())))
 
     def best(self, wanted: float, begin: int = FIRST_STEP) -> Difference:
         """The first difference that errs by at most ``wanted`` of its norm, or else the one that errs least.
@@ -140,7 +150,12 @@ class Ladder:
                 next_step="Start from other values.",
             )
         agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]
-        return min(agreeing, key=_size_of_error)
+        best = min(agreeing, key=_size_of_error)
+        assert best.step is not None
+        shorter = self._tried.get(best.step.place - 1)  # where the curvature is less
+        if shorter is None or shorter.step is None:
+            return best
+        return replace(best, step=replace(best.step, jitter=shorter.step.jitter))
 
 
 def _error(one: Difference) -> float:
