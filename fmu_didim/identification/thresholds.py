@@ -39,8 +39,9 @@ SECOND_STEP = TABLE(
     "2.7.",
 )  # fmt: skip
 JITTER = TABLE(
-    "JITTER", 0.2, "standard deviations",
-    "Jitter of a simulated torque, in those of its residual, that is told: the values scatter by it as by noise.",
+    "JITTER", 0.1, "standard deviations",
+    "Jitter of a simulated torque, in those of its residual, that is told: the values scatter by it as by noise, and "
+    "the steps end up to half a deviation from the minimum.",
 )  # fmt: skip
 START_MARGIN = TABLE(
     "START_MARGIN", 1e-5, "1",

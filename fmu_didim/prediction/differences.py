@@ -34,7 +34,8 @@ class Step:
 
     Attributes:
         place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
-        jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, at most.
+        jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, where second
+            differences do not fall with the step as curvature does; empty where none is seen.
         sought: error for which no better step was found, or needed.
     """
 
@@ -49,12 +50,18 @@ class Step:
 
     def after(self, known: Step, wanted: float) -> Step:
         """This one, with what the one before has shown."""
-        jitter = self.jitter if known.place != self.place else tuple(map(min, self.jitter, known.jitter))
+        jitter = known.jitter if known.place == self.place else self.jitter
         return replace(self, jitter=jitter, sought=min(wanted, known.sought))
 
 
 Steps = dict[tuple[str, int], Step]
 """The steps that were found, by label of the experiment and number of the parameter, so that they are kept."""
+
+
+def jitter_in(steps: Steps, deviation: Array) -> float:
+    """The largest jitter of a joint in any experiment, in units of deviations (n,); 0 where none was looked for."""
+    found = [np.asarray(step.jitter) / deviation for step in steps.values() if step.jitter]
+    return float(np.max(found)) if found else 0.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,7 @@ class Ladder:
         """
         first = self.at(begin)
         if first is not None and _error(first) <= wanted:
-            return first
+            return _with_jitter(first, ())
         self._walk(begin, -1, wanted)
         if first is None or not self._is_found(wanted):
             self._walk(begin, 1, wanted)
@@ -151,11 +158,21 @@ class Ladder:
             )
         agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]
         best = min(agreeing, key=_size_of_error)
+        return _with_jitter(best, self._jitter_beside(best))
+
+    def _jitter_beside(self, best: Difference) -> tuple[float, ...]:
+        """By the next shorter step."""
         assert best.step is not None
-        shorter = self._tried.get(best.step.place - 1)  # where the curvature is less
+        shorter = self._tried.get(best.step.place - 1)
         if shorter is None or shorter.step is None:
-            return best
-        return replace(best, step=replace(best.step, jitter=shorter.step.jitter))
+            return ()
+        ratio = limits.DIFFERENCE_STEPS[shorter.step.place] / limits.DIFFERENCE_STEPS[best.step.place]
+        return shorter.step.jitter if max(shorter.step.jitter) >= ratio * max(best.step.jitter) else ()
+
+
+def _with_jitter(one: Difference, jitter: tuple[float, ...]) -> Difference:
+    assert one.step is not None
+    return replace(one, step=replace(one.step, jitter=jitter))
 
 
 def _error(one: Difference) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import Ladder
+from fmu_didim.prediction.differences import Ladder, jitter_in
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.sensitivity import step_size
 from fmu_didim.prediction.weighting import whitened
@@ -48,7 +48,7 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
     deviations = [np.sqrt(np.diag(covariance_efficient(table))) for table in (first, second)]
     change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
     worst = int(np.argmax(change))
-    return Roughness(float(change[worst]), fit.model.names[worst], _jitter(fit))
+    return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))
 
 
 def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
@@ -77,9 +77,3 @@ def _second_places(place: int, deviation: float) -> list[int]:
     uncertain = sum(step < deviation for step in limits.DIFFERENCE_STEPS)
     wanted = [min(uncertain, last - 1), place + 1]
     return [*(found for found in wanted if place < found <= last), *([place - 1] if place else [])]
-
-
-def _jitter(fit: Fit) -> float:
-    """The largest jitter of a joint in any experiment, in standard deviations of its residual."""
-    found = [np.asarray(step.jitter) / fit.deviation for step in fit.steps.values() if step.jitter]
-    return float(np.max(found)) if found else 0.0

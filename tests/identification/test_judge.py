@@ -41,7 +41,7 @@ def test_coarse_steps_are_told(outcome: Outcome) -> None:
 
 @pytest.mark.parametrize(
     ("change", "jitter", "told"),
-    [(0.09, 0.19, 0), (0.11, 0.19, 1), (np.nan, 0.0, 1), (0.0, 0.21, 1), (0.5, 1.0, 2)],
+    [(0.09, 0.09, 0), (0.11, 0.09, 1), (np.nan, 0.0, 1), (0.0, 0.11, 1), (0.5, 1.0, 2)],
 )
 def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: float, told: int) -> None:
     assert again(outcome, roughness=Roughness(change, "ZZ1", jitter)) == told * ["sensitivity-rough"]
