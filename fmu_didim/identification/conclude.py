@@ -23,6 +23,7 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import NO_STEP, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.roughness import Roughness, roughness
 from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
@@ -36,13 +37,14 @@ class Minimum:
     Attributes:
         fit: the closed loop there; iterations: those of the finish.
         integration_error: what twice the substeps of the plant change there.
-        remarks: what was changed on the way.
+        remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
     """
 
     fit: Fit
     integration_error: IntegrationError
     iterations: tuple[Iteration, ...] = ()
     remarks: tuple[str, ...] = ()
+    roughness: Roughness | None = None
 
 
 def efficient_finish(
@@ -84,7 +86,7 @@ def efficient_finish(
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
-    return Minimum(fit, error, tuple(iterations), tuple(remarks))
+    return Minimum(fit, error, tuple(iterations), tuple(remarks), roughness(fit, sizes))
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
@@ -180,6 +182,7 @@ def torque_estimate(
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
         jacobian=fit.jacobian,
+        roughness=minimum.roughness,
         remarks=minimum.remarks,
         advice="" if settled else _advice(model, iterations),
     )

@@ -14,6 +14,7 @@ from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
 from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.roughness import Roughness
 from fmu_didim.prediction.uncertainty import Colour
 from fmu_didim.signals import Array
 from fmu_didim.statistics import confidence_interval, correlation, relative_deviation_percent
@@ -64,6 +65,7 @@ class Estimate:
         noise_is_stated: whether it is the case that states it.
         jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
+        roughness: of the sensitivities of a foreign plant; None where they are exact.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
@@ -91,6 +93,7 @@ class Estimate:
     noise_is_stated: bool = True
     jacobian: Array | None = field(default=None, repr=False)
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
+    roughness: Roughness | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)

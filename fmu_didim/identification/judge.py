@@ -19,6 +19,7 @@ from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.prediction.free_parameter import DELAY, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.prediction.roughness import Roughness
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -43,6 +44,12 @@ TOO_COARSE = CATALOGUE(
     "integration-too-coarse", DOUBT, rank=48,
     meaning="Finer steps of the integration would still move a value visibly.",
     next_step="State more substeps: plant: {substeps: N}.",
+)  # fmt: skip
+ROUGH = CATALOGUE(
+    "sensitivity-rough", DOUBT, rank=46,
+    meaning="The step control inside a plant or controller limits how well the sensitivities are known, and with them "
+    "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
+    next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer.",
 )  # fmt: skip
 
 
@@ -80,6 +87,7 @@ def judged(
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
+    found += roughness_diagnostics(estimate.roughness)
     return judgement(found, settled=estimate.status is Status.CONVERGED)
 
 
@@ -95,6 +103,23 @@ def held_parameters(model: LoopModel) -> list[Diagnostic]:
         return []
     text = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
     return [Diagnostic(HELD, f"Not identified, but taken as the description has them: {text}.", "robot")]
+
+
+def roughness_diagnostics(rough: Roughness | None) -> list[Diagnostic]:
+    """Where the step control of a foreign plant limits the answer."""
+    if rough is None:
+        return []
+    found = []
+    if not rough.change <= limits.SECOND_STEP:
+        text = f"A second step of the sensitivities changes a standard deviation by {100 * rough.change:.0f} %."
+        found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, limits.SECOND_STEP, "1"))
+    if rough.jitter > limits.JITTER:
+        text = (
+            f"When a parameter changes ever so little, the simulated torque jitters by {rough.jitter:.2g} standard "
+            "deviations of its residual: the values scatter by it."
+        )
+        found.append(Diagnostic(ROUGH, text, "", rough.jitter, limits.JITTER, "standard deviations"))
+    return found
 
 
 def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:

@@ -33,6 +33,16 @@ VISIBLE_SHIFT = TABLE(
     "A value that finer steps would move by more is told as too coarsely integrated: a tenth of a 95 % interval.",
 )  # fmt: skip
 
+SECOND_STEP = TABLE(
+    "SECOND_STEP", 0.1, "1",
+    "A standard deviation that a second step of the sensitivities changes by a larger part is told: 3-sigma then means "
+    "2.7.",
+)  # fmt: skip
+JITTER = TABLE(
+    "JITTER", 0.1, "standard deviations",
+    "Jitter of a simulated torque, in those of its residual, that is told: the values scatter by it as by noise, and "
+    "the steps end up to half a deviation from the minimum.",
+)  # fmt: skip
 START_MARGIN = TABLE(
     "START_MARGIN", 1e-5, "1",
     "Smallest eigenvalue of the pseudo-inertia of a link at a start, as a fraction of the robot's: what is to be "

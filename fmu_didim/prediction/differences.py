@@ -14,7 +14,7 @@ Source: J. J. More, S. M. Wild, "Estimating derivatives of noisy simulations", A
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
+SIMULATIONS = 1 + 1 + 2**2
+"""Independent errors of equal size, of the two sides and of twice the middle, in the square of a second difference."""
 FIRST_STEP = limits.DIFFERENCE_STEPS.index(limits.STEP)
 
 
@@ -32,20 +34,34 @@ class Step:
 
     Attributes:
         place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
+        jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, where second
+            differences do not fall with the step as curvature does; empty where none is seen.
         sought: error for which no better step was found, or needed.
     """
 
     place: int
     error: float
+    jitter: tuple[float, ...] = ()
     sought: float = np.inf
 
     def is_sought(self, wanted: float) -> bool:
         """Whether a step for such an error was looked for already."""
         return self.sought <= limits.KEPT_STEP * wanted
 
+    def after(self, known: Step, wanted: float) -> Step:
+        """This one, with what the one before has shown."""
+        jitter = known.jitter if known.place == self.place else self.jitter
+        return replace(self, jitter=jitter, sought=min(wanted, known.sought))
+
 
 Steps = dict[tuple[str, int], Step]
 """The steps that were found, by label of the experiment and number of the parameter, so that they are kept."""
+
+
+def jitter_in(steps: Steps, deviation: Array) -> float:
+    """The largest jitter of a joint in any experiment, in units of deviations (n,); 0 where none was looked for."""
+    found = [np.asarray(step.jitter) / deviation for step in steps.values() if step.jitter]
+    return float(np.max(found)) if found else 0.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +103,8 @@ class Ladder:
         first = float(np.linalg.norm(above - below))
         second = float(np.linalg.norm(above + below - 2 * self._torque))
         error = second / np.sqrt(3) / first if first > 0 else np.inf
-        return Difference((above - below) / (2 * change), Step(place, float(error)))
+        jitter = np.sqrt(np.mean((above + below - 2 * self._torque) ** 2, axis=0) / SIMULATIONS)
+        return Difference((above - below) / (2 * change), Step(place, float(error), tuple(jitter.tolist())))
 
     def best(self, wanted: float, begin: int = FIRST_STEP) -> Difference:
         """The first difference that errs by at most ``wanted`` of its norm, or else the one that errs least.
@@ -100,7 +117,7 @@ class Ladder:
         """
         first = self.at(begin)
         if first is not None and _error(first) <= wanted:
-            return first
+            return _with_jitter(first, ())
         self._walk(begin, -1, wanted)
         if first is None or not self._is_found(wanted):
             self._walk(begin, 1, wanted)
@@ -140,7 +157,22 @@ class Ladder:
                 next_step="Start from other values.",
             )
         agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]
-        return min(agreeing, key=_size_of_error)
+        best = min(agreeing, key=_size_of_error)
+        return _with_jitter(best, self._jitter_beside(best))
+
+    def _jitter_beside(self, best: Difference) -> tuple[float, ...]:
+        """By the next shorter step."""
+        assert best.step is not None
+        shorter = self._tried.get(best.step.place - 1)
+        if shorter is None or shorter.step is None:
+            return ()
+        ratio = limits.DIFFERENCE_STEPS[shorter.step.place] / limits.DIFFERENCE_STEPS[best.step.place]
+        return shorter.step.jitter if max(shorter.step.jitter) >= ratio * max(best.step.jitter) else ()
+
+
+def _with_jitter(one: Difference, jitter: tuple[float, ...]) -> Difference:
+    assert one.step is not None
+    return replace(one, step=replace(one.step, jitter=jitter))
 
 
 def _error(one: Difference) -> float:

@@ -18,10 +18,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import Steps
+from fmu_didim.prediction.differences import Steps, jitter_in
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -45,7 +46,8 @@ class Stopping:
         iterations: largest number of steps.
         tolerance: settled when no parameter moves by more than this fraction of the larger of its size and its standard
             deviation, with a sensitivity taken nearby, or when the iterations are over and the step that would follow
-            is far below the standard deviations; None: a minimum of a search, which ends by ``promise``.
+            is far below the standard deviations; or when a step is one that jitter of the torque alone would ask for;
+            None: a minimum of a search, which ends by ``promise``.
         promise: a step that promises to lower the cost by less is not made.
         updates: how often the sensitivity may be taken anew; None: as often as the steps need it.
         give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
@@ -182,10 +184,14 @@ class _Solver:
         return self._weighting.deviation(self._measured - at.torque, at.jacobian)
 
     def _is_at_minimum(self, at: _State) -> bool:
-        """Whether the step that would follow, with the sensitivity of this very point, is far below sigma."""
+        """Whether the step that would follow, with the sensitivity of this very point, is nothing."""
         if not at.fresh and at.updates > 0:
             self._differentiate(at)
-        return at.fresh and _Step.of(at, self._deviation(at), self._measured, self._low, self._high).is_far_below_sigma
+        return at.fresh and self._is_nothing(_Step.of(at, self._deviation(at), self._measured, self._low, self._high))
+
+    def _is_nothing(self, step: _Step) -> bool:
+        """Whether a step changes no conclusion, or is one that jitter alone would ask for."""
+        return step.is_far_below_sigma or step.promised <= self._promise_of_jitter(step)
 
     def _after(self, at: _State, step: _Step, found: _Found) -> str:
         """What a step has come to: ``settled``, ``stopped`` or ``goes on``; the state moves to where it led."""
@@ -197,7 +203,7 @@ class _Solver:
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
         if stuck and (was_fresh or at.updates <= 0):
-            nothing_left = step.promised <= limits.ROUNDING * step.cost or step.is_far_below_sigma
+            nothing_left = step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
             return "settled" if rules.tolerance is not None and nothing_left else "stopped"
         if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
             return "stopped"
@@ -209,6 +215,8 @@ class _Solver:
             whole = not found.note or step.is_far_below_sigma
             if (np.abs(moved) <= rules.tolerance * floor).all() and whole and (was_fresh or not stale):
                 return "settled"
+            if was_fresh and step.promised <= self._promise_of_jitter(step):
+                return "settled"
         low, high = limits.KEPT_PROMISE
         kept = low * found.promised <= gained <= high * found.promised
         contracts = limits.STALE < size <= limits.CONTRACTION * at.last
@@ -217,6 +225,18 @@ class _Solver:
             self._differentiate(at)
         at.last = size
         return "goes on"
+
+    def _promise_of_jitter(self, step: _Step) -> float:
+        """How much a step may promise where the minimum is reached, but the torque jitters by J deviations.
+
+        Chi-square of the jitter in as many directions as there are parameters; or, as long as it is a small part of a
+        deviation, what two costs differ by because of it, which is 2 J times the norm of the residual.
+        """
+        jitter = jitter_in(self._steps, step.deviation)
+        if not jitter:
+            return 0.0
+        blurred = min(2 * jitter * float(np.sqrt(step.cost)), limits.LEFT_BY_JITTER)
+        return max(jitter**2 * float(chi2.isf(limits.EXCESS, step.change.size)), blurred)
 
     def _record(self, values: Array, torque: Array, moved: Array, step: _Step, note: str) -> None:
         if self._progress is None:

@@ -100,6 +100,11 @@ def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> 
     return np.where(size > 0, size, 1.0)
 
 
+def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
+    """What the steps of a parameter are relative to."""
+    return float(sizes[i] if sizes is not None and i < sizes.size else model.free_parameters[i].scale)
+
+
 def by_variation(
     model: LoopModel,
     values: Array,
@@ -193,12 +198,11 @@ class _Column:
             return Difference(self.forward())
         known = steps.get((self.label, self.i))
         if known is None:
-            found, sought = self.ladder.best(wanted), wanted
-        else:
-            allowed = max(wanted, limits.KEPT_STEP * known.error) if known.is_sought(wanted) else wanted
-            found, sought = self.ladder.best(allowed, known.place), min(wanted, known.sought)
-        assert found.step is not None
-        return replace(found, step=replace(found.step, sought=sought))
+            found = self.ladder.best(wanted)
+            return replace(found, step=found.step and replace(found.step, sought=wanted))
+        allowed = max(wanted, limits.KEPT_STEP * known.error) if known.is_sought(wanted) else wanted
+        found = self.ladder.best(allowed, known.place)
+        return replace(found, step=found.step and found.step.after(known, wanted))
 
     def falls_short(self, steps: Steps, wanted: float) -> bool:
         """Whether a better step than the known one is to be looked for."""
@@ -238,8 +242,8 @@ class _Experiment:
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
         if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
             return partial(self._forward, i, parameter), None
-        size = self._sizes[i] if self._sizes is not None and i < self._sizes.size else parameter.scale
-        return None, Ladder(self._model, self._values, self._label, self._torque, i, float(size))
+        size = step_size(self._model, i, self._sizes)
+        return None, Ladder(self._model, self._values, self._label, self._torque, i, size)
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
         step = limits.STEP * parameter.scale

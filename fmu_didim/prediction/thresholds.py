@@ -234,6 +234,11 @@ FAR_BELOW = TABLE(
     "FAR_BELOW", 0.01, "standard deviations",
     "A step that small changes no conclusion: when it cannot be made in full, the fit has settled all the same.",
 )  # fmt: skip
+LEFT_BY_JITTER = TABLE(
+    "LEFT_BY_JITTER", 0.25, "chi-square",
+    "A step that promises no more, half a standard deviation, need not be made where a jitter of the torque hides what "
+    "it gains.",
+)  # fmt: skip
 EQUAL = TABLE(
     "EQUAL", 1e-9, "1",
     "Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows.",

@@ -11,6 +11,7 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.identification.judge import judged, limit_diagnostics
 from fmu_didim.prediction.free_parameter import LONGEST_DELAY, delay_parameter
+from fmu_didim.prediction.roughness import Roughness
 from fmu_didim.robot import read_robot, write_robot
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.outcome import Outcome
@@ -36,6 +37,14 @@ def test_a_right_model_is_valid(outcome: Outcome) -> None:
 def test_coarse_steps_are_told(outcome: Outcome) -> None:
     assert again(outcome, integration_shift=np.array([0.01, 0.5])) == ["integration-too-coarse"]
     assert again(outcome, integration_shift=np.full(2, np.nan)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "jitter", "told"),
+    [(0.09, 0.09, 0), (0.11, 0.09, 1), (np.nan, 0.0, 1), (0.0, 0.11, 1), (0.5, 1.0, 2)],
+)
+def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: float, told: int) -> None:
+    assert again(outcome, roughness=Roughness(change, "ZZ1", jitter)) == told * ["sensitivity-rough"]
 
 
 def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path: Path) -> None:

@@ -1,0 +1,79 @@
+"""How far the step control of a foreign plant limits an answer: deviations by a second step, jitter of the torque.
+
+Where a simulation jitters by J when a parameter changes ever so little, neither is the sensitivity exact, on which the
+standard deviations depend, nor is the minimum: it scatters as it would by noise of the size of J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.differences import Ladder, jitter_in
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.sensitivity import step_size
+from fmu_didim.prediction.weighting import whitened
+from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_efficient
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """What central differences leave open.
+
+    Attributes:
+        change: largest relative change of a standard deviation when the sensitivities are taken with a second step.
+        parameter: whose it is.
+        jitter: of the simulated torque when a parameter changes ever so little, in standard deviations of its residual.
+    """
+
+    change: float
+    parameter: str
+    jitter: float
+
+
+def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
+    """How rough a loop is at a fit, by two simulations a column; None where no column is a central difference.
+
+    Args:
+        sizes: of the base parameters, as the steps of the fit were taken with.
+    """
+    if not fit.steps:
+        return None
+    first = whitened(fit.jacobian, fit.deviation)
+    second = whitened(_at_second_steps(fit, sizes), fit.deviation)
+    deviations = [np.sqrt(np.diag(covariance_efficient(table))) for table in (first, second)]
+    change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
+    worst = int(np.argmax(change))
+    return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))
+
+
+def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
+    """The sensitivity (N, n, p) with other steps of the columns that are central differences."""
+    model, table = fit.model, fit.jacobian.copy()
+    rows: Mapping[str, slice] = model.rows
+    length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
+    for (label, i), step in fit.steps.items():
+        size = step_size(model, i, sizes)
+        ladder = Ladder(model, fit.values, label, fit.torque[rows[label]], i, size)
+        for place in _second_places(step.place, 1 / max(float(length[i]) * size, limits.DIFFERENCE_STEPS[0])):
+            found = ladder.at(place)
+            if found is not None:
+                table[rows[label], :, i] = found.column
+                break
+    return table
+
+
+def _second_places(place: int, deviation: float) -> list[int]:
+    """Steps to verify one with: as long as a parameter is uncertain by itself, relative to its size, but longer than
+    the first and not the longest; or else the next ones.
+
+    What slopes are right in is a change by a standard deviation.
+    """
+    last = len(limits.DIFFERENCE_STEPS) - 1
+    uncertain = sum(step < deviation for step in limits.DIFFERENCE_STEPS)
+    wanted = [min(uncertain, last - 1), place + 1]
+    return [*(found for found in wanted if place < found <= last), *([place - 1] if place else [])]

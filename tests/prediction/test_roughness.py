@@ -1,0 +1,100 @@
+"""Fits of loops whose torque jitters: values and deviations as without jitter, or told where they cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from fmu_didim.prediction.differences import Step
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.least_squares import Stopping, _Solver, minimise
+from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.roughness import roughness
+from fmu_didim.prediction.weighting import KnownNoise
+from fmu_didim.signals import Array
+from tests.prediction.law_model import LawModel
+from tests.prediction.test_differences import COUNT, deviations, law_model, slopes, smooth
+
+SIGMA = 1e-3
+NOISE = Noise(np.array([SIGMA]), np.zeros(1), "residual")
+START = np.array([0.8, 1.3, 0.9])
+
+
+def fitted(size: float, width: float, seed: int = 5) -> tuple[Fit, Array]:
+    """A fit of noisy data, and what SciPy finds for the same loop without jitter."""
+    measured = smooth(dict.fromkeys("abc", 1.0)) + SIGMA * np.random.default_rng(seed).normal(size=COUNT)
+    model = replace(law_model(size, width), data={"one": measured[:, None]}).with_values(START)
+    ideal = least_squares(
+        lambda v: (measured - smooth(dict(zip("abc", v, strict=True)))) / SIGMA, START, xtol=1e-12, ftol=1e-14
+    )
+    stopping = Stopping(20, tolerance=1e-6, updates=None, check_all=False, exact=True)
+    return minimise(model, NOISE, stopping=stopping), ideal.x  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("size", "width"), [(0.0, 1.0), (1e-7, 1e-9), (1e-6, 2e-8), (1e-5, 1e-9)])
+def test_values_and_deviations_are_those_without_jitter(size: float, width: float) -> None:
+    fit, ideal = fitted(size, width)
+    sigma = SIGMA * deviations(slopes(ideal))
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.bound)), sigma, rtol=0.1)
+    assert fit.settled and (np.abs(fit.values - ideal) <= 0.6 * sigma).all()
+    assert (np.abs(fit.values - 1) <= 3 * sigma).all()
+    found = roughness(fit)
+    assert found is not None and found.change <= 0.1 and found.jitter <= 0.02
+
+
+def test_jitter_is_measured_in_deviations_of_the_residual() -> None:
+    """Three parameters move at once in a step, one in a column: that is a jitter of 1e-4, a tenth of the noise."""
+    found = roughness(fitted(1e-4, 1e-9)[0])
+    assert found is not None and 0.05 <= found.jitter <= 0.2
+
+
+@pytest.mark.parametrize(
+    ("jitter", "promised", "nothing"),
+    [
+        ((), 1e-9, False),  # nothing jitters: the steps go on
+        ((1e-3,), 0.039, True),  # two costs of 400 differ by 2 * 0.001 * 20
+        ((1e-3,), 0.041, False),
+        ((1e-2,), 0.24, True),  # at most half a deviation
+        ((1e-2,), 0.26, False),
+        ((0.5,), 0.25 * 18.4, True),  # 99.9 % of chi-square with four degrees of freedom are below 18.47
+        ((0.5,), 0.25 * 18.5, False),
+    ],
+)
+def test_steps_that_jitter_alone_asks_for_are_none(jitter: tuple[float, ...], promised: float, nothing: bool) -> None:
+    steps = {("one", 0): Step(8, 0.01, tuple(2 * j for j in jitter)), ("one", 1): Step(5, 1e-6)}
+    solver = _Solver(law_model(), KnownNoise(NOISE), Stopping(), None, "finish", None, steps)  # type: ignore[arg-type]
+    step = SimpleNamespace(
+        promised=promised, cost=400.0, change=np.zeros(4), deviation=np.array([2.0]), is_far_below_sigma=False
+    )
+    assert solver._is_nothing(step) is nothing  # type: ignore[arg-type]
+
+
+def test_deviations_that_depend_on_the_step_are_told() -> None:
+    """Jitter as large as the noise: no step tells the two columns from each other."""
+    fit, _ = fitted(1e-3, 1e-9)
+    found = roughness(fit)
+    assert found is not None and found.change > 0.1 and found.parameter in "ac" and found.jitter > 0.5
+
+
+def test_a_slope_that_holds_for_tiny_changes_alone_is_told() -> None:
+    """A wave as long as a deviation, whose slope short steps see: over a deviation it is another one."""
+
+    def law(v: Mapping[str, float], label: str) -> Array:
+        wave = 2e-4 * np.sin((v["a"] - 1) / 2e-5)
+        return np.asarray(smooth(v) + wave * np.cos(np.linspace(0, 9, COUNT)))[:, None]
+
+    model = replace(law_model(), law=law)
+    fit = minimise(model, NOISE, stopping=Stopping(0, exact=True))  # type: ignore[arg-type]
+    found = roughness(fit)
+    assert found is not None and found.change > 0.1
+
+
+def test_a_loop_without_central_differences_has_no_roughness() -> None:
+    smooth_loop: LawModel = replace(law_model(), can_refine=True)
+    fit = minimise(smooth_loop, NOISE, stopping=Stopping(0))  # type: ignore[arg-type]
+    assert roughness(fit) is None
