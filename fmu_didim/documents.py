@@ -26,6 +26,8 @@ MOST_PROBLEMS = 20
 """Problems of one file that are told."""
 LONGEST = 60
 """Characters of a value or a key that are shown."""
+LONGEST_MESSAGE = 4000
+"""Characters of what is said of an entry: a message of ours ends with the advice, after the names that are valid."""
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = LONGEST
 _REPR.maxlevel = 3
@@ -187,7 +189,7 @@ def _problem(detail: Any, model: type[BaseModel]) -> str:
         return f"{path}: unknown key.{hint} Valid keys: {', '.join(names)}"
     if detail["type"] == "missing":
         return f"{path}: this key is required"
-    message = str(detail["msg"])[: 10 * LONGEST].removeprefix("Value error, ")
+    message = str(detail["msg"])[:LONGEST_MESSAGE].removeprefix("Value error, ")
     if not path:  # of the document as a whole
         return message
     return f"{path}: {message} (got {_short(detail.get('input'))})"
