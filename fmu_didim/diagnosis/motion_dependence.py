@@ -91,13 +91,16 @@ def motion_dependence(
     sensitivities: Mapping[str, Array],
     coefficients: Mapping[tuple[int, float], Array],
 ) -> list[Dependence]:
-    """How the residual of each joint depends on the simulated motion.
+    """How the residual of each joint depends on the simulated motion; nothing where that breaks off.
 
     Args:
         residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
         coefficients: joint, from 1, and rate of the log in Hz -> (order,) of the autoregression of its noise.
     """
-    tables = {label: functions_of_motion(model, values, label) for label in residuals}
+    try:
+        tables = {label: functions_of_motion(model, values, label) for label in residuals}
+    except SimulationError:  # after the last sample of a log
+        return []
     found = []
     for j in range(model.joint_count):
         named = [list(tables[label][j]) for label in residuals]
@@ -197,12 +200,9 @@ def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array
 def functions_of_motion(model: LoopModel, values: Array, label: str) -> list[dict[str, Array]]:
     """Functions (N,) of the simulated motion of each joint at the samples, by name; the most telling ones first.
 
-    Velocities and positions are there as far as the plant gives them.
+    Velocities and positions are there as far as the plant gives them; raises SimulationError.
     """
-    try:
-        recording = model.record(values, label, all_ticks=True)
-    except SimulationError:
-        return [{} for _ in range(model.joint_count)]
+    recording = model.record(values, label, all_ticks=True)
     operator, step = model.operator(values, label), model.systems[label].step_size
     offered = {v.name for v in model.plant.outputs}
 

@@ -15,8 +15,10 @@ from fmu_didim.diagnosis.motion_dependence import (
     dependence,
     filtered,
     functions_of_motion,
+    motion_dependence,
     motion_diagnostics,
 )
+from fmu_didim.errors import SimulationError
 from tests.helpers import model_of
 
 RNG = np.random.default_rng
@@ -117,3 +119,13 @@ def test_functions_follow_the_motion_at_the_samples():
         slope = np.diff(one["position"]) / np.diff(model.experiments[model.first].time)
         middle = (one["velocity"][1:] + one["velocity"][:-1]) / 2
         assert np.corrcoef(slope, middle)[0, 1] > 0.99
+
+
+def test_a_motion_that_breaks_off_after_the_log_says_nothing(monkeypatch):
+    def diverged(*_arguments, **_options):
+        raise SimulationError("It diverges.")
+
+    model = model_of(Path("examples/scara/identify.yaml"))
+    monkeypatch.setattr(type(model), "record", diverged)
+    residual, columns = np.zeros((100, 2)), np.zeros((100, 2, 8))
+    assert motion_dependence(model, model.start, {model.first: residual}, {model.first: columns}, {}) == []
