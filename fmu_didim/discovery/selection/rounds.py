@@ -82,25 +82,11 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         competition = Competition(builder, fit)
-        screened = competition.screen(catalogue)
-        contest = competition.contend(competition.shortlist(screened), watch=watch)
-        tried.append(contest.tried)
-        if contest.is_cut:
+        contenders, tried_now, accepted = _round(competition, catalogue, base, options, watch)
+        tried.append(tried_now)
+        if accepted is None:
             ending = Ending.TIME_UP
             break
-        contenders = contest.contenders
-        held = partial(_with_shapes_held, competition, screened)
-        judge = partial(decide, fit=fit, options=options, base=base, held=held, finished=competition.finished)
-        accepted = judge(contenders)
-        if contest.unfitted and not isinstance(accepted, Contender):  # the best was none that can be accepted
-            contest = competition.contend(contest.unfitted, watch=watch, reach=float("inf"))
-            again = {t.effect_at for t in contest.tried}
-            tried[-1] = (*(t for t in tried[-1] if t.effect_at not in again), *contest.tried)
-            if contest.is_cut:
-                ending = Ending.TIME_UP
-                break
-            contenders = tuple(sorted((*contenders, *contest.contenders), key=lambda c: -c.delta_bic))
-            accepted = judge(contenders)
         if isinstance(accepted, Contender):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(
@@ -118,6 +104,30 @@ def run_rounds(
             refused = accepted
             break
     return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
+
+
+def _round(
+    competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, watch: Watch
+) -> tuple[Sequence[Contender], tuple[Tried, ...], Contender | tuple[tuple[EffectAtJoint, str], ...] | None]:
+    """The contenders of a round, the best first, all that was tried, and the contender to add, or why none is; None
+    where the time was up before all were tried."""
+    screened = competition.screen(catalogue)
+    contest = competition.contend(competition.shortlist(screened), watch=watch)
+    contenders, tried = contest.contenders, contest.tried
+    if contest.is_cut:
+        return contenders, tried, None
+    held = partial(_with_shapes_held, competition, screened)
+    judge = partial(decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished)
+    accepted = judge(contenders)
+    if contest.unfitted and not isinstance(accepted, Contender):  # the best was none that can be accepted
+        contest = competition.contend(contest.unfitted, watch=watch, reach=float("inf"))
+        again = {t.effect_at for t in contest.tried}
+        tried = (*(t for t in tried if t.effect_at not in again), *contest.tried)
+        if contest.is_cut:
+            return contenders, tried, None
+        contenders = tuple(sorted((*contenders, *contest.contenders), key=lambda c: -c.delta_bic))
+        accepted = judge(contenders)
+    return contenders, tried, accepted
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[Tried, ...]:
