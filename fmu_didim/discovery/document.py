@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,8 +41,25 @@ Residuals = dict[str, tuple[Array, Array]]
 """Label of each experiment -> residuals (N, n) of the base and of the final model."""
 
 
+@dataclass(frozen=True)
+class Circumstances:
+    """What is known of a discovery beside what was found.
+
+    Attributes:
+        name: of the case; case: its file, for the commands that reasons name; limit_s: time that the search had.
+        notes: further remarks; doubts: what is wrong with the data; provenance: where all of it comes from.
+    """
+
+    name: str
+    case: str
+    limit_s: float | None
+    notes: Sequence[str]
+    doubts: Sequence[Diagnostic]
+    provenance: Mapping[str, Any]
+
+
 def findings_document(
-    name: str,
+    about: Circumstances,
     discovery: Discovery,
     builder: LoopModelBuilder,
     *,
@@ -50,33 +67,26 @@ def findings_document(
     outside: Sequence[FindingResult] = (),
     windows: Sequence[WindowResult] = (),
     found_regions: Sequence[Region] = (),
-    notes: Sequence[str] = (),
-    provenance: Mapping[str, Any] | None = None,
-    limit_s: float | None = None,
-    case: str = "",
-    doubts: Sequence[Diagnostic] = (),
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
     Args:
-        name: of the case; discovery: base, final model and the steps between.
+        discovery: base, final model and the steps between.
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
-        found_regions: where the base model disagrees; notes: further remarks.
-        limit_s: time that the search had; case: file of the case, for the commands that reasons name.
-        doubts: what is wrong with the data.
+        found_regions: where the base model disagrees.
     """
     residuals = _residuals(discovery)
-    told, unfinished = unfinished_search(discovery, limit_s)
-    judgement = judged(discovery, told, doubts)
+    told, unfinished = unfinished_search(discovery, about.limit_s)
+    judgement = judged(discovery, told, about.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
-        name=name,
+        name=about.name,
         answer=answer,
         text=ANSWER_TEXT[answer],
         verdict=judgement.verdict,
-        reasons=judgement.saved(case),
+        reasons=judgement.saved(about.case),
         unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in discovery.base.model.experiments.items()},
@@ -87,21 +97,26 @@ def findings_document(
         regions=[RegionResult(**asdict(region)) for region in found_regions],
         windows=[*windows, *(() if discovery.ending is Ending.RUNNING else _windows(discovery, residuals))],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
-        candidates=[
-            CandidateResult(
-                round=number, effect=t.effect_at.effect, joint=t.effect_at.joint, outcome=t.outcome.value,
-                delta_bic=t.delta_bic,
-            )
-            for number, contest in enumerate(discovery.tried, start=1)
-            for t in contest
-        ],
+        candidates=_candidates(discovery),
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
         torque_unit=list(units),
         seconds=0.0,
-        notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
+        notes=[*about.notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
-        provenance={**(provenance or {}), "catalogue": sorted(builder.effects)},
+        provenance={**about.provenance, "catalogue": sorted(builder.effects)},
     )  # fmt: skip
+
+
+def _candidates(discovery: Discovery) -> list[CandidateResult]:
+    """What became of each candidate, round by round."""
+    return [
+        CandidateResult(
+            round=number, effect=t.effect_at.effect, joint=t.effect_at.joint, outcome=t.outcome.value,
+            delta_bic=t.delta_bic,
+        )
+        for number, contest in enumerate(discovery.tried, start=1)
+        for t in contest
+    ]  # fmt: skip
 
 
 def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> FindingResult:

@@ -16,7 +16,7 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.all_thresholds import all_thresholds
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.document import findings_document
+from fmu_didim.discovery.document import Circumstances, findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
@@ -142,12 +142,13 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         if external is not None and fitted_torques is not None and free is not None:
             outside = [external_torque_finding(fitted_torques, base, free, external)]
             windows = external_torque_windows(free, fitted_torques.label)
-        document = findings_document(
-            ask.name, discovery, builder,
-            ratio=ratio, outside=outside, windows=windows, found_regions=disagreement, notes=[*own_notes, *notes],
-            provenance={**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
-            limit_s=watch.limit_s, case=ask.case, doubts=prepared.doubts,
+        about = Circumstances(
+            ask.name, ask.case, watch.limit_s, [*own_notes, *notes], prepared.doubts,
+            {**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
         )  # fmt: skip
+        document = findings_document(
+            about, discovery, builder, ratio=ratio, outside=outside, windows=windows, found_regions=disagreement
+        )
         return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
 
     def kept(discovery: Discovery) -> None:
