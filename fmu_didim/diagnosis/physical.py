@@ -50,21 +50,14 @@ def physical_diagnostics(model: LoopModel, values: Array, covariance: Array) -> 
     low, high = joint_range(model)
     found: dict[tuple[str, str], Diagnostic] = {}
     for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):
-        place = np.array([_place(model, i, label) for i in range(base.count)])
+        place = model.theta(np.arange(values.size, dtype=float), label).astype(
+            np.int64
+        )  # which of the free parameters act there
         theta, part = values[place], covariance[np.ix_(place, place)]
         told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
         for diagnostic in (*told, *indefinite(model.parameters, theta, part, low, high)):
             found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
     return list(found.values())
-
-
-def _place(model: LoopModel, i: int, label: str) -> int:
-    """Place among the free parameters of the base parameter that acts in an experiment."""
-    name = model.parameters.names[i]
-    for k in range(model.parameters.count, model.linear_count):
-        if (model.free_parameters[k].key, model.free_parameters[k].experiment) == (name, label):
-            return k
-    return i
 
 
 def joint_range(model: LoopModel) -> tuple[Array, Array]:

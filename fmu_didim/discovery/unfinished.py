@@ -6,7 +6,7 @@ from fmu_didim.diagnosis.judgement import diagnostic_result, judgement
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
-from fmu_didim.discovery.selection.contenders import Outcome, Tried
+from fmu_didim.discovery.selection.contest import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.prediction.loop_description import EffectAtJoint
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.discovery.selection.contenders import Contender
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter

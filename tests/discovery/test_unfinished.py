@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.discovery.selection.contenders import Outcome, Tried
+from fmu_didim.discovery.selection.contest import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import ended_before, unfinished_search
 from fmu_didim.discovery.watch import Watch

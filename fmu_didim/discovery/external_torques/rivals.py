@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Competition, Screened
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Screened
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import Effect
 from fmu_didim.prediction.fit import Fit

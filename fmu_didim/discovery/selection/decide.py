@@ -9,7 +9,8 @@ from typing import Any
 from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Competition, Contender, proposal_of
+from fmu_didim.discovery.selection.contenders import Competition, proposal_of
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.signals import Array

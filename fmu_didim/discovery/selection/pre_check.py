@@ -10,7 +10,8 @@ import numpy as np
 from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import PreCheck

@@ -11,7 +11,8 @@ from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import thresholds as limits
-from fmu_didim.discovery.selection.contenders import Competition, Contender, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Contender, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.discovery.watch import Watch

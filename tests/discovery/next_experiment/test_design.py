@@ -26,7 +26,8 @@ from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS
 from fmu_didim.errors import InputError

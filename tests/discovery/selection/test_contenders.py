@@ -13,13 +13,8 @@ import pytest
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
-from fmu_didim.discovery.selection.contenders import (
-    Competition,
-    Outcome,
-    Screened,
-    _idle,
-    proposal_of,
-)
+from fmu_didim.discovery.selection.contenders import Competition, _idle, proposal_of
+from fmu_didim.discovery.selection.contest import Outcome, Screened
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit

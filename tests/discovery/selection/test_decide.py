@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fmu_didim.diagnosis.gap import gaps, held_out_ratio
-from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.discovery.selection.decide import (
     Options,
     _nearness,

@@ -13,7 +13,8 @@ import pytest
 from fmu_didim.diagnosis.gap import Ratio
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.selection import pre_check as checking
-from fmu_didim.discovery.selection.contenders import Competition, Contender
+from fmu_didim.discovery.selection.contenders import Competition
+from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
 from fmu_didim.discovery.watch import Watch

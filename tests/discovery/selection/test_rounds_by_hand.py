@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.discovery.selection import rounds
-from fmu_didim.discovery.selection.contenders import Contender, Contest, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.contest import Contender, Contest, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
 from fmu_didim.discovery.watch import Watch
