@@ -124,8 +124,7 @@ def cached_folder(kind: str, key: str, fill: Callable[[Path], None]) -> Path:
         (partial / _CONTENT).mkdir()
         fill(partial / _CONTENT)
         _write_list(partial)
-        if not _is_whole(entry):  # another process may have been faster
-            _put(partial, entry)
+        _put(partial, entry)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     limit_size()
@@ -133,15 +132,17 @@ def cached_folder(kind: str, key: str, fill: Callable[[Path], None]) -> Path:
 
 
 def _put(partial: Path, entry: Path) -> None:
-    """Move a filled folder to its place, in which a damaged one may be."""
-    if entry.exists():
-        _log.info("%s of the cache is damaged and was made anew", entry)
-        remove_entry(entry)
+    """Move a filled folder to its place, in which a damaged one may be, or that of a process that was faster."""
     try:
         partial.rename(entry)
     except OSError:
-        if not _is_whole(entry):
+        if _is_whole(entry):
+            return  # looked at after the move has failed: what came in between is never taken for damaged
+        if not entry.exists():
             raise
+        _log.info("%s of the cache is damaged and was made anew", entry)
+        remove_entry(entry)
+        partial.rename(entry)
     sync(entry.parent)
 
 

@@ -8,6 +8,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -208,3 +209,19 @@ def test_the_command_cache(tmp_path: Path, root: Path, capsys: pytest.CaptureFix
     assert main(["cache", "clear", str(tmp_path / "nowhere.fmu")]) == 1
     assert "does not exist" in capsys.readouterr().err
     drive(load_fmu(one), ONES, H)
+
+
+def test_who_asks_at_the_same_time_never_loses_what_another_has_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FMU_DIDIM_CACHE", str(tmp_path))
+
+    def fill(folder: Path) -> None:
+        (folder / "file").write_text("content", encoding="utf-8")
+
+    def ask(_: int) -> int:
+        return sum(not (cached_folder("exported", f"{key:032x}", fill) / "file").is_file() for key in range(60))
+
+    with ThreadPoolExecutor(8) as pool:
+        assert sum(pool.map(ask, range(8))) == 0
+    assert not list((tmp_path / "exported").glob(".partial-*"))
