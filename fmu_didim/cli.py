@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.version import __version__
 
@@ -63,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
+    add_campaign(commands, _say)
     return parser
 
 
