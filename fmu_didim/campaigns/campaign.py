@@ -11,11 +11,11 @@ from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.campaigns.execute import FAILURES, execute
+from fmu_didim.campaigns.execute import FAILURES, Task, Trial, execute
 from fmu_didim.campaigns.identity import code_digest
 from fmu_didim.campaigns.plan import Plan, Run
 from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, task_of, try_tasks
+from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, stop_lanes, task_of, try_tasks
 from fmu_didim.campaigns.store import Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
@@ -146,10 +146,10 @@ class Campaign:
         """Raise what is wrong; returns how many cases were loaded."""
         allowed, folder = self.plan.document.limits, str(self.out.resolve())
 
-        def attempt(tasks: Sequence[Any]) -> list[list[str]]:
+        def attempt(tasks: Sequence[Task]) -> list[Trial]:
             parts = [tasks[k::workers] for k in range(workers)]
             done = [engine.submit(try_tasks, folder, allowed, part) for part in parts if part]
-            found: list[list[str]] = [[] for _ in tasks]
+            found: list[Trial] = [Trial() for _ in tasks]
             for k, future in enumerate(done):
                 found[k::workers] = future.result()
             return found
@@ -188,12 +188,12 @@ def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Execut
     pool = ThreadPoolExecutor(count)
     try:
         yield pool, count
-    except BaseException:
-        end_lanes(at_once=True)
-        pool.shutdown(cancel_futures=True)
+    except BaseException:  # Ctrl-C as well
+        stop_lanes()
         raise
-    pool.shutdown()
-    end_lanes(at_once=False)
+    finally:
+        pool.shutdown(cancel_futures=True)
+        end_lanes()
 
 
 def campaign(

@@ -124,7 +124,8 @@ def _show(options: argparse.Namespace, say: Say) -> int:
         frame = results.to_frame(parameters=False)
         bad = frame[~frame["verdict"].isin(("valid", "doubtful")) & (frame["status"] != "open")]
         for row in bad.to_dict("records"):
-            say(f"{row['id']} {row['verdict'] or row['status']}: {(row['message'] or '').partition(chr(10))[0]}")
+            word = row["verdict"] if isinstance(row["verdict"], str) else row["status"]
+            say(f"{row['id']} {word}: {(row['message'] or '').partition(chr(10))[0]}")
         say(f"{len(bad)} runs without an answer that may be used")
         return 0
     for line in run_lines(results, options.id):

@@ -185,7 +185,7 @@ class CampaignDocument(Strict):
     @classmethod
     def _short_form(cls, value: Any) -> Any:
         """A mapping from path to values is one grid."""
-        return ({"grid": value},) if isinstance(value, Mapping) else value
+        return (({"grid": value},) if value else ()) if isinstance(value, Mapping) else value
 
     @field_validator("seeds", mode="before")
     @classmethod

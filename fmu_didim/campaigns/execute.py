@@ -31,7 +31,7 @@ from fmu_didim.campaigns.truth import (
 from fmu_didim.case import Case, load_case
 from fmu_didim.diagnostics import DiagnosedError
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.errors import FmuDidimError, IdentificationError
+from fmu_didim.errors import FmuDidimError, IdentificationError, SimulationError
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.identification.start import start_values
 from fmu_didim.workflow import discover, identify
@@ -60,6 +60,14 @@ class Task:
     verb: str
     content: Content
     files: str = ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of a case that was tried: what is wrong with it, or why its runs may fail; empty where it is good."""
+
+    problem: str = ""
+    doubt: str = ""
 
 
 @dataclass
@@ -147,9 +155,8 @@ def _loaded(scratch: Path, task: Task) -> tuple[Case, Truth | None]:
     return load_case(on_simulated(case), folder=folder, signals=logs), truth
 
 
-def try_case(there: Any, task: Task) -> list[str]:
+def try_case(there: Any, task: Task) -> Trial:
     """What hinders a case, before any run of it: it is loaded, its machine simulated, its start looked at."""
-    problems: list[str] = []
     try:
         case, _ = prepared(there.kept, task)
         start = getattr(case.estimator, "start", None)
@@ -157,11 +164,13 @@ def try_case(there: Any, task: Task) -> list[str]:
             start_values(case.model, start)
         for component in case.model.systems[case.model.first].components.values():
             component.instantiate().close()
+    except SimulationError as error:  # a loop may diverge at this value: its runs say so, and the others go on
+        return Trial(doubt=str(error))
     except FmuDidimError as error:
-        problems.append(str(error))
+        return Trial(str(error))
     except Exception as error:  # noqa: BLE001 - such as the code of a controller of the user
-        problems.append(f"{type(error).__name__}: {error}")
-    return problems
+        return Trial(f"{type(error).__name__}: {error}")
+    return Trial()
 
 
 def _result(document: ResultDocument, case: Case, truth: Truth | None) -> dict[str, Any]:

@@ -61,6 +61,7 @@ class References:
         """
         if isinstance(value, Mapping):
             kept = ((str(k), v) for k, v in value.items() if k not in REMARKS)
+            of_case = of_case and key not in ("robot", "source")
             return {k: self.canonical(v, folder, k, of_case=of_case) for k, v in kept}
         if isinstance(value, str):
             is_name = key in NAMING or _OBJECT.match(value)

@@ -17,6 +17,7 @@ from fmu_didim.campaigns.fields import changed, label
 from fmu_didim.campaigns.identity import References, code_digest, digest
 from fmu_didim.case.changes import merged
 from fmu_didim.documents import load_yaml
+from fmu_didim.errors import InputError
 from fmu_didim.signals import Array
 
 SECTIONS = ("case", "truth", "noise", "options", "label")
@@ -134,9 +135,9 @@ class Plan:
         """The combinations of each block."""
         return [list(_combinations(block)) for block in self.document.vary]
 
-    def variants(self, first: Sequence[int]) -> Iterator[tuple[Setting, ...]]:
-        """Cases in which each value of each block occurs, the other blocks at their combination number ``first``."""
-        begin = [block[k] for block, k in zip(self.blocks, first, strict=True)]
+    def variants(self) -> Iterator[tuple[Setting, ...]]:
+        """Cases in which each value of each block occurs, the other blocks at their first combination."""
+        begin = [block[0] for block in self.blocks]
         yield tuple(setting for part in begin for setting in part)
         for i, block in enumerate(self.blocks):
             seen = {id(setting) for setting in begin[i]}
@@ -145,26 +146,40 @@ class Plan:
                     seen |= {id(setting) for setting in part}
                     yield tuple(setting for p in (*begin[:i], part, *begin[i + 1 :]) for setting in p)
 
-    def content(self, settings: Sequence[Setting]) -> Content:
+    def content(self, settings: Sequence[Setting], *, skipped: list[str] | None = None) -> Content:
         """What a case of the plan is made of.
+
+        Args:
+            skipped: takes what is said of paths that lead nowhere, which are then left out.
 
         Raises:
             InputError: a file cannot be read, or a path leads nowhere.
         """
+
+        def put(content: dict[str, Any], path: str, setting: Setting) -> dict[str, Any]:
+            try:
+                return dict(changed(content, path, setting.value, folder))
+            except InputError as error:
+                if skipped is None:
+                    raise
+                valid = f"; valid: {error.valid}" if error.valid else ""
+                skipped.append(f"vary.{setting.path}: {error.what} (got {error.got}{valid})")
+                return content
+
         case, folder = self.base(settings)
         truth: dict[str, Any] = {}
         own = self.sections()
         for setting in settings:
             head, _, rest = setting.path.partition(".")
             if head in ("noise", "options"):
-                own[head] = changed(own[head], rest, setting.value, folder)
+                own[head] = put(own[head], rest, setting)
             elif head not in SECTIONS:
-                case = changed(case, setting.path, setting.value, folder)
+                case = put(case, setting.path, setting)
         if self.document.is_simulated:
             truth = merged(case, self.document.truth or {})
             for setting in settings:
                 if setting.path.startswith("truth."):
-                    truth = changed(truth, setting.path.removeprefix("truth."), setting.value, folder)
+                    truth = put(truth, setting.path.removeprefix("truth."), setting)
         return Content(case, truth or None, own["noise"], own["options"], str(folder))
 
     def base(self, settings: Sequence[Setting]) -> tuple[dict[str, Any], Path]:

@@ -22,10 +22,12 @@ from fmu_didim.campaigns.document import Limits
 from fmu_didim.campaigns.execute import (
     CRASHED,
     ENVIRONMENT,
+    FAILED,
     FAILURES,
     MEMORY_LIMIT,
     TIME_LIMIT,
     Task,
+    Trial,
     begin,
     close,
     execute,
@@ -87,13 +89,12 @@ class Lane:
                 if row["status"] == MEMORY_LIMIT:
                     self.close()  # what is left of it is not to be trusted
                 break
-            except ProcessEndedError as error:
+            except FmuDidimError as error:
                 self.close()
-                if error.killed and not self.stopped and kills < limits.KILLS:
+                if isinstance(error, ProcessEndedError) and error.killed and not self.stopped and kills < limits.KILLS:
                     continue
-                row = {"id": task.id, "design": task.design, "data": task.data, "seed": task.seed,
-                       "status": TIME_LIMIT if error.expired else CRASHED, "message": str(error), "started": started,
-                       "seconds": time.perf_counter() - clock}  # fmt: skip
+                row = {"id": task.id, "design": task.design, "data": task.data, "seed": task.seed, "started": started,
+                       **_ended(error), "seconds": time.perf_counter() - clock}  # fmt: skip
                 break
         return {**row, "attempt": attempt}
 
@@ -110,6 +111,20 @@ class Lane:
                 self._worker.request("the end", close, limit=5.0)
             self._worker.close()
             self._worker = None
+
+
+def _ended(error: FmuDidimError) -> dict[str, str]:
+    """What the row of a run says that gave none itself."""
+    if not isinstance(error, ProcessEndedError):
+        return {"status": FAILED, "message": str(error)}
+    if error.expired:
+        advice = "Something loops or waits in it; raise limits: {time_s: ...} if it is only slow."
+    elif error.killed:
+        advice = "It may have filled the memory of the machine: take fewer workers, or a lower memory_mb."
+    else:
+        advice = "An FMU or a Python object of the case is faulty: isolated: true beside an FMU tells which, and where."
+    message = f"{error.what}\n  got:   {error.got}\n  next:  {advice}"
+    return {"status": TIME_LIMIT if error.expired else CRASHED, "message": message}
 
 
 @dataclass(frozen=True)
@@ -154,28 +169,32 @@ def run_chunk(chunk: Chunk) -> list[RowHead]:
     return heads
 
 
-def try_tasks(folder: str, allowed: Limits, tasks: Sequence[Task]) -> list[list[str]]:
+def try_tasks(folder: str, allowed: Limits, tasks: Sequence[Task]) -> list[Trial]:
     """What hinders each of some cases, tried in this thread before any run."""
     lane, found = lane_of_thread(folder, allowed), []
     for task in tasks:
         try:
-            found.append(list(lane.ask(try_case, task)))
+            found.append(lane.ask(try_case, task))
         except FmuDidimError as error:  # it ended its process
             lane.close()
-            found.append([str(error)])
+            found.append(Trial(doubt=str(error)))
     return found
 
 
-def end_lanes(*, at_once: bool) -> None:
-    """End the processes of this one, when no runs are in flight; ``at_once``: while they are."""
+def stop_lanes() -> None:
+    """End the processes of this one at once; the runs that they are on leave no row."""
+    with _lock:
+        for lane in _all_lanes:
+            lane.stop()
+
+
+def end_lanes() -> None:
+    """End the processes of this one and their journals, when no run is in flight."""
     with _lock:
         lanes, _all_lanes[:] = list(_all_lanes), []
-    for lane in lanes if at_once else ():
-        lane.stop()
-    if not at_once:
-        for lane in lanes:
-            lane.close()
-            lane.journal.seal()
+    for lane in lanes:
+        lane.close()
+        lane.journal.close() if lane.stopped else lane.journal.seal()
 
 
 def _guard(task: Task, allowed: Limits) -> Any:

@@ -218,12 +218,17 @@ class Journal:
         if self._count >= limits.PART_ROWS:
             self.seal()
 
+    def close(self) -> None:
+        """Close the journal as it is."""
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
     def seal(self) -> None:
         """Turn the journal into a Parquet file."""
         if self._stream is None:
             return
-        self._stream.close()
-        self._stream = None
+        self.close()
         rows = [{name: row.get(name) for name in ROW.names} for row in read_lines(self._path)]
         target = self._folder / PARTS / f"{self._path.stem}.parquet"
         target.parent.mkdir(parents=True, exist_ok=True)

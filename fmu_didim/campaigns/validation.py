@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.document import CampaignDocument
-from fmu_didim.campaigns.execute import Task
+from fmu_didim.campaigns.document import CampaignDocument, Noise, Options
+from fmu_didim.campaigns.execute import Task, Trial
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.plan import Plan, Setting
 from fmu_didim.campaigns.truth import on_simulated
@@ -21,8 +23,9 @@ from fmu_didim.documents import problems
 from fmu_didim.errors import InputError
 from fmu_didim.robot import read_robot
 
-Try = Callable[[Sequence[Task]], list[list[str]]]
+Try = Callable[[Sequence[Task]], list[Trial]]
 """Loads cases where runs will be; what hinders each."""
+_log = logging.getLogger(__name__)
 
 
 def read_campaign(content: Mapping[str, Any], folder: Path) -> tuple[Plan | None, list[str]]:
@@ -37,6 +40,8 @@ def read_campaign(content: Mapping[str, Any], folder: Path) -> tuple[Plan | None
             return Plan(CampaignDocument.model_validate(left), folder), found
         except ValidationError as error:
             told = problems(error, CampaignDocument)
+            if isinstance(content.get("vary"), Mapping):
+                told = [text.replace("vary.0.grid.", "vary.") for text in told]
             found += [text for text in told if text not in found]
             before = dict(left)
             for detail, text in zip(error.errors(include_url=False), told, strict=True):
@@ -55,8 +60,9 @@ def _leave_out(content: dict[str, Any], place: list[str]) -> None:
             content["vary"] = {path: values for path, values in vary.items() if path not in wrong}
             return
     content.pop(place[0], None)
-    if place[0] == "name":
-        content["name"] = "campaign"
+    left: dict[str, Any] = {"name": "campaign", "noise": {}}
+    if place[0] in left:
+        content[place[0]] = left[place[0]]
 
 
 def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
@@ -70,24 +76,26 @@ def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
             plan.base(())
         except InputError as error:
             return [f"case: {error.what} ({error.where})"], 0
-    found: dict[str, None] = {}
-    good: list[tuple[Setting, ...]] = []
+    found: dict[str, str] = {}
+    good: dict[tuple[int, ...], tuple[Setting, ...]] = {}
     with tempfile.TemporaryDirectory() as scratch:
-        first = _best(plan, Path(scratch))
-        variants = list(plan.variants(first))
-        common = variants[0] if variants else ()
+        look = _Form(plan, Path(scratch))
+        variants = list(islice(plan.variants(), limits.LOOKED_AT))
         for settings in variants:
-            told = _of_form(plan, settings, Path(scratch))
-            found |= {_placed(text, settings, common): None for text in told if text not in "\n".join(found)}
-            if not told:
-                good.append(settings)
-    tried = good[: limits.TRIED]
+            told = look.problems(settings)
+            found |= {t: _placed(t, settings, variants[0]) for t in told if t not in found}
+            rest = look.without_wrong(settings, told) if told else settings
+            if rest is not None:
+                good.setdefault(tuple(map(id, rest)), rest)
+    tried = list(good.values())[: limits.TRIED]
     if attempt is not None and tried:
         tasks = [_task(plan, settings) for settings in tried]
-        for settings, told in zip(tried, attempt(tasks), strict=True):
-            known = "\n".join(found)
-            found |= {_placed(text, settings, common): None for text in told if text.splitlines()[0] not in known}
-    return list(found), len(tried)
+        for settings, trial in zip(tried, attempt(tasks), strict=True):
+            if trial.problem and trial.problem not in found:
+                found[trial.problem] = _placed(trial.problem, settings, tried[0])
+            if trial.doubt:
+                _log.warning("Runs will fail at %s", _placed(trial.doubt, settings, tried[0]))
+    return list(found.values()), len(tried)
 
 
 def _task(plan: Plan, settings: tuple[Setting, ...]) -> Task:
@@ -99,64 +107,77 @@ def _placed(text: str, settings: Sequence[Setting], common: Sequence[Setting]) -
     """A problem with what differs from the case with the first values of all fields."""
     own = [s for s in settings if s not in common]
     place = ", ".join(f"{s.path} = {s.label}" for s in own[:3])
-    return f"{place or 'case'}: {text}".replace("\n", "\n    ")
+    return text if text.startswith("vary.") else f"{place or 'case'}: {text}".replace("\n", "\n    ")
 
 
-def _best(plan: Plan, scratch: Path) -> list[int]:
-    """For each block a combination with few problems, so that a wrong value does not hide what is wrong with others."""
-    chosen = [0] * len(plan.blocks)
-    fewest = len(_of_form(plan, _at(plan, chosen), scratch))
-    for i, block in enumerate(plan.blocks):
-        for k in range(1, min(len(block), limits.TRIED)):
-            if not fewest:
-                return chosen
-            other = [*chosen[:i], k, *chosen[i + 1 :]]
-            count = len(_of_form(plan, _at(plan, other), scratch))
-            if count < fewest:
-                chosen, fewest = other, count
-    return chosen
+class _Form:
+    """What is wrong with the form of cases; each description is read once."""
 
+    def __init__(self, plan: Plan, scratch: Path) -> None:
+        self._plan, self._scratch = plan, scratch
+        self._read: dict[Path, list[str]] = {}
 
-def _at(plan: Plan, chosen: Sequence[int]) -> tuple[Setting, ...]:
-    return tuple(s for block, k in zip(plan.blocks, chosen, strict=True) for s in block[k])
+    def without_wrong(self, settings: tuple[Setting, ...], told: list[str]) -> tuple[Setting, ...] | None:
+        """The settings without those that are wrong, which hide what else is; None where the case itself is wrong."""
+        rest = settings
+        for setting in settings:
+            fewer = tuple(s for s in rest if s is not setting)
+            left = self.problems(fewer)
+            if len(left) < len(told):
+                rest, told = fewer, left
+        return None if told else rest
 
-
-def _of_form(plan: Plan, settings: tuple[Setting, ...], scratch: Path) -> list[str]:
-    """What is wrong with the form of a case, the descriptions and files that it names."""
-    try:
-        content = plan.content(settings)
-    except InputError as error:
-        return [str(error)]
-    folder, found = Path(content.folder), list[str]()
-    parts = (
-        [("", content.case)] if content.truth is None else [("", on_simulated(content.case)), ("truth.", content.truth)]
-    )
-    for place, part in parts:
-        found += [f"{place}{text}" for text in _of_case(part, folder, scratch) if text not in found]
-        plan.references.absent.clear()
+    def problems(self, settings: tuple[Setting, ...]) -> list[str]:
+        """What is wrong with a case: paths, entries, files, descriptions."""
+        plan, found = self._plan, list[str]()
         try:
-            plan.references.canonical(part if content.truth is None else _without(part), folder)
+            content = plan.content(settings, skipped=found)
         except InputError as error:
-            found += [str(error)] if str(error) not in found else []
-        found += [f"{place}the file {name} does not exist" for name in sorted(plan.references.absent)]
-    return found
-
-
-def _of_case(part: Mapping[str, Any], folder: Path, scratch: Path) -> Iterator[str]:
-    case = written(part, scratch)
-    try:
-        CaseDocument.model_validate(case)
-    except ValidationError as error:
-        yield from problems(error, CaseDocument)
-    controller = case.get("controller")
-    described: list[tuple[Any, Callable[[Path], Any]]] = [(case.get("robot"), read_robot)]
-    described.append((controller.get("source") if isinstance(controller, Mapping) else None, read_controller))
-    for name, read in described:
-        if isinstance(name, str) and name.endswith((".yaml", ".yml")) and (folder / name).is_file():
+            return [*found, str(error)]
+        folder = Path(content.folder)
+        parts: list[tuple[str, Mapping[str, Any]]] = [("", content.case)]
+        if content.truth is not None:
+            is_another = bool(plan.document.truth) or any(s.path.startswith("truth.") for s in settings)
+            parts = [("", on_simulated(content.case)), ("truth." if is_another else "", content.truth)]
+        for place, part in parts:
+            found += [f"{place}{text}" for text in self._of_case(part, folder) if text not in found]
+            plan.references.absent.clear()
             try:
-                read(folder / name)
+                plan.references.canonical(part if content.truth is None else _without(part), folder)
             except InputError as error:
-                yield str(error)
+                found += [str(error)] if str(error) not in found else []
+            found += [f"the file {name} does not exist" for name in sorted(plan.references.absent)]
+        for section, model in (("noise", Noise), ("options", Options)):
+            try:
+                model.model_validate(getattr(content, section))
+            except ValidationError as error:
+                found += [f"{section}.{text}" for text in problems(error, model)]
+        return list(dict.fromkeys(found))
+
+    def _of_case(self, part: Mapping[str, Any], folder: Path) -> Iterator[str]:
+        case = written(part, self._scratch)
+        try:
+            CaseDocument.model_validate(case)
+        except ValidationError as error:
+            yield from problems(error, CaseDocument)
+        controller = case.get("controller")
+        law = controller.get("source") if isinstance(controller, Mapping) else None
+        described: list[tuple[str, Any, Callable[[Path], Any]]] = [("robot", case.get("robot"), read_robot)]
+        for place, name, read in (*described, ("controller.source", law, read_controller)):
+            if isinstance(name, str) and name.endswith((".yaml", ".yml")) and (folder / name).is_file():
+                yield from self._of_description(place, folder / name, read)
+
+    def _of_description(self, place: str, path: Path, read: Callable[[Path], Any]) -> list[str]:
+        if path not in self._read:
+            self._read[path] = []
+            try:
+                read(path)
+            except InputError as error:
+                listed = [line.removeprefix("  - ") for line in error.what.splitlines()[1:]]
+                is_copy = path.parent == self._scratch
+                named = place if is_copy else f"{place} ({path.name})"
+                self._read[path] = [f"{named}.{line}" for line in listed] or [f"{named}: {error}"]
+        return self._read[path]
 
 
 def _without(part: Mapping[str, Any]) -> dict[str, Any]:
