@@ -149,9 +149,9 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     listed = set(runs.head(limits.ROWS_SHOWN)["id"])
     cells = []
     for row in summary.to_dict("records"):
-        texts = [_shown(row[path]) for path in results.paths]
+        texts = [shown(row[path]) for path in results.paths]
         texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
-        texts += [_shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
+        texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
             interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
@@ -177,7 +177,7 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
             heads += ["coverage", "with misses", "largest bias / σ"]
         rows = []
         for r in summary.to_dict("records"):
-            rows.append([_shown(r[path]), *(str(r[n]) for n in names), _shown(r["iterations"])])
+            rows.append([shown(r[path]), *(str(r[n]) for n in names), shown(r["iterations"])])
             if "coverage" in summary:
                 rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
                 rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
@@ -192,7 +192,7 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     figures = {"mean": "value", "true": "true", "bias": "bias", "σ": "sigma", "σ stated": "stated"}
     heads = [*results.paths, "parameter", "unit", *figures, "bias / σ", "coverage", "answers of runs"]
     rows = [
-        [*(_shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
+        [*(shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
          *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
          _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
         for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
@@ -234,7 +234,7 @@ def _over_numbers(quality: pd.DataFrame, path: str) -> go.Figure:
 
 
 def _over_names(quality: pd.DataFrame, path: str) -> go.Figure:
-    cross = quality.assign(shown=quality[path].map(_shown)).pivot_table(
+    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
         index="shown", columns="parameter", values="bias_in_sigma", sort=False
     )
     most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
@@ -262,8 +262,8 @@ def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, t
     kept = runs.assign(order=order).sort_values("order", kind="stable").head(limits.ROWS_SHOWN)
     found = []
     for row in kept.to_dict("records"):
-        texts = [*(_shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
-        texts += [significant(row["error_percent"]), _shown(row["iterations"]), significant(row["seconds"], 2)]
+        texts = [*(shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
+        texts += [significant(row["error_percent"]), shown(row["iterations"]), significant(row["seconds"], 2)]
         texts.append(_first_line(row["message"]))
         found.append((row["id"], _page_of(results.folder, row["id"]), tuple(texts)))
     return found
@@ -283,7 +283,8 @@ def _word(verdict: Any, status: str) -> str:
     return verdict.replace("_", " ") if isinstance(verdict, str) else status
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value of a field that varies."""
     if value is None or value != value:
         return MISSING
     return f"{value:g}" if isinstance(value, float) else str(value)
