@@ -36,9 +36,15 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Strict(BaseModel):
-    """Base of the document models: unknown keys are errors, values do not change."""
+    """Base of the document models: unknown keys are errors, values do not change, numbers are finite."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Saved(Strict):
+    """Base of the models of results, which may say that something is not known."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
 
 
 def _finite_or_none(value: Any) -> Any:

@@ -85,11 +85,13 @@ def identify(
     before = by_weight([*of_data, *of_plant])
     if consistency is not None:
         refusal.known["consistency"] = consistency_result(consistency)
+    model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
-    except RefusedError as error:
-        refusal.save(error, before)
-        raise _with_known(error, before) from error
+    except RefusedError as caught:
+        refused = caught.because_of(model.pool.failure)
+        refusal.save(refused, before)
+        raise _with_known(refused, before) from caught
     except IdentificationError as error:
         refusal.save(error, before)
         raise
@@ -170,7 +172,7 @@ def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedErr
     got = "; ".join(str(part) for part in (error.got, "before, it was seen: " + " ".join(known)) if part)
     return RefusedError(
         error.what, iterations=error.iterations, got=got, next_step=error.next_step, values=error.values,
-        deviation=error.deviation,
+        deviation=error.deviation, where=error.where,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import threading
 from pathlib import Path
 
@@ -21,6 +22,11 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     """
     import fmpy
 
+    if not re.fullmatch(r"\w[\w.-]*", interface.identifier):  # no path
+        raise FmuError(
+            "The modelIdentifier of the FMU is no name.", where=f"{description.path}, {interface.kind}",
+            got=interface.identifier, valid="letters, digits and underscores", next_step="Ask its maker.",
+        )  # fmt: skip
     folders = fmi.platform_folders()
     suffix = str(fmpy.sharedLibraryExtension)
     places = [description.folder / "binaries" / f for f in folders]
