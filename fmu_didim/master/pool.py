@@ -20,8 +20,7 @@ class InstancePool:
         size: instances kept of one component at most.
 
     Attributes:
-        failure: the first error in a run by which a component failed that is not to be seen through; set to None to begin
-            anew.
+        failure: the first error in a run by which a component failed whose equations are not known here.
     """
 
     def __init__(self, *, size: int = 4) -> None:

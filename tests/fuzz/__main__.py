@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,24 +70,18 @@ def _one_process(kind: str, seed: int, first: int, end: int, folder: Path, resul
     }  # fmt: skip
     command = [sys.executable, "-m", "tests.fuzz.child", kind, str(seed), str(first), str(end), str(folder)]
     with (folder / "errors.txt").open("w+", encoding="utf-8", errors="replace") as errors:
-        child = subprocess.Popen(
-            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8"
-        )
-        assert child.stdout is not None
-        lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=lambda out: [*map(lines.put, out), lines.put("")], args=(child.stdout,)).start()
         begun, done = first - 1, first - 1
-        try:
-            while line := lines.get(timeout=WAIT):
+        with subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8"
+        ) as child:
+            for line in _lines(child):
                 told = json.loads(line)
                 if "begun" in told:
                     begun = told["begun"]
                 else:
                     done = told["number"]
                     result.add(done, told)
-        except queue.Empty:
-            child.kill()
-        code = child.wait()
+        code = child.returncode
         if code == 0 and done == end - 1:
             return end
         errors.seek(0)
@@ -96,6 +91,26 @@ def _one_process(kind: str, seed: int, first: int, end: int, folder: Path, resul
         why = f"{why or f'crash, exit status {code}'}\n{errors.read()[-2000:]}"
         result.add(begun, {"what": "wrong", "why": why, "seconds": 0.0, "peak_gb": 0.0})
         return begun + 1
+
+
+def _lines(child: subprocess.Popen[str]) -> Iterator[str]:
+    """What the process prints; where nothing comes for long it is ended."""
+    lines: queue.Queue[str] = queue.Queue()
+
+    def pass_on() -> None:
+        assert child.stdout is not None
+        for line in child.stdout:
+            lines.put(line)
+        lines.put("")
+
+    thread = threading.Thread(target=pass_on)
+    thread.start()
+    try:
+        while line := lines.get(timeout=WAIT):
+            yield line
+    except queue.Empty:
+        child.kill()
+    thread.join()
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -25,7 +25,7 @@ def idle(rng: random.Random) -> bool:
 
 def value(rng: random.Random) -> Any:
     """A value that may fit nowhere."""
-    return rng.choice(rng.choice((NUMBERS, NUMBERS, TEXTS, STRUCTURES)))
+    return copy.deepcopy(rng.choice(rng.choice((NUMBERS, NUMBERS, TEXTS, STRUCTURES))))
 
 
 def _places(node: Any) -> list[tuple[Any, Any]]:
@@ -75,7 +75,7 @@ def document(rng: random.Random, content: Any) -> Any:
 def data(rng: random.Random, content: bytes) -> bytes:
     """The bytes with some changed, taken out, put in or moved."""
     changed = bytearray(content)
-    for _ in range(rng.choice((1, 1, 2, 3, 8, 30))):
+    for _ in range(rng.choice((1, 1, 1, 1, 2, 3, 8, 30))):
         size = max(len(changed), 1)
         at, length = rng.randrange(size), rng.choice((1, 2, 4, 16, 200))
         match rng.randrange(8):

@@ -144,8 +144,9 @@ def _parquet(rng: random.Random) -> bytes:
     from pyarrow import parquet
 
     table, stream = _table(rng), io.BytesIO()
-    columns: dict[str, Any] = {"t": table[:, 0], "q1": table[:, 1], "tau1": [None, *table[1:, 2]]}
-    columns |= rng.choice(({}, {"s": ["x"] * len(table), "l": [[1.0, 2.0]] * len(table), "b": [True] * len(table)}))
+    columns: dict[str, Any] = {"t": table[:, 0], "q1": table[:, 1], "tau1": table[:, 2]}
+    others = {"s": ["x"] * len(table), "l": [[1.0, 2.0]] * len(table), "b": [True] * len(table)}
+    columns |= rng.choice(({}, {"q1": [None, *table[1:, 1]]}, others))
     parquet.write_table(pyarrow.table(columns), stream, compression=rng.choice(("none", "snappy", "gzip")))
     return _damaged(rng, stream.getvalue())
 
@@ -153,11 +154,19 @@ def _parquet(rng: random.Random) -> bytes:
 def _fmu(rng: random.Random, description: bytes, *, stem: str, major: int) -> bytes:
     stream = io.BytesIO()
     folder = fmpy.platform_tuple if major == 3 else fmpy.platform
-    with zipfile.ZipFile(stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.writestr(f"binaries/{folder}/{stem}{fmpy.sharedLibraryExtension}", b"never loaded")
-        archive.writestr("resources/text.txt", "resource " * 20)
+    _write(stream, {
+        "modelDescription.xml": description,
+        f"binaries/{folder}/{stem}{fmpy.sharedLibraryExtension}": b"never loaded",
+        "resources/text.txt": b"resource " * 20,
+    }, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))  # fmt: skip
     return stream.getvalue()
+
+
+def _write(stream: io.BytesIO, members: Mapping[str, bytes], way: int) -> None:
+    """An archive that is the same whenever it is written."""
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(zipfile.ZipInfo(name), content, compress_type=way)
 
 
 DESCRIPTIONS = (
@@ -208,9 +217,7 @@ def _ssp(rng: random.Random) -> bytes:
     if rng.random() < 0.7:
         name = rng.choice([n for n in members if n.endswith((".ssd", ".ssv", ".ssm"))])
         members[name] = mutate.xml(rng, members[name].decode())
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
+    _write(stream, members, zipfile.ZIP_STORED)
     return stream.getvalue() if rng.random() < 0.7 else _damaged(rng, stream.getvalue())
 
 
