@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from fmu_didim.errors import FmuDidimError, InputError
+from fmu_didim.files import is_file
 from fmu_didim.imports import NO_CODE
 from fmu_didim.terminal import printable, unforeseen
 from fmu_didim.version import __version__
@@ -353,7 +354,7 @@ def _cache_clear(options: argparse.Namespace) -> int:
     """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
     from fmu_didim.cache import entries, file_digest, remove_entry
 
-    if options.file is not None and not options.file.is_file():
+    if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
     found = list(entries(file_digest(options.file) if options.file is not None else ""))
     for entry in found:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
+from fmu_didim.files import is_file
 
 NO_CODE = "FMU_DIDIM_NO_CODE"
 """Environment variable under which no Python of a case is run; processes that are started here inherit it."""
@@ -97,7 +98,7 @@ def _module(name: str, folder: Path | None, where: str) -> Any:
             got=name, valid="package.module:name",
         )  # fmt: skip
     path = ((folder or Path()) / name).resolve()
-    spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
+    spec = importlib.util.spec_from_file_location(path.stem, path) if is_file(path) else None
     if spec is None or spec.loader is None:
         raise InputError("The Python file does not exist.", where=where, got=str(path))
     module = importlib.util.module_from_spec(spec)

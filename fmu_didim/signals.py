@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.files import is_file
 
 Array = NDArray[np.float64]
 TIME_NAMES = ("t", "time")
@@ -156,7 +157,7 @@ def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
         InputError: the file is missing, has another format, or holds no such time column.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
     readers = {".csv": _read_csv, ".mat": _read_mat, ".parquet": _read_parquet}
     reader = readers.get(path.suffix.lower())

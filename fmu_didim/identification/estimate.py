@@ -169,7 +169,7 @@ class RefusedError(IdentificationError):
 
     def because_of(self, failure: FmuDidimError | None) -> RefusedError:
         """This refusal, headed by the first failure of a component in its runs, where it led to no minimum."""
-        if failure is None or self.deviation is not None:
+        if failure is None or self.deviation is not None or failure.what == self.what:
             return self
         told = (failure.got, f"so that there is no answer: {self.what}", self.got)
         return RefusedError(

@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 from fmu_didim.cache import cached_folder, file_digest
 from fmu_didim.components.fmu.archive import MAXIMUM_RATIO, RATIO_FROM
 from fmu_didim.errors import InputError
+from fmu_didim.files import is_file
 from fmu_didim.ssp.document import STRUCTURE
 
 MAXIMUM_BYTES = 2 * 1024**3
@@ -67,7 +68,7 @@ def open_archive(path: Path) -> Archive:
         InputError: it is missing, no zip file, too large, without SystemStructure.ssd, or has entries that lie
             outside it, occur twice, are links or are encrypted.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The SSP archive does not exist.", where=str(path))
     try:
         with zipfile.ZipFile(path) as archive:

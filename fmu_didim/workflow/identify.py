@@ -13,7 +13,7 @@ from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.diagnosis.validation import validate
 from fmu_didim.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
-from fmu_didim.errors import FmuDidimError, IdentificationError, InputError
+from fmu_didim.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
@@ -66,7 +66,7 @@ def identify(
     Raises:
         InputError: something in the case is wrong, or there is no writing to ``out``; found before any long work. Or
             the results could not be written in the end.
-        RefusedError: no physical answer was found; with ``out``, a result that says so is saved first.
+        RefusedError: no physical answer was found, or a component failed; with ``out``, a result that says so is saved first.
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out)
@@ -88,8 +88,8 @@ def identify(
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
-    except RefusedError as caught:
-        refused = caught.because_of(model.pool.failure)
+    except (RefusedError, SimulationError) as caught:
+        refused = _because_of(caught, model.pool.failure)
         refusal.save(refused, before)
         raise _with_known(refused, before) from caught
     except IdentificationError as error:
@@ -162,6 +162,13 @@ def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, l
     consistency = check_consistency(model) if model.parameters.has_regressor else None
     check_acting(model)
     return consistency, [*plant_diagnostics(consistency), *start_diagnostics(model)]
+
+
+def _because_of(error: RefusedError | SimulationError, failure: FmuDidimError | None) -> RefusedError:
+    """The refusal, headed by the first failure of a component if there was one."""
+    if not isinstance(error, RefusedError):
+        error = RefusedError(error.what, iterations=(), got=error.got, next_step=error.next_step, where=error.where)
+    return error.because_of(failure)
 
 
 def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedError:

@@ -14,6 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from fmu_didim.cache import OF_NAMES, cached_folder, file_digest
 from fmu_didim.errors import FmuError
+from fmu_didim.files import is_file
 
 DESCRIPTION = "modelDescription.xml"
 MAXIMUM_MEMBERS = 50_000
@@ -36,7 +37,7 @@ def open_archive(path: Path) -> tuple[Path, str]:
         FmuError: the file does not exist, is no zip archive, has no or no safe ``modelDescription.xml``, has members
             outside its folder, or is too large.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise FmuError("The FMU does not exist.", where=str(path), next_step="Check the path.")
     digest = file_digest(path)
     return cached_folder("extracted", digest, lambda target: _extract(path, target)), digest

@@ -12,6 +12,7 @@ from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import FmuError
+from fmu_didim.files import is_file
 
 
 def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Path:
@@ -32,7 +33,7 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     places = [description.folder / "binaries" / f for f in folders]
     for place in places:
         file = place / f"{interface.identifier}{suffix}"
-        if file.is_file():
+        if is_file(file):
             return file
     where = f"{description.path}, {interface.kind}"
     others = sorted(f.name for place in places if place.is_dir() for f in place.iterdir() if f.suffix == suffix)
