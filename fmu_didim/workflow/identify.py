@@ -66,7 +66,8 @@ def identify(
     Raises:
         InputError: something in the case is wrong, or there is no writing to ``out``; found before any long work. Or
             the results could not be written in the end.
-        RefusedError: no physical answer was found, or a component failed; with ``out``, a result that says so is saved first.
+        RefusedError: no physical answer was found, or a component failed; with ``out``, a result that says so is
+            saved first.
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out)
