@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.files import is_file
+from fmu_didim.mat_file import is_level_5, numbers
 
 Array = NDArray[np.float64]
 TIME_NAMES = ("t", "time")
@@ -229,6 +230,9 @@ def _read_csv(path: Path) -> dict[str, Array]:
 
 
 def _read_mat(path: Path) -> dict[str, Array]:
+    raw = path.read_bytes()
+    if is_level_5(raw):
+        return {name: column for name, column in numbers(raw).items() if column.size > 1}
     from scipy.io import loadmat
 
     content = loadmat(path)
