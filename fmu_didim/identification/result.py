@@ -15,14 +15,14 @@ from pydantic import Field, ValidationError
 
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
 from fmu_didim.signals import trajectory, write_csv
 
 RESULT_FILE = "result.json"
 
 
-class ParameterResult(Strict):
+class ParameterResult(Saved):
     """One identified parameter."""
 
     value: float = Field(description="estimate, in the unit")
@@ -35,7 +35,7 @@ class ParameterResult(Strict):
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
 
 
-class UnconstrainedResult(Strict):
+class UnconstrainedResult(Saved):
     """A value that was refused."""
 
     value: float = Field(description="where the iterations led, in the unit")
@@ -43,7 +43,7 @@ class UnconstrainedResult(Strict):
     unit: str = Field(description="FMI unit string")
 
 
-class StageResult(Strict):
+class StageResult(Saved):
     """Values at the end of a stage, by parameter."""
 
     value: dict[str, float]
@@ -51,14 +51,14 @@ class StageResult(Strict):
     formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
 
 
-class ErrorResult(Strict):
+class ErrorResult(Saved):
     """Relative torque error 100 |y - y_s| / |y|."""
 
     total: Number
     per_joint: list[Number]
 
 
-class IterationResult(Strict):
+class IterationResult(Saved):
     """One iteration."""
 
     stage: str
@@ -70,7 +70,7 @@ class IterationResult(Strict):
     note: str
 
 
-class ColumnResult(Strict):
+class ColumnResult(Saved):
     """A column of the regressor, from the plant against from the robot description."""
 
     difference: float = Field(description="relative")
@@ -79,7 +79,7 @@ class ColumnResult(Strict):
     joint: int = Field(description="where they differ most")
 
 
-class ConsistencyResult(Strict):
+class ConsistencyResult(Saved):
     """Whether a plant that was given apart from the robot description agrees with it."""
 
     agrees: bool
@@ -92,7 +92,7 @@ class ConsistencyResult(Strict):
     warnings: list[str]
 
 
-class AgreementResult(Strict):
+class AgreementResult(Saved):
     """Whether an experiment agrees with the others on what they share."""
 
     p_value: float = Field(description="of as much disagreement by noise alone")
@@ -101,7 +101,7 @@ class AgreementResult(Strict):
     change_in_std: float = Field(description="by how many standard deviations")
 
 
-class ExperimentResult(Strict):
+class ExperimentResult(Saved):
     """One experiment."""
 
     role: Literal["estimation", "validation"]
@@ -114,7 +114,7 @@ class ExperimentResult(Strict):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
-class NoiseResult(Strict):
+class NoiseResult(Saved):
     """Noise that the residual of a joint shows, in all fitted logs of one rate."""
 
     joint: int = Field(description="counted from 1")
@@ -132,14 +132,14 @@ class NoiseResult(Strict):
     )
 
 
-class IntegrationResult(Strict):
+class IntegrationResult(Saved):
     """How the plant was integrated."""
 
     method: str = Field(description="RK4, or the linearly implicit ROS2")
     substeps: int = Field(description="in a communication step")
 
 
-class ResultDocument(Strict):
+class ResultDocument(Saved):
     """The content of ``result.json``."""
 
     schema_version: Literal[3] = 3
