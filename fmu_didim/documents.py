@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -175,13 +175,19 @@ def validate(model: type[Model], content: dict[str, Any], *, where: str) -> Mode
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        details = error.errors(include_url=False)
-        problems = [_problem(detail, model) for detail in details[:MOST_PROBLEMS]]
-        count = "a problem" if len(details) == 1 else f"{len(details)} problems"
-        problems += ["and others"] if len(details) > MOST_PROBLEMS else []
-        raise InputError(
-            f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in problems), where=where
-        ) from error
+        raise problems_error(problems(error, model), where=where) from error
+
+
+def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """What is wrong with a document, each with its path and the valid names."""
+    return [_problem(detail, model) for detail in error.errors(include_url=False)]
+
+
+def problems_error(found: Sequence[str], *, where: str) -> InputError:
+    """The error that lists problems of a file."""
+    count = "a problem" if len(found) == 1 else f"{len(found)} problems"
+    listed = [*found[:MOST_PROBLEMS], *(["and others"] if len(found) > MOST_PROBLEMS else [])]
+    return InputError(f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where)
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:
