@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +10,14 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
-from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, check_names
+from fmu_didim.components.base import (
+    Component,
+    Instance,
+    SameObject,
+    SampleClock,
+    block_feedthrough,
+    check_names,
+)
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.errors import SimulationError
@@ -89,6 +96,9 @@ class ControlComponent(Component):
         if self.block is None:
             return None
         return replace(self.block, inputs=self.inputs, outputs=self.outputs), self.substeps
+
+    def response_key(self) -> Hashable | None:
+        return SameObject(self) if self.block is not None or isinstance(self.system, _state_space()) else None
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         if self.block is not None:
