@@ -22,5 +22,7 @@ myst_heading_anchors = 3
 html_theme = "furo"
 html_title = f"fmu_didim {version}"
 html_math_renderer = "mathml"
+html_static_path = ["static"]
+html_css_files = ["math.css"]
 html_copy_source = False
 html_show_copyright = False
