@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 from yaml.composer import ComposerError
 from yaml.constructor import ConstructorError
 
+from fmu_didim.docstrings import about, key_texts
 from fmu_didim.errors import InputError
 from fmu_didim.files import is_file
 
@@ -37,9 +40,23 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Strict(BaseModel):
-    """Base of the document models: unknown keys are errors, values do not change, numbers are finite."""
+    """Base of the document models: unknown keys are errors, values do not change, numbers are finite.
+
+    The JSON Schema tells of each key what the docstring of the class says of it.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler(core)
+        own = handler.resolve_ref_schema(schema)
+        own["description"] = about(cls)
+        texts = key_texts(cls, cls.model_fields) | {"schema_version": "Number of this form of the document."}
+        for name, info in cls.model_fields.items():
+            if name in texts:
+                own["properties"][info.alias or name].setdefault("description", texts[name])
+        return schema
 
 
 class Saved(Strict):
