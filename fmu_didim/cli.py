@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.files import is_file
 from fmu_didim.imports import NO_CODE
@@ -100,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
+    add_campaign(commands, _say)
     return parser
 
 

@@ -21,7 +21,11 @@ MOST_VALUES = 30_000_000
 
 
 class Excitation(Strict):
-    """A reference trajectory given by a formula."""
+    """A reference trajectory given by a formula.
+
+    Attributes:
+        kind: which formula.
+    """
 
     kind: str
 
@@ -55,7 +59,12 @@ class Excitation(Strict):
 
 
 class FourierJoint(Strict):
-    """Coefficients of one joint: q = offset + sum_k cosine_k cos(k w t) + sine_k sin(k w t)."""
+    """Coefficients of one joint: q = offset + sum_k cosine_k cos(k w t) + sine_k sin(k w t).
+
+    Attributes:
+        offset: rad or m.
+        cosine, sine: one coefficient a harmonic, k = 1, 2, ..., in rad or m.
+    """
 
     offset: float = 0.0
     cosine: tuple[float, ...]
@@ -69,7 +78,12 @@ class FourierJoint(Strict):
 
 
 class Fourier(Excitation):
-    """Periodic excitation by a finite Fourier series (Swevers et al. 1997), w = 2 pi fundamental_hz."""
+    """Periodic excitation by a finite Fourier series (Swevers et al. 1997), w = 2 pi fundamental_hz.
+
+    Attributes:
+        fundamental_hz: frequency of the first harmonic; duration_s: length of the motion.
+        joints: coefficients of each joint.
+    """
 
     kind: Literal["fourier"] = "fourier"
     fundamental_hz: Positive
@@ -137,14 +151,23 @@ class PointToPoint(Excitation):
 
 
 class ChirpJoint(Strict):
-    """One joint of a chirp: amplitude and centre of its oscillation."""
+    """One joint of a chirp: amplitude and centre of its oscillation.
+
+    Attributes:
+        amplitude, offset: rad or m.
+    """
 
     amplitude: float
     offset: float = 0.0
 
 
 class Chirp(Excitation):
-    """q = offset + amplitude sin(phi(t)), the frequency phi'/(2 pi) rising linearly from start_hz to stop_hz."""
+    """q = offset + amplitude sin(phi(t)), the frequency phi'/(2 pi) rising linearly from start_hz to stop_hz.
+
+    Attributes:
+        start_hz, stop_hz: frequency at the begin and at the end; duration_s: length of the motion.
+        joints: amplitude and centre of each joint.
+    """
 
     kind: Literal["chirp"] = "chirp"
     start_hz: Positive

@@ -2,7 +2,7 @@
 
 A :class:`Variable` has the attributes of an FMI scalar variable that matter outside an FMU; a
 :class:`Trajectory` is a table of such variables over time. CSV, MATLAB ``.mat`` and Parquet
-(with ``pyarrow`` installed) files are read by :func:`read_trajectory`.
+files are read by :func:`read_trajectory`.
 """
 
 from __future__ import annotations
@@ -244,11 +244,7 @@ def _read_mat(path: Path) -> dict[str, Array]:
 
 
 def _read_parquet(path: Path) -> dict[str, Array]:
-    try:
-        from pyarrow import parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    except ImportError as error:
-        raise InputError(
-            "Parquet files need pyarrow.", where=str(path), next_step="pip install pyarrow, or convert the file to CSV."
-        ) from error
+    from pyarrow import parquet
+
     table = parquet.read_table(path)
     return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}

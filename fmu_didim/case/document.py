@@ -44,12 +44,14 @@ class CaseDocument(Strict):
     """A case file.
 
     Attributes:
+        name: of the case, shown on top of its results; description: what it is about.
         robot: robot description (``.yaml``); a plant without one needs ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
         plant, controller: what runs in the loop.
         system: an SSP archive with both and their wiring, instead; ``plant`` then says which component carries the
             parameters.
+        loop: rate, order, delay and drive gains.
         experiments: label -> run, with its role; at least one is for the estimation.
         train, validation: the short form for two of them, with the labels ``estimation`` and ``validation``; cross
             validation is optional.

@@ -15,7 +15,11 @@ Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
 
 
 class DiagnosticResult(Saved):
-    """A diagnostic as it is saved."""
+    """A diagnostic as it is saved.
+
+    Attributes:
+        unit: FMI unit string of value and bound.
+    """
 
     code: str = Field(description="stable name of its kind")
     place: str = Field(description="experiment, joint, parameter or file; empty where it is about all of them")

@@ -44,7 +44,11 @@ class UnconstrainedResult(Saved):
 
 
 class StageResult(Saved):
-    """Values at the end of a stage, by parameter."""
+    """Values at the end of a stage, by parameter.
+
+    Attributes:
+        value: name of each parameter -> estimate; std: its standard deviation, in the same unit.
+    """
 
     value: dict[str, float]
     std: dict[str, float]
@@ -52,14 +56,27 @@ class StageResult(Saved):
 
 
 class ErrorResult(Saved):
-    """Relative torque error 100 |y - y_s| / |y|."""
+    """Relative torque error 100 |y - y_s| / |y|.
+
+    Attributes:
+        total: over all joints, in percent; per_joint: of each joint, in percent.
+    """
 
     total: Number
     per_joint: list[Number]
 
 
 class IterationResult(Saved):
-    """One iteration."""
+    """One iteration.
+
+    Attributes:
+        stage: ``didim`` or ``finish``, or that of another estimator; number: within the stage, from 1.
+        relative_error_percent: of the simulated torque; null where it could not be simulated.
+        change: of the values in this step, relative to them.
+        condition_number: of the scaled regressor or sensitivity.
+        parameters: values that were simulated.
+        note: what was caught in it, or empty.
+    """
 
     stage: str
     number: int
@@ -80,7 +97,13 @@ class ColumnResult(Saved):
 
 
 class ConsistencyResult(Saved):
-    """Whether a plant that was given apart from the robot description agrees with it."""
+    """Whether a plant that was given apart from the robot description agrees with it.
+
+    Attributes:
+        agrees: whether all differences are within what rounding and probing leave.
+        acceleration: where the accelerations of the plant come from.
+        warnings: what differs, in words.
+    """
 
     agrees: bool
     worst: Number = Field(description="largest of all relative differences")
@@ -93,7 +116,11 @@ class ConsistencyResult(Saved):
 
 
 class AgreementResult(Saved):
-    """Whether an experiment agrees with the others on what they share."""
+    """Whether an experiment agrees with the others on what they share.
+
+    Attributes:
+        agrees: whether the p-value is above the level of the test.
+    """
 
     p_value: float = Field(description="of as much disagreement by noise alone")
     agrees: bool
@@ -102,7 +129,13 @@ class AgreementResult(Saved):
 
 
 class ExperimentResult(Saved):
-    """One experiment."""
+    """One experiment.
+
+    Attributes:
+        role: whether the parameters were fitted to it, or only judged by it.
+        samples: instants of its torque log.
+        relative_error_percent: of its simulated torque.
+    """
 
     role: Literal["estimation", "validation"]
     samples: int
@@ -115,7 +148,11 @@ class ExperimentResult(Saved):
 
 
 class NoiseResult(Saved):
-    """Noise that the residual of a joint shows, in all fitted logs of one rate."""
+    """Noise that the residual of a joint shows, in all fitted logs of one rate.
+
+    Attributes:
+        rate_hz: of the logs.
+    """
 
     joint: int = Field(description="counted from 1")
     rate_hz: float
@@ -140,7 +177,20 @@ class IntegrationResult(Saved):
 
 
 class ResultDocument(Saved):
-    """The content of ``result.json``."""
+    """The content of ``result.json``.
+
+    Attributes:
+        name, description: of the case.
+        advice: what to do where the iterations did not converge, else how they ended.
+        estimator: its name in the case.
+        parameters: name of each -> what was found; without entries where the result is refused.
+        stages: name of each stage -> values at its end.
+        condition_number: of the sensitivity with scaled columns, at the end.
+        history: iterations, in their order.
+        loop: components, wiring, rate, order and delay of the loop that was simulated.
+        remarks: what is to be known; the values stand.
+        provenance: versions, digests of all files that were read, options, thresholds and time.
+    """
 
     schema_version: Literal[3] = 3
     name: str

@@ -22,6 +22,7 @@ from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import RESULT_FILE, save_result
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import write_robot
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.check import has_own_plant
@@ -46,6 +47,7 @@ def result_folder(out: Path | str) -> ResultFolder:
     return ResultFolder(Path(out), "identify", RESULT_FILE, (REPORT_FILE, ROBOT_FILE), patterns, "signals")
 
 
+@one_blas_thread
 def identify(
     case: Case | Path | str | Mapping[str, Any],
     out: Path | str | None = None,
