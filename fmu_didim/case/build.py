@@ -26,6 +26,7 @@ from fmu_didim.components import Component
 from fmu_didim.documents import validate
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
+from fmu_didim.files import is_file
 from fmu_didim.master import System
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
@@ -207,7 +208,7 @@ def _check_folder(document: CaseDocument, folder: Path) -> None:
     """Refuse a case in memory whose files are looked for in the wrong folder."""
     sources = [document.plant.source, document.controller.source if document.controller is not None else None]
     sources += [document.robot, document.system.source if document.system is not None else None]
-    absent = [name for name in sources if name is not None and ":" not in name and not (folder / name).is_file()]
+    absent = [name for name in sources if name is not None and ":" not in name and not is_file(folder / name)]
     if absent:
         raise InputError(
             "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),

@@ -55,8 +55,8 @@ def worker_command() -> list[str]:
     return [sys.executable, "-I", *quiet, str(_START), str(_PACKAGE), *folders]
 
 
-class ProcessEndedError(SimulationError):
-    """The process of an FMU died or was stopped.
+class ProcessEndedError(FmuError):
+    """The process of an FMU died or was stopped: no matter of the values that it was run with, so no SimulationError.
 
     Attributes:
         by_fmu: the FMU itself ended it, by a crash or an exit, and would do so again. Not so if it took too long,
