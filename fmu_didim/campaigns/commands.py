@@ -47,11 +47,10 @@ def add_campaign(commands: Any, say: Say) -> None:
 
 def _run(options: argparse.Namespace, say: Say) -> int:
     from fmu_didim.campaigns.campaign import campaign
-    from fmu_didim.campaigns.texts import dry_run_lines
 
     found = campaign(options.campaign, options.out)
     if options.dry_run:
-        for line in dry_run_lines(found.dry_run(workers=options.workers), found):
+        for line in found.dry_run(workers=options.workers).lines():
             say(line)
         return 0
     return _told(found, options, say)
@@ -70,7 +69,7 @@ def _retry(options: argparse.Namespace, say: Say) -> int:
 
 def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
     """Run, and tell what happens."""
-    from fmu_didim.campaigns.texts import duration, summary_text
+    from fmu_didim.campaigns.texts import duration
 
     def progress(now: Progress) -> None:
         for id_, status, verdict, message, _ in now.last:
@@ -86,7 +85,7 @@ def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
         progress=None if options.quiet else progress,
     )  # fmt: skip
     say("")
-    say(summary_text(results))
+    say(results.summary())
     say(f"\nTables and page: fmu-didim campaign report {found.out}")
     status = results.status()
     return NOT_DONE if status.open or sum(status.failures.values()) else 0
@@ -115,7 +114,6 @@ def _report(options: argparse.Namespace, say: Say) -> int:
 def _show(options: argparse.Namespace, say: Say) -> int:
     from fmu_didim.campaigns.results import Results
     from fmu_didim.campaigns.store import Store
-    from fmu_didim.campaigns.texts import full_id, run_lines
 
     results = Results(Store(options.folder))
     if options.id is None:
@@ -126,13 +124,13 @@ def _show(options: argparse.Namespace, say: Say) -> int:
             say(f"{row['id']} {word}: {(row['message'] or '').partition(chr(10))[0]}")
         say(f"{len(bad)} runs without an answer that may be used")
         return 0
-    for line in run_lines(results, options.id):
+    for line in results.describe(options.id):
         say(line)
     if options.files is not None:
         from fmu_didim.campaigns.alone import write_alone
         from fmu_didim.campaigns.campaign import opened
 
         found = opened(options.folder)
-        path = write_alone(found.plan, found.plan.by_id[full_id(results, options.id)], options.files)
+        path = write_alone(found.plan, found.plan.by_id[results.full_id(options.id)], options.files)
         say(f"\nfmu-didim {found.plan.document.verb} {path}")
     return 0

@@ -17,8 +17,10 @@ from plotly.offline import get_plotlyjs
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.results import USED, Results
+from fmu_didim.campaigns.quality import USED
+from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
+from fmu_didim.campaigns.texts import shown
 from fmu_didim.report.figures import FRAME, MARGIN, WHITE, figure_json
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
@@ -27,7 +29,6 @@ from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
-TABLES = ("runs", "parameters", "summary", "by_parameter")
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -47,7 +48,7 @@ def write_campaign_report(results: Results) -> list[Path]:
     """
     tables = {
         "runs": results.to_frame(parameters=False), "parameters": results.parameters(),
-        "summary": results.summary(), "by_parameter": results.by_parameter(),
+        "groups": results.groups(), "by_parameter": results.by_parameter(),
     }  # fmt: skip
     written = []
     try:
@@ -59,7 +60,7 @@ def write_campaign_report(results: Results) -> list[Path]:
                 written.append(path)
         page = results.folder / REPORT_FILE
         with whole_file(page) as temporary:
-            _write_page(results, tables["summary"], tables["by_parameter"], temporary)
+            _write_page(results, tables["groups"], tables["by_parameter"], temporary)
     except OSError as error:
         raise unwritable(results.folder, error) from error
     return [page, *written]
@@ -170,7 +171,7 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
     """For each field that varies, the groups by it alone."""
     found = []
     for path in results.paths if len(results.paths) > 1 else []:
-        summary = results.summary(path)
+        summary = results.groups(path)
         names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
         heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
         if "coverage" in summary:
@@ -281,13 +282,6 @@ def _first_line(text: Any) -> str:
 
 def _word(verdict: Any, status: str) -> str:
     return verdict.replace("_", " ") if isinstance(verdict, str) else status
-
-
-def shown(value: Any) -> str:
-    """A value of a field that varies."""
-    if value is None or value != value:
-        return MISSING
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _percent(share: float) -> str:
