@@ -19,6 +19,7 @@ from typing import Any
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.plan import Content
+from fmu_didim.campaigns.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
 from fmu_didim.campaigns.truth import (
     Truth,
     hidden_effects,
@@ -36,10 +37,6 @@ from fmu_didim.identification.result import ResultDocument
 from fmu_didim.identification.start import start_values
 from fmu_didim.workflow import discover, identify
 
-ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
-CRASHED, TIME_LIMIT, MEMORY_LIMIT = "crashed", "time limit", "memory limit"
-FAILURES = (FAILED, CRASHED, TIME_LIMIT, MEMORY_LIMIT)
-"""Statuses of runs that came to no answer and to no refusal either."""
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
 """Of every worker: there are as many of them as cores."""
 

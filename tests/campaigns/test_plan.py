@@ -179,5 +179,5 @@ def test_code_outside_the_tree_is_a_file_of_the_run(tmp_path: Path) -> None:
     own.write_text("controller = 2\n")
     assert identity.References().canonical({"source": "own.py:controller"}, tmp_path) != first
     assert identity.References().canonical("fmu_didim.units:pretty", tmp_path)[1] == identity.file_digest(
-        Path(identity.fmu_didim.__file__).parent / "units.py"
+        identity.PACKAGE / "units.py"
     )
