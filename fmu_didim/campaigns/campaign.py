@@ -246,6 +246,7 @@ def study(
     vary: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     seeds: int | Iterable[int] = 1,
     out: Path | str | None = None,
+    folder: Path | str = ".",
     **entries: Any,
 ) -> Campaign:
     """A campaign without a file.
@@ -254,11 +255,11 @@ def study(
         case: a case, its file, or its content.
         vary, seeds: as in a campaign file; entries: all else of it (``noise``, ``truth``, ``verb``, ``keep``, ...).
         out: folder for its results, ``results/<name>`` by default.
+        folder: to which the paths of a content are relative.
 
     Raises:
         InputError: as of :func:`campaign`.
     """
-    folder: Path | str = "."
     if isinstance(case, Case):
         content: Any = case.content
         folder = case.folder

@@ -202,6 +202,10 @@ def _true(truth: Truth | None, own: Mapping[str, str], name: str) -> float | Non
     return value if with_it == own.get(name.partition("[")[0], "") else None
 
 
+_OF_FINDINGS = {"answer", "findings", "gap", "ratio_interval", "error_percent"}
+"""Entries of ``findings.json`` that a row keeps, as JSON."""
+
+
 def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> dict[str, Any]:
     """The row of a discovery."""
     known = partial(_true, truth, regrouped(case.parameters))
@@ -216,7 +220,7 @@ def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> di
         "answer": document.answer, "named": "+".join(f"{f.effect}@{f.joint}" for f in document.findings),
         "hidden": hidden_effects(truth.robot, case.robot) if truth is not None else None,
         "gap_before": gaps[0].before if gaps else None, "gap_after": gaps[0].after if gaps else None,
-        "findings": document.model_dump_json(include={"findings"}, by_alias=True), "parameters": parameters,
+        "findings": document.model_dump_json(include=_OF_FINDINGS, by_alias=True), "parameters": parameters,
     }  # fmt: skip
 
 

@@ -245,7 +245,7 @@ class Identities:
         }
         chosen = touching.get("case", [])
         case = {root: self._of(("case", root), root, [*chosen, *touching.get(root, ())]) for root in roots}
-        extra = {s: self._of((s,), s, touching.get(s, ())) for s in ("noise", "options")}
+        extra = {s: self._of((s,), s, [*chosen, *touching.get(s, ())]) for s in ("noise", "options")}
         truth = {}
         if simulated:
             for root in {*DATA_ROOTS} & {*roots, *self._truth_roots}:

@@ -222,6 +222,6 @@ class Results:
 
 _COLUMNS = (
     "status", "verdict", "reasons", "message", "iterations", "finish_iterations", "error_percent", "held_out_percent",
-    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "seconds", "cpu_seconds", "attempt",
-    "started", "host",
+    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "findings", "seconds", "cpu_seconds",
+    "attempt", "started", "host",
 )  # fmt: skip
