@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.free import DRIVE, beside_the_plant
-from fmu_didim.components import Component, rename
+from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.effects import EFFECTS
 from fmu_didim.effects.drive_gain import DriveGain
@@ -30,10 +30,19 @@ def communication_step(document: CaseDocument, controller: Component) -> float:
             return 1.0 / rate
     if controller.sample_time is None:
         raise InputError(
-            "The control rate is unknown.", where="loop",
-            next_step="Give loop: {rate_hz: ...}; this controller states none.",
+            "The control rate is unknown.", where="loop", next_step=_rate_to_give(controller),
         )  # fmt: skip
     return controller.sample_time
+
+
+def _rate_to_give(controller: Component) -> str:
+    suggested = controller.fmu.experiment.step if isinstance(controller, FmuComponent) else None
+    if not suggested:
+        return "Give loop: {rate_hz: ...}; this controller states none."
+    return (
+        f"If it is the {1 / suggested:.6g} Hz that the FMU suggests for its default experiment, "
+        f"give loop: {{rate_hz: {1 / suggested:.6g}}}."
+    )
 
 
 def delay_in_samples(document: CaseDocument, step: float) -> float:

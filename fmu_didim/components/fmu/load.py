@@ -18,6 +18,7 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
+from fmu_didim.components.fmu.rerun import OWN_TOOL
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
@@ -84,9 +85,14 @@ def load_fmu(
         time_limit_s=float(time_limit_s),
         rerun=rerun,
         event_mode=event_mode or clocked,
-        sample_time=clock_period(fmu) if clocked else None,
+        sample_time=clock_period(fmu) if clocked else _own_period(fmu),
     )
     return component if substeps is None else component.with_substeps(substeps) or component
+
+
+def _own_period(fmu: FmuDescription) -> float | None:
+    """The sample time in s that an FMU exported here states; what other tools state there is a suggestion."""
+    return fmu.experiment.step if fmu.tool.startswith(OWN_TOOL) else None
 
 
 def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:
