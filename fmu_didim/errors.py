@@ -7,7 +7,15 @@ Each says *what* went wrong, *where*, what was *got*, which values are *valid* a
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+
+def _restored(kind: type[FmuDidimError], text: str, state: Mapping[str, Any]) -> FmuDidimError:
+    """An error as it was in another process."""
+    error = kind.__new__(kind, text)
+    error.__dict__.update(state)
+    return error
 
 
 class FmuDidimError(Exception):
@@ -22,6 +30,10 @@ class FmuDidimError(Exception):
         self.valid = valid if isinstance(valid, str) else ", ".join(valid)
         self.next_step = next_step
         super().__init__(self._text())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        got = None if self.got is None else str(self.got)  # which may be anything
+        return _restored, (type(self), str(self), {**self.__dict__, "got": got})
 
     def _text(self) -> str:
         lines = [self.what]

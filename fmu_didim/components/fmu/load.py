@@ -36,7 +36,7 @@ def load_fmu(
     solver: str = "rk4",
     substeps: int | None = None,
     si_units: bool = True,
-    isolated: bool = False,
+    isolated: bool | None = None,
     time_limit_s: float = DEFAULT_TIME_LIMIT,
     rerun: str = AUTO,
     event_mode: bool = False,
@@ -50,7 +50,8 @@ def load_fmu(
         solver: of model exchange: ``rk4`` with equal substeps, or ``cvode`` (SUNDIALS, variable step).
         substeps: of ``rk4`` in a communication step, 10 by default.
         si_units: show values in SI where the FMU has multiples of SI units, such as deg, mm or rpm.
-        isolated: run it in a process of its own, which a crash or an endless loop of the FMU ends, and not this one.
+        isolated: run loops with it in a process of their own, which a crash or an endless loop of the FMU ends, and not
+            this one. By default so for FMUs of other tools until one such process has come to a good end.
         time_limit_s: for each call of an isolated FMU.
         rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
             ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.

@@ -219,13 +219,25 @@ def choose(facts: Facts) -> Rerun:
 
 def tell_isolation(component: FmuSettings, rerun: Rerun) -> None:
     """Log, once in a process, that an FMU was found to need a process of its own, what that costs, and the remedy."""
-    path = _path(component)
-    if path in _told:
-        return
-    _told.add(path)
-    cost = "a new process, some seconds, for each run" if rerun.strategy == PROCESS else "a message for each step"
-    _log.warning(
-        "%s runs in a process of its own, by '%s': %s. That costs %s, which can make it tens of times slower. "
-        "If you know better, say how to run it again: 'rerun' of the source in the case, or of load_fmu.",
-        component.path.name, rerun.strategy, rerun.reason, cost,
+    cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
+    _tell(
+        component, logging.WARNING,
+        f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
+        "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again.",
     )  # fmt: skip
+
+
+def tell_unproven(component: FmuSettings) -> None:
+    """Log, once in a process, that an FMU runs apart because nothing is known of it."""
+    _tell(
+        component, logging.INFO,
+        "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
+        "second to start ('isolated: false' beside its source, if you trust it).",
+    )  # fmt: skip
+
+
+def _tell(component: FmuSettings, level: int, text: str) -> None:
+    path = _path(component)
+    if path not in _told:
+        _told.add(path)
+        _log.log(level, "%s %s", component.path.name, text)
