@@ -41,7 +41,7 @@ def build_modelica(path: Path, *, model: str | None = None, directory: Path | No
         raise BuildError(
             "A Modelica file needs a Modelica compiler.", where=str(path), got="rumoca is not installed",
             next_step="pip install 'fmu-didim[modelica]'; or export an FMU from OpenModelica or Dymola, as "
-            "docs/modelica.md says.",
+            "docs/howto/modelica.md says.",
         ) from error  # fmt: skip
     compiler = source_compiler()
     state = hashlib.sha256(repr((release, name, compiler.flags, compiler.version)).encode())
@@ -81,6 +81,6 @@ def _generated(path: Path, name: str) -> dict[str, str]:
             f"The Modelica compiler rumoca refuses the model '{name}'.", where=str(path),
             got=str(error).strip()[:2000] or type(error).__name__,
             next_step="Name the model (model: beside its source), or export an FMU from OpenModelica or Dymola, as "
-            "docs/modelica.md says.",
+            "docs/howto/modelica.md says.",
         ) from error  # fmt: skip
     return {entry.path: entry.content for entry in found}

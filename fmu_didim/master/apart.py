@@ -111,7 +111,7 @@ def run_apart(order: Order, pool: InstancePool | None) -> Recording:
         keep = pool is not None and not once
         return found
     except ProcessEndedError as error:
-        if not error.by_fmu and not error.took_too_long:
+        if not error.by_fmu and not error.expired:
             raise  # it was killed from outside
         found = _each_alone(order, fmus, None)  # raises what tells more
         _log.warning(

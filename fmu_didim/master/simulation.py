@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.errors import FmuDidimError
 from fmu_didim.master.apart import Order, run_apart, running_apart
 from fmu_didim.master.here import check_reference, run_here
 from fmu_didim.master.interpreted import Observer
@@ -49,16 +50,22 @@ def simulate(
     Raises:
         InputError: the reference does not fit the step or lacks a column; the components form an algebraic loop;
             ``compiled`` is True and a component is no C code.
-        DivergedError: a signal left its bounds or is not finite.
-        SimulationError: a component refused a step, or ended its process.
+        DivergedError: a signal left its bounds or is not finite; if that began with one component, ``component`` of
+            the error names it.
+        SimulationError, FmuError: a component refused a call, or ended its process.
     """
-    if running_apart(system):
-        check_reference(system, reference, ticks)
-        return run_apart(Order(system, reference, ticks, bounds, observe, compiled), pool)
-    with _same_folder():
-        return run_here(
-            system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
-        )  # fmt: skip
+    try:
+        if running_apart(system):
+            check_reference(system, reference, ticks)
+            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), pool)
+        with _same_folder():
+            return run_here(
+                system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
+            )  # fmt: skip
+    except FmuDidimError as error:
+        if pool is not None and error.component and system.components[error.component].equations() is None:
+            pool.failure = pool.failure or error  # equations that are known here fail by the values they are given
+        raise
 
 
 @contextlib.contextmanager

@@ -53,8 +53,8 @@ def test_what_to_install_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(modelica, "version", absent)
     (tmp_path / "Lag.mo").write_text(LAG, encoding="utf-8")
-    with pytest.raises(BuildError, match=r"pip install 'fmu-didim\[modelica\]'[\s\S]*docs/modelica.md"):
+    with pytest.raises(BuildError, match=r"pip install 'fmu-didim\[modelica\]'[\s\S]*docs/howto/modelica.md"):
         build_modelica(tmp_path / "Lag.mo")
     with pytest.raises(InputError, match="does not exist"):
         build_modelica(tmp_path / "None.mo")
-    assert (ROOT / "docs/modelica.md").is_file()
+    assert (ROOT / "docs/howto/modelica.md").is_file()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import re
 import threading
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -16,6 +17,7 @@ from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, 
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import BuildError, FmuError
 from fmu_didim.export import compile_sources, source_compiler
+from fmu_didim.files import is_file
 
 
 def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Path:
@@ -27,12 +29,17 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     """
     import fmpy
 
+    if not re.fullmatch(r"\w[\w.-]*", interface.identifier):  # no path
+        raise FmuError(
+            "The modelIdentifier of the FMU is no name.", where=f"{description.path}, {interface.kind}",
+            got=interface.identifier, valid="letters, digits and underscores", next_step="Ask its maker.",
+        )  # fmt: skip
     folders = fmi.platform_folders()
     suffix = str(fmpy.sharedLibraryExtension)
     places = [description.folder / "binaries" / f for f in folders]
     for place in places:
         file = place / f"{interface.identifier}{suffix}"
-        if file.is_file():
+        if is_file(file):
             return file
     where = f"{description.path}, {interface.kind}"
     others = sorted(f.name for place in places if place.is_dir() for f in place.iterdir() if f.suffix == suffix)
