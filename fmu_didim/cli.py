@@ -5,15 +5,21 @@ from __future__ import annotations
 import argparse
 import logging
 import math
+import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.errors import FmuDidimError, InputError
+from fmu_didim.files import is_file
+from fmu_didim.imports import NO_CODE
+from fmu_didim.terminal import printable, unforeseen
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
@@ -21,21 +27,52 @@ if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Outcome
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-EXIT_ERROR = 1
+EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
-    options = _parser().parse_args(arguments)
+    with printable():
+        options = _parser().parse_args(arguments)
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
-        with _told(quiet=getattr(options, "quiet", False)):
+        with _told(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
+            _check_current_folder()
             return int(options.run(options))
-    except FmuDidimError as error:
-        print(f"\nfmu-didim: {error}", file=sys.stderr)
-        return EXIT_ERROR
     except KeyboardInterrupt:
         print("\nfmu-didim: interrupted", file=sys.stderr)
-        return 130
+        return EXIT_INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - the last resort: a line and a log, no traceback
+        if getattr(options, "debug", False):
+            traceback.print_exception(error)
+        told = error if isinstance(error, FmuDidimError) else unforeseen(error)
+        print(f"\nfmu-didim: {told}", file=sys.stderr)
+        return EXIT_ERROR
+
+
+@contextmanager
+def _code_allowed(allowed: bool) -> Iterator[None]:
+    """Whether Python that a case names is run; an environment in which it is not stays as it is."""
+    before = os.environ.get(NO_CODE)
+    if not allowed:
+        os.environ[NO_CODE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(NO_CODE, None)
+
+
+def _check_current_folder() -> None:
+    try:
+        os.getcwd()  # noqa: PTH109 - Path.cwd() is the same
+    except OSError as error:
+        raise InputError(
+            "The current folder does not exist any more.", got=str(error), next_step="Change to another folder."
+        ) from error
 
 
 @contextmanager
@@ -58,12 +95,25 @@ def _parser() -> argparse.ArgumentParser:
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
+    add_campaign(commands, _say)
     return parser
+
+
+_DEBUG = "show the traceback of an error"
+
+
+def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
+    """The options of all verbs, and of those that read cases or descriptions."""
+    verb.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=_DEBUG)
+    if code:
+        help_ = "run no Python that the case or a description names; FMUs, which are programs too, do run"
+        verb.add_argument("--no-code", action="store_true", help=help_)
 
 
 def _add_case_verbs(commands: _Commands) -> None:
@@ -102,6 +152,7 @@ def _case_verb(
     verb = commands.add_parser(name, help=help_, description=run.__doc__)
     verb.add_argument("case", type=Path, metavar="CASE.yaml", help=case, nargs="?" if optional else None)
     verb.set_defaults(run=run)
+    _add_common(verb, code=True)
     return verb
 
 
@@ -130,6 +181,7 @@ def _add_export(commands: _Commands) -> None:
         "macos-arm64 (this one)",
     )
     three.set_defaults(run=_export)
+    _add_common(three, code=True)
 
 
 def _add_fmu(commands: _Commands) -> None:
@@ -139,6 +191,7 @@ def _add_fmu(commands: _Commands) -> None:
         task = tasks.add_parser(name, help=run.__doc__, description=run.__doc__)
         task.add_argument("file", type=Path, metavar="FILE.fmu")
         task.set_defaults(run=run)
+        _add_common(task)
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
@@ -147,10 +200,13 @@ def _add_fmu(commands: _Commands) -> None:
 def _add_cache(commands: _Commands) -> None:
     five = commands.add_parser("cache", help="what is kept between runs: show it, clear it, clear one FMU")
     tasks = five.add_subparsers(required=True, metavar="show|clear")
-    tasks.add_parser("show", help=_cache_show.__doc__, description=_cache_show.__doc__).set_defaults(run=_cache_show)
+    show = tasks.add_parser("show", help=_cache_show.__doc__, description=_cache_show.__doc__)
+    show.set_defaults(run=_cache_show)
+    _add_common(show)
     clear = tasks.add_parser("clear", help=_cache_clear.__doc__, description=_cache_clear.__doc__)
     clear.add_argument("file", type=Path, metavar="FILE.fmu", nargs="?", help="only what is kept of this FMU")
     clear.set_defaults(run=_cache_clear)
+    _add_common(clear)
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -238,11 +294,14 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     """Build the FMU of a robot or controller description; with --ssp, write the loop of a case as an SSP archive."""
+    from fmu_didim.workflow.result_folder import check_writable, told_unwritable, write_whole
+
     if options.ssp is not None:
         from fmu_didim.workflow import export_ssp
 
-        options.ssp.parent.mkdir(parents=True, exist_ok=True)
-        print(export_ssp(options.description, options.ssp, result=options.result))
+        check_writable(options.ssp.parent)
+        write_whole(options.ssp, partial(export_ssp, options.description, result=options.result))
+        print(options.ssp)
         return 0
     if options.result is not None:
         raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
@@ -256,9 +315,10 @@ def _export(options: argparse.Namespace) -> int:
     block = (
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
     )
-    options.out.mkdir(parents=True, exist_ok=True)
+    check_writable(options.out)
     version = options.fmi or DEFAULT_VERSION
-    print(build_fmu(block, directory=options.out, fmi_version=version, platforms=options.platform))
+    with told_unwritable(options.out):
+        print(build_fmu(block, directory=options.out, fmi_version=version, platforms=options.platform))
     return 0
 
 
@@ -296,7 +356,7 @@ def _cache_clear(options: argparse.Namespace) -> int:
     """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
     from fmu_didim.cache import entries, file_digest, remove_entry
 
-    if options.file is not None and not options.file.is_file():
+    if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
     found = list(entries(file_digest(options.file) if options.file is not None else ""))
     for entry in found:

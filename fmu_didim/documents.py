@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -19,6 +19,7 @@ from yaml.constructor import ConstructorError
 
 from fmu_didim.docstrings import about, key_texts
 from fmu_didim.errors import InputError
+from fmu_didim.files import is_file
 
 MAXIMUM_BYTES = 256 * 2**10
 MAXIMUM_VALUES = 50_000
@@ -39,12 +40,12 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Strict(BaseModel):
-    """Base of the document models: unknown keys are errors, values do not change.
+    """Base of the document models: unknown keys are errors, values do not change, numbers are finite.
 
     The JSON Schema tells of each key what the docstring of the class says of it.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -56,6 +57,12 @@ class Strict(BaseModel):
             if name in texts:
                 own["properties"][info.alias or name].setdefault("description", texts[name])
         return schema
+
+
+class Saved(Strict):
+    """Base of the models of results, which may say that something is not known."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
 
 
 def _finite_or_none(value: Any) -> Any:
@@ -91,15 +98,18 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
             is, or a key occurs twice in it.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The file does not exist.", where=str(path), next_step="Check the path.")
-    size = path.stat().st_size
+    try:
+        size = path.stat().st_size
+        raw = path.read_bytes() if size <= MAXIMUM_BYTES else b""
+    except OSError as error:
+        raise InputError("The file cannot be read.", where=str(path), got=str(error)) from error
     if size > MAXIMUM_BYTES:
         raise InputError(
             "The file is too large for a description.", where=str(path), got=f"{size} bytes",
             valid=f"at most {MAXIMUM_BYTES}", next_step="Put signals into CSV, MAT or Parquet files.",
         )  # fmt: skip
-    raw = path.read_bytes()
     try:
         content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
     except UnicodeDecodeError as error:
@@ -182,13 +192,19 @@ def validate(model: type[Model], content: dict[str, Any], *, where: str) -> Mode
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        details = error.errors(include_url=False)
-        problems = [_problem(detail, model) for detail in details[:MOST_PROBLEMS]]
-        count = "a problem" if len(details) == 1 else f"{len(details)} problems"
-        problems += ["and others"] if len(details) > MOST_PROBLEMS else []
-        raise InputError(
-            f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in problems), where=where
-        ) from error
+        raise problems_error(problems(error, model), where=where) from error
+
+
+def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """What is wrong with a document, each with its path and the valid names."""
+    return [_problem(detail, model) for detail in error.errors(include_url=False)]
+
+
+def problems_error(found: Sequence[str], *, where: str) -> InputError:
+    """The error that lists problems of a file."""
+    count = "a problem" if len(found) == 1 else f"{len(found)} problems"
+    listed = [*found[:MOST_PROBLEMS], *(["and others"] if len(found) > MOST_PROBLEMS else [])]
+    return InputError(f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where)
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:

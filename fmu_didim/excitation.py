@@ -13,7 +13,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from fmu_didim.documents import Positive, Strict
+from fmu_didim.errors import InputError
 from fmu_didim.signals import Array, Trajectory, trajectory
+
+MOST_VALUES = 30_000_000
+"""Values of a table of motion: 28 minutes of six joints at 1 kHz, a quarter of a gigabyte."""
 
 
 class Excitation(Strict):
@@ -40,7 +44,14 @@ class Excitation(Strict):
         """q, dq, ddq at (N,) instants from 0, (N, n) each."""
 
     def trajectory(self, rate_hz: float) -> Trajectory:
-        """The trajectory sampled at a rate, both ends included."""
+        """The trajectory sampled at a rate, both ends included; raises InputError if that is more than memory holds."""
+        count = self.length_s * rate_hz * 3 * self.joint_count
+        if not count <= MOST_VALUES:
+            raise InputError(
+                "The reference is too long for its rate.", where="reference",
+                got=f"{self.length_s:g} s at {rate_hz:g} Hz, {self.joint_count} joints",
+                valid=f"at most {MOST_VALUES} values of q, dq and ddq", next_step="Shorten it, or lower the rate.",
+            )  # fmt: skip
         time = np.arange(round(self.length_s * rate_hz) + 1) / rate_hz
         parts = dict(zip(("q", "dq", "ddq"), self.motion(time), strict=True))
         joints = range(self.joint_count)

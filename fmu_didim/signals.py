@@ -2,13 +2,15 @@
 
 A :class:`Variable` has the attributes of an FMI scalar variable that matter outside an FMU; a
 :class:`Trajectory` is a table of such variables over time. CSV, MATLAB ``.mat`` and Parquet
-(with ``pyarrow`` installed) files are read by :func:`read_trajectory`.
+files are read by :func:`read_trajectory`.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.files import is_file
+from fmu_didim.mat_file import is_level_5, numbers
 
 Array = NDArray[np.float64]
 TIME_NAMES = ("t", "time")
@@ -158,23 +162,29 @@ def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
         InputError: the file is missing, has another format, or holds no such time column.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
     readers = {".csv": _read_csv, ".mat": _read_mat, ".parquet": _read_parquet}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=readers)
     try:
-        columns = reader(path)
-    except (ValueError, NotImplementedError, OSError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what matters of a file is told below
+            columns = reader(path)
+    except InputError:
+        raise
+    except Exception as error:  # the libraries raise what they please of a file that is damaged
         raise InputError(
-            "The data file cannot be read.", where=str(path), got=str(error)[:200],
+            "The data file cannot be read.", where=str(path), got=f"{type(error).__name__}: {error}"[:200],
             next_step="Convert it to CSV, UTF-8.",
         ) from error  # fmt: skip
     candidates = (time,) if time else TIME_NAMES
     key = next((name for name in candidates if name in columns), None)
     if key is None:
-        raise InputError("The file has no time column.", where=str(path), got=", ".join(columns), valid=candidates)
+        raise InputError(
+            "The file has no time column.", where=str(path), got=", ".join(columns)[:200], valid=candidates
+        )
     stamps = columns.pop(key)
     columns = {name: c for name, c in columns.items() if c.shape == stamps.shape}
     if not columns:
@@ -198,9 +208,11 @@ def _read_csv(path: Path) -> dict[str, Array]:
     with path.open(newline="", encoding="utf-8-sig") as stream:
         rows = csv.reader(stream)
         header = [name.strip() for name in next(rows, [])]
-        doubled = sorted({name for name in header if header.count(name) > 1})
+        doubled = sorted(name for name, count in Counter(header).items() if count > 1)
         if doubled:
-            raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled))
+            raise InputError(
+                "The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200]
+            )
         data: list[list[float]] = []
         for row in rows:
             if not row:
@@ -209,7 +221,7 @@ def _read_csv(path: Path) -> dict[str, Array]:
                 numbers = [float(cell) for cell in row]
             except ValueError:
                 numbers = []
-            if len(numbers) != len(header):
+            if len(numbers) != len(header) or any("_" in cell for cell in row):  # Python takes 1_0 for ten
                 raise InputError(
                     "A line of the CSV file is not a row of numbers.", where=f"{path}, line {rows.line_num}",
                     got=",".join(row)[:80], valid=f"{len(header)} comma-separated numbers, decimal point",
@@ -222,6 +234,9 @@ def _read_csv(path: Path) -> dict[str, Array]:
 
 
 def _read_mat(path: Path) -> dict[str, Array]:
+    raw = path.read_bytes()
+    if is_level_5(raw):
+        return {name: column for name, column in numbers(raw).items() if column.size > 1}
     from scipy.io import loadmat
 
     content = loadmat(path)
@@ -233,11 +248,7 @@ def _read_mat(path: Path) -> dict[str, Array]:
 
 
 def _read_parquet(path: Path) -> dict[str, Array]:
-    try:
-        from pyarrow import parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    except ImportError as error:
-        raise InputError(
-            "Parquet files need pyarrow.", where=str(path), next_step="pip install pyarrow, or convert the file to CSV."
-        ) from error
+    from pyarrow import parquet
+
     table = parquet.read_table(path)
     return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import fields
@@ -149,6 +150,8 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
     names = [f.name for f in fields(form)]  # type: ignore[arg-type]
     given = {name: value for name, value in options.items() if name != "kind"}
     problems = [f"unknown option '{name}' of {kind}; valid: {', '.join(names)}" for name in given if name not in names]
+    endless = [name for name, value in given.items() if isinstance(value, float) and not math.isfinite(value)]
+    problems += [f"{name} must be a finite number" for name in endless]
     if not problems:
         try:
             return TypeAdapter(form).validate_python(given)

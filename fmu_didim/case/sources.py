@@ -92,6 +92,13 @@ class Loop(Strict):
     drive_gains: tuple[float, ...] | None = None
     injections: Mapping[str, str] = Field(default_factory=dict)
 
+    @field_validator("drive_gains")
+    @classmethod
+    def _some_torque(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None and 0.0 in value:
+            raise ValueError("a drive with the gain 0 moves nothing")
+        return value
+
     @model_validator(mode="after")
     def _one_delay(self) -> Loop:
         if self.delay_s is not None and self.delay_samples:

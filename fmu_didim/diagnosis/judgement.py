@@ -9,12 +9,12 @@ from typing import Literal
 from pydantic import Field
 
 from fmu_didim.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
 
 
-class DiagnosticResult(Strict):
+class DiagnosticResult(Saved):
     """A diagnostic as it is saved.
 
     Attributes:

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from fmu_didim.cache import whole_file
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
 
 FINDINGS_FILE = "findings.json"
@@ -25,7 +25,7 @@ ANSWER_TEXT: dict[str, str] = {
 }
 
 
-class _Document(Strict):
+class _Document(Saved):
     model_config = ConfigDict(populate_by_name=True)
 
 

@@ -15,14 +15,14 @@ from pydantic import Field, ValidationError
 
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
 from fmu_didim.signals import trajectory, write_csv
 
 RESULT_FILE = "result.json"
 
 
-class ParameterResult(Strict):
+class ParameterResult(Saved):
     """One identified parameter."""
 
     value: float = Field(description="estimate, in the unit")
@@ -39,7 +39,7 @@ class ParameterResult(Strict):
     )
 
 
-class UnconstrainedResult(Strict):
+class UnconstrainedResult(Saved):
     """A value that was refused."""
 
     value: float = Field(description="where the iterations led, in the unit")
@@ -47,7 +47,7 @@ class UnconstrainedResult(Strict):
     unit: str = Field(description="FMI unit string")
 
 
-class StageResult(Strict):
+class StageResult(Saved):
     """Values at the end of a stage, by parameter.
 
     Attributes:
@@ -59,7 +59,7 @@ class StageResult(Strict):
     formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
 
 
-class ErrorResult(Strict):
+class ErrorResult(Saved):
     """Relative torque error 100 |y - y_s| / |y|.
 
     Attributes:
@@ -70,7 +70,7 @@ class ErrorResult(Strict):
     per_joint: list[Number]
 
 
-class IterationResult(Strict):
+class IterationResult(Saved):
     """One iteration.
 
     Attributes:
@@ -91,7 +91,7 @@ class IterationResult(Strict):
     note: str
 
 
-class ColumnResult(Strict):
+class ColumnResult(Saved):
     """A column of the regressor, from the plant against from the robot description."""
 
     difference: float = Field(description="relative")
@@ -100,7 +100,7 @@ class ColumnResult(Strict):
     joint: int = Field(description="where they differ most")
 
 
-class ConsistencyResult(Strict):
+class ConsistencyResult(Saved):
     """Whether a plant that was given apart from the robot description agrees with it.
 
     Attributes:
@@ -119,7 +119,7 @@ class ConsistencyResult(Strict):
     warnings: list[str]
 
 
-class AgreementResult(Strict):
+class AgreementResult(Saved):
     """Whether an experiment agrees with the others on what they share.
 
     Attributes:
@@ -132,7 +132,7 @@ class AgreementResult(Strict):
     change_in_std: float = Field(description="by how many standard deviations")
 
 
-class ExperimentResult(Strict):
+class ExperimentResult(Saved):
     """One experiment.
 
     Attributes:
@@ -151,7 +151,7 @@ class ExperimentResult(Strict):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
-class NoiseResult(Strict):
+class NoiseResult(Saved):
     """Noise that the residual of a joint shows, in all fitted logs of one rate.
 
     Attributes:
@@ -173,14 +173,14 @@ class NoiseResult(Strict):
     )
 
 
-class IntegrationResult(Strict):
+class IntegrationResult(Saved):
     """How the plant was integrated."""
 
     method: str = Field(description="RK4, or the linearly implicit ROS2")
     substeps: int = Field(description="in a communication step")
 
 
-class ResultDocument(Strict):
+class ResultDocument(Saved):
     """The content of ``result.json``.
 
     Attributes:

@@ -21,6 +21,7 @@ from fmu_didim.signals import Array
 Kind = Literal["line", "points", "stems"]
 STYLES = ("measured", "simulated", "residual", "base", "final", "failed", "faint")
 """What a line is; ``series0`` to ``series7`` for lines that are only told apart."""
+SERIES = 8
 POINTS_PER_TRACE = 30_000
 POINTS_PER_PAGE = 200_000
 """Four bytes of text a point: 0.8 MB of the 2 MB that a page may have."""
