@@ -18,7 +18,7 @@ from fmu_didim.report.figures import Plots, points_per_trace, signals_note
 from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
 from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
-from fmu_didim.signals import read_trajectory
+from fmu_didim.tables import read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"

@@ -14,7 +14,7 @@ from fmu_didim.report import experiments, numbers, tables
 from fmu_didim.report.figures import Plots, figure_json, history_figure, points_per_trace, signals_note, torque_figure
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import verdict
-from fmu_didim.signals import read_trajectory
+from fmu_didim.tables import read_trajectory
 
 REPORT_FILE = "report.html"
 TEMPLATE = "page.html.j2"
