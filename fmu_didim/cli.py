@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fmu_didim.cli_prepare import add_prepare_verbs
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.version import __version__
 
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    add_prepare_verbs(commands, parser=parser)
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
@@ -19,7 +19,7 @@ from fmu_didim.case.sources import (
     SignalFile,
     SystemSource,
 )
-from fmu_didim.documents import Positive, Strict, read_document
+from fmu_didim.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.estimators import ESTIMATORS, Estimator
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
@@ -65,7 +65,7 @@ class CaseDocument(Strict):
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()
     controller: ComponentSource | None = None
-    system: SystemSource | None = None
+    system: Annotated[SystemSource, AlsoWritten(("string",))] | None = None
     loop: Loop = Loop()
     experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
     train: ExperimentSource | None = None

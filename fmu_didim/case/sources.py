@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
 
-from fmu_didim.documents import Positive, Strict
+from fmu_didim.documents import AlsoWritten, Positive, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
@@ -113,8 +113,8 @@ class SignalFile(Strict):
     """
 
     file: str
-    columns: Mapping[str, Column] = Field(default_factory=dict)
-    time: TimeColumn | None = None
+    columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+    time: Annotated[TimeColumn, AlsoWritten(("string", "integer"))] | None = None
     csv: CsvLayout | None = None
     obtain: str = ""
 
