@@ -8,6 +8,8 @@ The verbs take a case, as a path, as a mapping or loaded by :func:`load_case`:
 * :func:`simulate` runs its loop, a :class:`Trajectory`;
 * :func:`export_ssp` writes its loop for other tools.
 
+Many cases at once are a :func:`campaign` or a :func:`study`, whose runs give :class:`Results`.
+
     case = load_case("case.yaml")
     outcome = identify(case.with_(train={"torque": {"rate_hz": 20}}))
     print(outcome.summary())
@@ -22,6 +24,10 @@ from typing import TYPE_CHECKING
 from fmu_didim.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from fmu_didim.campaigns.campaign import Campaign as Campaign
+    from fmu_didim.campaigns.campaign import campaign as campaign
+    from fmu_didim.campaigns.campaign import study as study
+    from fmu_didim.campaigns.results import Results as Results
     from fmu_didim.case import Case as Case
     from fmu_didim.case import load_case as load_case
     from fmu_didim.components import load_fmu as load_fmu
@@ -66,6 +72,8 @@ if TYPE_CHECKING:
     from fmu_didim.workflow.simulate import simulate as simulate
 else:
     _NAMES = {
+        "campaigns.campaign": ("Campaign", "campaign", "study"),
+        "campaigns.results": ("Results",),
         "case": ("Case", "load_case"),
         "components": ("load_fmu", "to_control"),
         "controllers": ("read_controller",),

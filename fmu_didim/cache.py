@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import logging
@@ -15,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import platformdirs
+
+from fmu_didim.errors import InputError
 
 COMPILER = "zig"
 KINDS = {
@@ -38,6 +41,8 @@ _LAYOUT = ".2"
 _CONTENT, _LIST = "content", "files.json"
 _log = logging.getLogger(__name__)
 _compared: set[Path] = set()
+OF_NAMES = (errno.ENAMETOOLONG, errno.EISDIR, errno.EINVAL, errno.EILSEQ)
+"""Errors of the system by which it refuses a name, and not the writing."""
 PARTIAL = ".partial-"
 """How the names of files and folders begin that are being written."""
 STALE = 2 * 3600.0
@@ -45,11 +50,33 @@ STALE = 2 * 3600.0
 
 
 def cache_directory() -> Path:
-    """The folder named by ``FMU_DIDIM_CACHE``, else the user's cache folder; made if absent."""
+    """The folder named by ``FMU_DIDIM_CACHE``, else the user's cache folder; made if absent.
+
+    Raises:
+        InputError: it cannot be made.
+    """
     named = os.environ.get("FMU_DIDIM_CACHE")
-    path = Path(named) if named else platformdirs.user_cache_path("fmu_didim")
-    path.mkdir(parents=True, exist_ok=True)
-    return path
+    with _told(named or "the user's cache folder"):
+        try:
+            path = Path(named) if named else platformdirs.user_cache_path("fmu_didim")
+        except RuntimeError as error:  # there is no home folder
+            raise OSError(str(error)) from error
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+
+
+@contextmanager
+def _told(where: Path | str) -> Iterator[None]:
+    """What hinders the writing there as an InputError."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in OF_NAMES:
+            raise  # by the names of what is written, such as those in an archive
+        raise InputError(
+            "The cache of compiled and extracted files cannot be written.", where=str(where), got=str(error),
+            next_step="Make room (fmu-didim cache clear), or set FMU_DIDIM_CACHE to another folder.",
+        ) from error  # fmt: skip
 
 
 def file_digest(path: Path) -> str:
@@ -111,22 +138,26 @@ def cached_folder(kind: str, key: str, fill: Callable[[Path], None]) -> Path:
 
     Args:
         kind: one of KINDS.
+
+    Raises:
+        InputError: the cache cannot be written; what ``fill`` raises.
     """
     entry = cache_directory() / kind / f"{key}{_LAYOUT}"
     if _is_whole(entry):
         with suppress(OSError):
             os.utime(entry)  # used
         return entry / _CONTENT
-    entry.parent.mkdir(parents=True, exist_ok=True)
-    remove_stale(entry.parent)
-    partial = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=entry.parent))
-    try:
-        (partial / _CONTENT).mkdir()
-        fill(partial / _CONTENT)
-        _write_list(partial)
-        _put(partial, entry)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with _told(entry.parent):
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        remove_stale(entry.parent)
+        partial = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=entry.parent))
+        try:
+            (partial / _CONTENT).mkdir()
+            fill(partial / _CONTENT)
+            _write_list(partial)
+            _put(partial, entry)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
     limit_size()
     return entry / _CONTENT
 

@@ -5,39 +5,77 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import os
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.cli_prepare import add_prepare_verbs
 from fmu_didim.console import CurrentStderr, Display, show, since_start
 from fmu_didim.errors import FmuDidimError, InputError
+from fmu_didim.files import is_file
+from fmu_didim.imports import NO_CODE
+from fmu_didim.terminal import printable, unforeseen
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Outcome
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-EXIT_ERROR = 1
+EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
-    options = _parser().parse_args(arguments)
+    with printable():
+        options = _parser().parse_args(arguments)
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
-        with _told(quiet=getattr(options, "quiet", False)):
+        with _told(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
+            _check_current_folder()
             return int(options.run(options))
-    except FmuDidimError as error:
-        if getattr(options, "json", False):
-            print(json.dumps({"error": error.what, "where": error.where, "next_step": error.next_step}, indent=1))
-        show(f"\nfmu-didim: {error}", stream=sys.stderr)
-        return EXIT_ERROR
     except KeyboardInterrupt:
         print("\nfmu-didim: interrupted", file=sys.stderr)
-        return 130
+        return EXIT_INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - the last resort: a line and a log, no traceback
+        if getattr(options, "debug", False):
+            traceback.print_exception(error)
+        told = error if isinstance(error, FmuDidimError) else unforeseen(error)
+        if getattr(options, "json", False):
+            what, where, step = (getattr(told, name, "") for name in ("what", "where", "next_step"))
+            print(json.dumps({"error": what or str(told), "where": where, "next_step": step}, indent=1))
+        show(f"\nfmu-didim: {told}", stream=sys.stderr)
+        return EXIT_ERROR
+
+
+@contextmanager
+def _code_allowed(allowed: bool) -> Iterator[None]:
+    """Whether Python that a case names is run; an environment in which it is not stays as it is."""
+    before = os.environ.get(NO_CODE)
+    if not allowed:
+        os.environ[NO_CODE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(NO_CODE, None)
+
+
+def _check_current_folder() -> None:
+    try:
+        os.getcwd()  # noqa: PTH109 - Path.cwd() is the same
+    except OSError as error:
+        raise InputError(
+            "The current folder does not exist any more.", got=str(error), next_step="Change to another folder."
+        ) from error
 
 
 @contextmanager
@@ -62,13 +100,27 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    add_prepare_verbs(commands, parser=parser)
+    for verb in add_prepare_verbs(commands, parser=parser):
+        _add_common(verb)
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
+    add_campaign(commands, _say)
     return parser
+
+
+_DEBUG = "show the traceback of an error"
+
+
+def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
+    """The options of all verbs, and of those that read cases or descriptions."""
+    verb.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=_DEBUG)
+    if code:
+        help_ = "run no Python that the case or a description names; FMUs, which are programs too, do run"
+        verb.add_argument("--no-code", action="store_true", help=help_)
 
 
 def _add_case_verbs(commands: _Commands) -> None:
@@ -126,6 +178,7 @@ def _verb(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     verb.set_defaults(run=run)
+    _add_common(verb, code=not key)  # FMUs and the cache name no Python
     return verb
 
 
@@ -288,11 +341,14 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     """Build the FMU of a robot or controller description; with --ssp, write the loop of a case as an SSP archive."""
+    from fmu_didim.workflow.result_folder import check_writable, told_unwritable, write_whole
+
     if options.ssp is not None:
         from fmu_didim.workflow import export_ssp
 
-        options.ssp.parent.mkdir(parents=True, exist_ok=True)
-        print(export_ssp(options.description, options.ssp, result=options.result))
+        check_writable(options.ssp.parent)
+        write_whole(options.ssp, partial(export_ssp, options.description, result=options.result))
+        print(options.ssp)
         return 0
     if options.result is not None:
         raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
@@ -306,9 +362,10 @@ def _export(options: argparse.Namespace) -> int:
     block = (
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
     )
-    options.out.mkdir(parents=True, exist_ok=True)
+    check_writable(options.out)
     version = options.fmi or DEFAULT_VERSION
-    print(build_fmu(block, directory=options.out, fmi_version=version, platforms=options.platform))
+    with told_unwritable(options.out):
+        print(build_fmu(block, directory=options.out, fmi_version=version, platforms=options.platform))
     return 0
 
 
@@ -346,7 +403,7 @@ def _cache_clear(options: argparse.Namespace) -> int:
     """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
     from fmu_didim.cache import entries, file_digest, remove_entry
 
-    if options.file is not None and not options.file.is_file():
+    if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
     found = list(entries(file_digest(options.file) if options.file is not None else ""))
     for entry in found:
@@ -371,6 +428,10 @@ def _assignments(texts: list[str]) -> dict[str, float]:
 def _stem(case: Path) -> str:
     """A folder name that tells cases of one folder apart: ``scara-identify``."""
     return f"{case.resolve().parent.name}-{case.stem}"
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
 
 
 def _summary_on(display: Display, options: argparse.Namespace) -> Callable[[Outcome | Discovered], None]:

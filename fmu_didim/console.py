@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from fmu_didim.terminal import harmless
+
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.live import Live
@@ -65,15 +67,10 @@ def show(text: str, *, stream: Any = None, console: Console | None = None) -> No
     from rich.console import Console
     from rich.text import Text
 
-    styled = Text(_harmless(text))
+    styled = Text(harmless(text))
     for pattern, style in _STYLES:
         styled.highlight_regex(pattern, style)
     (console or Console(file=raw(stream))).print(styled, soft_wrap=True, highlight=False)
-
-
-def _harmless(text: str) -> str:
-    """Text without characters that steer a terminal, which a name in a file may hold."""
-    return "".join(c if c.isprintable() or c in "\n\t" else f"\\x{ord(c):02x}" for c in text)
 
 
 class Display:
@@ -125,7 +122,7 @@ class Display:
             print(f"{now:6.1f} s  {text}", flush=True)
             return
         if self._now and " of " not in self._now:  # a counter is written over by the next one
-            self._live.console.print(f"{self._begun:6.1f} s  {_harmless(self._now)}", markup=False, highlight=False)
+            self._live.console.print(f"{self._begun:6.1f} s  {harmless(self._now)}", markup=False, highlight=False)
         self._now, self._begun = text, now
         self._live.refresh()
 
@@ -145,7 +142,7 @@ class Display:
         from rich.text import Text
 
         working = Text(
-            f"{since_start():6.1f} s  {_harmless(self._now)}", style="cyan", no_wrap=True, overflow="ellipsis"
+            f"{since_start():6.1f} s  {harmless(self._now)}", style="cyan", no_wrap=True, overflow="ellipsis"
         )
         if not self._iterations:
             return working
@@ -171,7 +168,7 @@ class Display:
             )
             change = f"{it.change:.2e}" if math.isfinite(it.change) else ""
             table.add_row(
-                f"{now:.1f} s", f"{it.stage} {it.number}", error, change, _harmless(it.note).replace("[", "\\[")
+                f"{now:.1f} s", f"{it.stage} {it.number}", error, change, harmless(it.note).replace("[", "\\[")
             )
         return table
 

@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,9 @@ from pydantic_core import CoreSchema
 from yaml.composer import ComposerError
 from yaml.constructor import ConstructorError
 
+from fmu_didim.docstrings import about, key_texts
 from fmu_didim.errors import InputError
+from fmu_didim.files import is_file
 
 MAXIMUM_BYTES = 256 * 2**10
 MAXIMUM_VALUES = 50_000
@@ -40,9 +42,29 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Strict(BaseModel):
-    """Base of the document models: unknown keys are errors, values do not change."""
+    """Base of the document models: unknown keys are errors, values do not change, numbers are finite.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    The JSON Schema tells of each key what the docstring of the class says of it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler(core)
+        own = handler.resolve_ref_schema(schema)
+        own["description"] = about(cls)
+        texts = key_texts(cls, cls.model_fields) | {"schema_version": "Number of this form of the document."}
+        for name, info in cls.model_fields.items():
+            if name in texts:
+                own["properties"][info.alias or name].setdefault("description", texts[name])
+        return schema
+
+
+class Saved(Strict):
+    """Base of the models of results, which may say that something is not known."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
 
 
 @dataclass(frozen=True)
@@ -92,15 +114,18 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
             is, or a key occurs twice in it.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The file does not exist.", where=str(path), next_step="Check the path.")
-    size = path.stat().st_size
+    try:
+        size = path.stat().st_size
+        raw = path.read_bytes() if size <= MAXIMUM_BYTES else b""
+    except OSError as error:
+        raise InputError("The file cannot be read.", where=str(path), got=str(error)) from error
     if size > MAXIMUM_BYTES:
         raise InputError(
             "The file is too large for a description.", where=str(path), got=f"{size} bytes",
             valid=f"at most {MAXIMUM_BYTES}", next_step="Put signals into CSV, MAT or Parquet files.",
         )  # fmt: skip
-    raw = path.read_bytes()
     try:
         content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
     except UnicodeDecodeError as error:
@@ -187,21 +212,25 @@ def validate(model: type[Model], content: dict[str, Any], *, where: str, lines: 
     open_ = [] if lines is None else [f"{place}: still to be filled in{note}" for place, note in lines.unfilled()]
     try:
         made = model.model_validate(content)
-        details = []
     except ValidationError as error:
-        made, cause = None, error
-        details = [d for d in error.errors(include_url=False) if not open_ or d.get("input") != TO_FILL_IN]
-    if made is not None and not open_:
-        return made
-    problems = open_ + [
-        ("" if lines is None else lines.of(detail["loc"])) + _problem(detail, model)
-        for detail in details[:MOST_PROBLEMS]
-    ]
-    count = "a problem" if len(open_) + len(details) == 1 else f"{len(open_) + len(details)} problems"
-    problems += ["and others"] if len(details) > MOST_PROBLEMS else []
-    raise InputError(f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in problems), where=where) from (
-        cause if made is None else None
-    )
+        raise problems_error([*open_, *problems(error, model, lines)], where=where) from error
+    if open_:
+        raise problems_error(open_, where=where)
+    return made
+
+
+def problems(error: ValidationError, model: type[BaseModel], lines: Lines | None = None) -> list[str]:
+    """What is wrong with a document, each with its line, its path and the valid names; what is to be filled in is
+    left out."""
+    details = [d for d in error.errors(include_url=False) if lines is None or d.get("input") != TO_FILL_IN]
+    return [("" if lines is None else lines.of(d["loc"])) + _problem(d, model) for d in details]
+
+
+def problems_error(found: Sequence[str], *, where: str) -> InputError:
+    """The error that lists problems of a file."""
+    count = "a problem" if len(found) == 1 else f"{len(found)} problems"
+    listed = [*found[:MOST_PROBLEMS], *(["and others"] if len(found) > MOST_PROBLEMS else [])]
+    return InputError(f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where)
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:

@@ -8,10 +8,22 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
+
+MOST_NAMES = 60
+"""Names that a message lists; of a table with thousands of columns nobody reads more."""
+LONGEST_NAME = 200
+"""Characters of a name that is compared with others; those of machines and models have some tens."""
 
 
 class FmuDidimError(Exception):
-    """Root of all errors raised by the framework."""
+    """Root of all errors raised by the framework.
+
+    Attributes:
+        component: the component of the loop that failed by itself, which nobody else is to be blamed for; "" if none.
+    """
+
+    component = ""
 
     def __init__(
         self, what: str, *, where: str = "", got: object = None, valid: Iterable[str] | str = (), next_step: str = ""
@@ -19,9 +31,21 @@ class FmuDidimError(Exception):
         self.what = what
         self.where = where
         self.got = got
-        self.valid = valid if isinstance(valid, str) else ", ".join(valid)
+        self.valid = valid if isinstance(valid, str) else _listed(list(valid))
         self.next_step = next_step
         super().__init__(self._text())
+
+    def in_component(self, name: str, time: float | None) -> Self:
+        """This error, told as that of a component of the loop at a time in s; None: in its initialisation.
+
+        The first component to which it is told counts.
+        """
+        if not self.component:
+            when = " in its initialisation" if time is None else f" at t = {time:.6g} s"
+            told = f"The {name} failed{'' if ' at t = ' in self.what else when}: {self.what}"
+            self.component, self.what = name, told
+            self.args = (self._text(),)
+        return self
 
     def _text(self) -> str:
         lines = [self.what]
@@ -36,6 +60,12 @@ class FmuDidimError(Exception):
         return "\n".join(lines)
 
 
+def _listed(names: list[str]) -> str:
+    """Names in one line, the first ones of very many."""
+    shown = ", ".join(names[:MOST_NAMES])
+    return shown if len(names) <= MOST_NAMES else f"{shown} and {len(names) - MOST_NAMES} others"
+
+
 class InputError(FmuDidimError):
     """A file, an option or a value given by the user cannot be used."""
 
@@ -45,7 +75,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], *, where: str = "") -> None:
         names = list(valid)
-        near = difflib.get_close_matches(name, names, n=1)
+        near = difflib.get_close_matches(name[:LONGEST_NAME], [n for n in names if len(n) <= LONGEST_NAME], n=1)
         super().__init__(
             f"There is no {kind} named '{name}'.",
             where=where,
@@ -68,10 +98,14 @@ class SimulationError(FmuDidimError):
 
 
 class DivergedError(SimulationError):
-    """A closed-loop simulation left every sensible range or returned NaN."""
+    """A closed-loop simulation left every sensible range or returned NaN.
 
-    def __init__(self, what: str, *, time: float, where: str = "", next_step: str = "") -> None:
-        self.time = time
+    Attributes:
+        time: s; is_finite: whether the value that was out of range is a number.
+    """
+
+    def __init__(self, what: str, *, time: float, where: str = "", next_step: str = "", is_finite: bool = True) -> None:
+        self.time, self.is_finite = time, is_finite
         super().__init__(what, where=where, got=f"t = {time:.6g} s", next_step=next_step)
 
 

@@ -13,11 +13,19 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from fmu_didim.documents import Positive, Strict
+from fmu_didim.errors import InputError
 from fmu_didim.signals import Array, Trajectory, trajectory
+
+MOST_VALUES = 30_000_000
+"""Values of a table of motion: 28 minutes of six joints at 1 kHz, a quarter of a gigabyte."""
 
 
 class Excitation(Strict):
-    """A reference trajectory given by a formula."""
+    """A reference trajectory given by a formula.
+
+    Attributes:
+        kind: which formula.
+    """
 
     kind: str
 
@@ -36,7 +44,14 @@ class Excitation(Strict):
         """q, dq, ddq at (N,) instants from 0, (N, n) each."""
 
     def trajectory(self, rate_hz: float) -> Trajectory:
-        """The trajectory sampled at a rate, both ends included."""
+        """The trajectory sampled at a rate, both ends included; raises InputError if that is more than memory holds."""
+        count = self.length_s * rate_hz * 3 * self.joint_count
+        if not count <= MOST_VALUES:
+            raise InputError(
+                "The reference is too long for its rate.", where="reference",
+                got=f"{self.length_s:g} s at {rate_hz:g} Hz, {self.joint_count} joints",
+                valid=f"at most {MOST_VALUES} values of q, dq and ddq", next_step="Shorten it, or lower the rate.",
+            )  # fmt: skip
         time = np.arange(round(self.length_s * rate_hz) + 1) / rate_hz
         parts = dict(zip(("q", "dq", "ddq"), self.motion(time), strict=True))
         joints = range(self.joint_count)
@@ -44,7 +59,12 @@ class Excitation(Strict):
 
 
 class FourierJoint(Strict):
-    """Coefficients of one joint: q = offset + sum_k cosine_k cos(k w t) + sine_k sin(k w t)."""
+    """Coefficients of one joint: q = offset + sum_k cosine_k cos(k w t) + sine_k sin(k w t).
+
+    Attributes:
+        offset: rad or m.
+        cosine, sine: one coefficient a harmonic, k = 1, 2, ..., in rad or m.
+    """
 
     offset: float = 0.0
     cosine: tuple[float, ...]
@@ -58,7 +78,12 @@ class FourierJoint(Strict):
 
 
 class Fourier(Excitation):
-    """Periodic excitation by a finite Fourier series (Swevers et al. 1997), w = 2 pi fundamental_hz."""
+    """Periodic excitation by a finite Fourier series (Swevers et al. 1997), w = 2 pi fundamental_hz.
+
+    Attributes:
+        fundamental_hz: frequency of the first harmonic; duration_s: length of the motion.
+        joints: coefficients of each joint.
+    """
 
     kind: Literal["fourier"] = "fourier"
     fundamental_hz: Positive
@@ -126,14 +151,23 @@ class PointToPoint(Excitation):
 
 
 class ChirpJoint(Strict):
-    """One joint of a chirp: amplitude and centre of its oscillation."""
+    """One joint of a chirp: amplitude and centre of its oscillation.
+
+    Attributes:
+        amplitude, offset: rad or m.
+    """
 
     amplitude: float
     offset: float = 0.0
 
 
 class Chirp(Excitation):
-    """q = offset + amplitude sin(phi(t)), the frequency phi'/(2 pi) rising linearly from start_hz to stop_hz."""
+    """q = offset + amplitude sin(phi(t)), the frequency phi'/(2 pi) rising linearly from start_hz to stop_hz.
+
+    Attributes:
+        start_hz, stop_hz: frequency at the begin and at the end; duration_s: length of the motion.
+        joints: amplitude and centre of each joint.
+    """
 
     kind: Literal["chirp"] = "chirp"
     start_hz: Positive

@@ -98,8 +98,12 @@ def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:
         residual, leverage: (N, n).
         floor: (n,) smallest value, so that noise-free data have weights too.
     """
-    freedom = residual.shape[0] - leverage.sum(axis=0)
-    return np.asarray(np.maximum(np.sqrt((residual**2).sum(axis=0) / np.maximum(freedom, 1.0)), floor))
+    return deviation_of_sums((residual**2).sum(axis=0), residual.shape[0] - leverage.sum(axis=0), floor=floor)
+
+
+def deviation_of_sums(squares: Array, freedom: Array, *, floor: Array) -> Array:
+    """The same from sums of squares and degrees of freedom, both (n,)."""
+    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(freedom, 1.0)), floor))
 
 
 def influence_of_instruments(w: Array, s: Array) -> Array:

@@ -27,13 +27,14 @@ from fmu_didim.components import Component
 from fmu_didim.documents import validate
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
+from fmu_didim.files import is_file
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.parameters import Parameters
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Trajectory
 
 
@@ -48,6 +49,7 @@ class Case:
         base: that loop; step_size: communication step of the loop in s.
         estimator: with its options.
         signals: name of a file in the document -> the signals that are taken instead of reading it.
+        robot: the robot description, where the case names one.
     """
 
     document: CaseDocument
@@ -60,6 +62,7 @@ class Case:
     estimator: Estimator
     path: Path = Path()
     signals: Mapping[str, Trajectory] = field(default_factory=dict)
+    robot: RobotDescription | None = None
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{label}: {run.role}" for label, run in self.document.runs.items())
@@ -144,10 +147,9 @@ class Case:
             assert self.controller is not None  # the document says so
             n = self.parameters.joint_count
             system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
-        robot = None if self.document.robot is None else read_robot(self.folder / self.document.robot)
-        if robot is not None:
-            system = with_spliced_effects(system, robot, plant=self.plant_name)
-        return with_drive_gains(system, self.document, robot, plant=self.plant_name)
+        if self.robot is not None:
+            system = with_spliced_effects(system, self.robot, plant=self.plant_name)
+        return with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
 
     @property
     def plant_name(self) -> str:
@@ -197,7 +199,8 @@ def load_case(
     else:
         document, path = read_case(source), Path(source)
         folder = path.parent
-    model = RobotModel(read_robot(folder / document.robot)) if document.robot is not None else None
+    robot = read_robot(folder / document.robot) if document.robot is not None else None
+    model = RobotModel(robot) if robot is not None else None
     controller, base = None, None
     if document.controller is not None:
         controller = component_of(document.controller, folder, controller_block)
@@ -208,7 +211,9 @@ def load_case(
         plant, step = base.components[document.plant.component], base.step_size
     parameters = identified(document, model, plant)
     estimator = make_estimator(document.estimator)
-    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, dict(signals or {}))
+    case = Case(
+        document, folder, parameters, plant, controller, base, step, estimator, path, dict(signals or {}), robot
+    )
     if require_torque:
         _ = case.model  # what is wrong with the data is found now
     return case
@@ -218,7 +223,7 @@ def _check_folder(document: CaseDocument, folder: Path) -> None:
     """Refuse a case in memory whose files are looked for in the wrong folder."""
     sources = [document.plant.source, document.controller.source if document.controller is not None else None]
     sources += [document.robot, document.system.source if document.system is not None else None]
-    absent = [name for name in sources if name is not None and ":" not in name and not (folder / name).is_file()]
+    absent = [name for name in sources if name is not None and ":" not in name and not is_file(folder / name)]
     if absent:
         raise InputError(
             "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),

@@ -16,6 +16,7 @@ from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, 
 from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
+from fmu_didim.files import is_file
 from fmu_didim.master import decimated_times, grid_places, sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.signals import Array, Trajectory
@@ -51,7 +52,7 @@ def resolve(source: SignalFile, folder: Path) -> Path:
     else:
         path = folder / source.file
         step = "Check the path in the case file; it is relative to the folder of that file."
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("A data file is absent.", where=str(path), next_step=f"{step} {source.obtain}".strip())
     return path
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import fields
@@ -43,12 +44,14 @@ class CaseDocument(Strict):
     """A case file.
 
     Attributes:
+        name: of the case, shown on top of its results; description: what it is about.
         robot: robot description (``.yaml``); a plant without one needs ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
         plant, controller: what runs in the loop.
         system: an SSP archive with both and their wiring, instead; ``plant`` then says which component carries the
             parameters.
+        loop: rate, order, delay and drive gains.
         experiments: label -> run, with its role; at least one is for the estimation.
         train, validation: the short form for two of them, with the labels ``estimation`` and ``validation``; cross
             validation is optional.
@@ -147,6 +150,8 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
     names = [f.name for f in fields(form)]  # type: ignore[arg-type]
     given = {name: value for name, value in options.items() if name != "kind"}
     problems = [f"unknown option '{name}' of {kind}; valid: {', '.join(names)}" for name in given if name not in names]
+    endless = [name for name, value in given.items() if isinstance(value, float) and not math.isfinite(value)]
+    problems += [f"{name} must be a finite number" for name in endless]
     if not problems:
         try:
             return TypeAdapter(form).validate_python(given)

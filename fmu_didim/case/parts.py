@@ -24,7 +24,7 @@ from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.export import build_fmu
-from fmu_didim.imports import import_object
+from fmu_didim.imports import import_object, run_code
 from fmu_didim.prediction.free_parameter import PLANT
 from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
 from fmu_didim.robot import RobotModel, read_robot
@@ -93,8 +93,9 @@ def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Pa
         if source.kind != "control":
             raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
         found = import_object(named, folder=folder, where="case")
-        system = found() if callable(found) and not hasattr(found, "nstates") else found
-        component = wrap_control(system, origin=named, initial_state=source.initial_state, substeps=source.substeps)
+        if callable(found) and not hasattr(found, "nstates"):
+            found = run_code(found, what="function", where="case", got=named)
+        component = wrap_control(found, origin=named, initial_state=source.initial_state, substeps=source.substeps)
     else:
         block = make_block(folder / named if named is not None else None)
         component = _from_block(block, source)

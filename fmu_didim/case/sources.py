@@ -93,6 +93,13 @@ class Loop(Strict):
     drive_gains: tuple[float, ...] | None = None
     injections: Mapping[str, str] = Field(default_factory=dict)
 
+    @field_validator("drive_gains")
+    @classmethod
+    def _some_torque(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None and 0.0 in value:
+            raise ValueError("a drive with the gain 0 moves nothing")
+        return value
+
     @model_validator(mode="after")
     def _one_delay(self) -> Loop:
         if self.delay_s is not None and self.delay_samples:
@@ -128,6 +135,7 @@ class ReferenceFile(SignalFile):
     Attributes:
         resample: whether rows at other instants, such as those of a jittered clock, are brought to the control rate by
             a cubic spline through them; they are refused otherwise.
+        period_s: length of a period of the motion; warm_up_s: how much earlier the simulation starts, at most a period.
     """
 
     resample: bool = False
@@ -168,6 +176,8 @@ class ExperimentSource(Strict):
     """Reference, torque and, for some estimators, positions of one run.
 
     Attributes:
+        reference: what the controller is told to follow: a file with a row a control period, or a formula (``kind:``).
+        torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
         own: names of parameters that have values of their own in this experiment, such as those of a link with another
             payload; the others are shared by all experiments.
@@ -246,7 +256,11 @@ class IdentifiedParameter(Strict):
 
 
 class LowPassSource(Strict):
-    """Zero-phase Butterworth filter of torque and regressor."""
+    """Zero-phase Butterworth filter of torque and regressor.
+
+    Attributes:
+        cutoff_hz: where its gain has fallen by 3 dB in each of the two directions; order: of the filter in each.
+    """
 
     cutoff_hz: Positive
     order: Annotated[int, Field(ge=1, le=10)] = 4

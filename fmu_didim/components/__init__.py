@@ -1,6 +1,6 @@
 """What runs in the loop: FMUs, python-control systems and CasADi models behind one interface."""
 
-from fmu_didim.components.base import Component, Instance, rename
+from fmu_didim.components.base import Component, Instance, SameObject, rename
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.control import ControlComponent, block_as_control
 from fmu_didim.components.fmu import FmuComponent, load_fmu
@@ -13,6 +13,7 @@ __all__ = [
     "FmuComponent",
     "Instance",
     "ModelComponent",
+    "SameObject",
     "block_as_control",
     "load_fmu",
     "rename",

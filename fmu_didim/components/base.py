@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -142,6 +142,19 @@ class Instance(ABC):
         """Release what the instance holds; it must not be used afterwards."""
 
 
+@dataclass(frozen=True, eq=False)
+class SameObject:
+    """An immutable object as a part of a key: only the very same object is equal, and it lives as long as the key."""
+
+    value: object
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SameObject) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
 class Component(ABC):
     """Immutable and picklable description of something that runs in the loop.
 
@@ -177,6 +190,13 @@ class Component(ABC):
 
     def pool_key(self) -> Hashable | None:
         """What components have in common whose instances can stand in for each other after a restart; None: nothing."""
+        return None
+
+    def response_key(self) -> Hashable | None:
+        """All that decides how it answers to its inputs, values of its parameters included.
+
+        None: that is not known, or it need not answer twice alike, such as an FMU of another tool.
+        """
         return None
 
     def compiled(self) -> Component:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,10 +10,18 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
-from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough, check_names
+from fmu_didim.components.base import (
+    Component,
+    Instance,
+    SameObject,
+    SampleClock,
+    block_feedthrough,
+    check_names,
+)
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
-from fmu_didim.errors import SimulationError
+from fmu_didim.errors import FmuDidimError, SimulationError
+from fmu_didim.imports import raised
 from fmu_didim.signals import Array, Variable
 
 StartFunction = Callable[[Array, Array], Array]
@@ -90,6 +98,9 @@ class ControlComponent(Component):
             return None
         return replace(self.block, inputs=self.inputs, outputs=self.outputs), self.substeps
 
+    def response_key(self) -> Hashable | None:
+        return SameObject(self) if self.block is not None or isinstance(self.system, _state_space()) else None
+
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         if self.block is not None:
             return block_feedthrough(self.block)
@@ -161,14 +172,29 @@ class _ControlInstance(Instance):
         if self._initialising:
             self._start()
         if self._live:
-            self.outputs[:] = self._output(self._time, self._x, self._held)
+            try:
+                self.outputs[:] = self._output(self._time, self._x, self._held)
+            except (Exception, SystemExit) as error:
+                raise self._failed("output", error) from error
 
     def step(self, time: float, size: float) -> None:
-        if self._clock is None:
-            self._integrate(time, size)
-        else:
-            self._sample(time, size)
+        try:
+            if self._clock is None:
+                self._integrate(time, size)
+            else:
+                self._sample(time, size)
+        except FmuDidimError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise self._failed("update", error) from error
         self._time = time + size
+
+    def _failed(self, what: str, error: BaseException) -> SimulationError:
+        """What a function of the user raised."""
+        return SimulationError(
+            f"its {what} function cannot be run: {raised(error)}.", where=self._component.origin,
+            next_step="Mend the python-control system.",
+        )  # fmt: skip
 
     def _integrate(self, time: float, size: float) -> None:
         count = self._count or self._choose(size)

@@ -57,6 +57,7 @@ class ControlLaw(Strict):
     Attributes:
         law: name of the law.
         name: identifier of the controller (a legal C name).
+        description: what it is; source: where law and gains come from.
         joints: the type of each joint.
         rate_hz: sample rate; the command is held over one period (zero-order hold).
         command_unit: unit of the command (N.m, N, V, A).

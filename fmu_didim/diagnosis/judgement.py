@@ -9,13 +9,17 @@ from typing import Literal
 from pydantic import Field
 
 from fmu_didim.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
 
 
-class DiagnosticResult(Strict):
-    """A diagnostic as it is saved."""
+class DiagnosticResult(Saved):
+    """A diagnostic as it is saved.
+
+    Attributes:
+        unit: FMI unit string of value and bound.
+    """
 
     code: str = Field(description="stable name of its kind")
     place: str = Field(description="experiment, joint, parameter or file; empty where it is about all of them")

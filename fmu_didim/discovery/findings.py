@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from fmu_didim.cache import whole_file
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
 
 FINDINGS_FILE = "findings.json"
@@ -25,12 +25,17 @@ ANSWER_TEXT: dict[str, str] = {
 }
 
 
-class _Document(Strict):
+class _Document(Saved):
     model_config = ConfigDict(populate_by_name=True)
 
 
 class ValueFound(_Document):
-    """A parameter with its 95 % interval."""
+    """A parameter with its 95 % interval.
+
+    Attributes:
+        name: with the number of the joint; unit: FMI unit string; value: estimate, in the unit.
+        std: standard deviation; null where the data do not bound the value; interval: of 95 %, by Student's t.
+    """
 
     name: str
     unit: str
@@ -40,7 +45,11 @@ class ValueFound(_Document):
 
 
 class Rival(_Document):
-    """Another effect that may stand for the same gap."""
+    """Another effect that may stand for the same gap.
+
+    Attributes:
+        effect: its name in the catalogue; title: in words; joint: from 1.
+    """
 
     effect: str
     title: str
@@ -49,7 +58,12 @@ class Rival(_Document):
 
 
 class GapPair(_Document):
-    """Gap before and after, in units of the noise, over all joints and of each joint."""
+    """Gap before and after, in units of the noise, over all joints and of each joint.
+
+    Attributes:
+        before, after: over all joints; null where the model cannot be simulated.
+        before_per_joint, after_per_joint: of each joint.
+    """
 
     before: Number
     after: Number
@@ -58,7 +72,17 @@ class GapPair(_Document):
 
 
 class FindingResult(_Document):
-    """One named effect."""
+    """One named effect.
+
+    Attributes:
+        effect: its name in the catalogue; title: in words; equation: what it does, in one line.
+        class_: of effects that ordinary data cannot tell apart.
+        place: where it acts: torque balance, drive, sensor, structure or measurement.
+        parameters: its amplitudes and shapes.
+        share_of_gap: part of the squared gap of its joint that it closes.
+        delta_bic: gain in BIC over the model without it.
+        ambiguous: what these data cannot tell from it.
+    """
 
     effect: str
     title: str
@@ -76,7 +100,14 @@ class FindingResult(_Document):
 
 
 class RegionResult(_Document):
-    """Where the residual of the base model has a mean of its own."""
+    """Where the residual of the base model has a mean of its own.
+
+    Attributes:
+        joint: from 1; quantity: what the residual goes with, such as ``velocity``; unit: of low and high.
+        low, high: range of the quantity; mean: of the residual there, in the unit of the torque of the joint.
+        share_of_gap: part of the squared model error of the joint that the means of all bins of the quantity explain.
+        p_value: probability of such a mean by noise alone.
+    """
 
     joint: int
     quantity: str
@@ -89,7 +120,13 @@ class RegionResult(_Document):
 
 
 class WindowResult(_Document):
-    """An interval of time with a torque from outside."""
+    """An interval of time with a torque from outside.
+
+    Attributes:
+        joint: from 1; begin_s, end_s: on the clock of the reference.
+        score: mean of the residual there, in its standard deviations.
+        experiment: label of the experiment.
+    """
 
     joint: int
     begin_s: float
@@ -100,7 +137,13 @@ class WindowResult(_Document):
 
 
 class NoiseResult(_Document):
-    """Noise of the torque log."""
+    """Noise of the torque log.
+
+    Attributes:
+        source: how it was found: ``periods`` that repeat, or the ``residual`` above the frequencies of the motion.
+        std: standard deviation of each joint; correlation: of neighbouring samples, of each joint.
+        period_s: length of the periods that were compared, null without; periods: how many of them.
+    """
 
     source: str
     std: list[float]
@@ -110,7 +153,11 @@ class NoiseResult(_Document):
 
 
 class UnfinishedResult(_Document):
-    """How far a search is that did not come to its end."""
+    """How far a search is that did not come to its end.
+
+    Attributes:
+        text: why it ended; next_step: what to do about it.
+    """
 
     code: str = Field(description="of the diagnostic")
     text: str
@@ -120,7 +167,12 @@ class UnfinishedResult(_Document):
 
 
 class CandidateResult(_Document):
-    """A candidate that was worth a fit in the closed loop, and what became of it."""
+    """A candidate that was worth a fit in the closed loop, and what became of it.
+
+    Attributes:
+        effect: its name in the catalogue; joint: from 1.
+        outcome: what became of it.
+    """
 
     round: int = Field(description="from 1")
     effect: str
@@ -130,7 +182,21 @@ class CandidateResult(_Document):
 
 
 class FindingsDocument(_Document):
-    """The content of ``findings.json``; while the search goes on, the best answer so far."""
+    """The content of ``findings.json``; while the search goes on, the best answer so far.
+
+    Attributes:
+        name: of the case.
+        findings: the effects that were named, in the order in which they were added.
+        ratio_interval: 95 % interval of the RMS of final over base model on held-out data; null without.
+        noise: of the torque logs.
+        regions: where the residual of the base model has a mean of its own.
+        windows: intervals of time with a torque from outside.
+        base_parameters: the parameters of the base model in the final fit.
+        torque_unit: FMI unit string of the torque of each joint.
+        seconds: that the search took.
+        notes: what is to be known of data and search.
+        provenance: versions, digests of all files that were read, options, thresholds, catalogue and loop.
+    """
 
     schema_version: Literal[3] = 3
     name: str

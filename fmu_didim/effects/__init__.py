@@ -79,7 +79,7 @@ from fmu_didim.effects.torque_saturation import TorqueSaturation
 from fmu_didim.effects.viscous import Viscous
 from fmu_didim.effects.wrist_friction import WristFriction
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.imports import import_object
+from fmu_didim.imports import import_object, run_code
 
 _ALL: tuple[Effect, ...] = (
     # torque balance
@@ -109,7 +109,8 @@ def find_effect(name: str) -> Effect:
     found = EFFECTS.get(name)
     if ":" in name:
         found = import_object(name, where="effects of a joint")
-        found = found() if isinstance(found, type) and issubclass(found, Effect) else found
+        if isinstance(found, type) and issubclass(found, Effect):
+            found = run_code(found, what="effect", where="effects of a joint", got=name)
     elif found is None:
         raise UnknownNameError("effect", name, EFFECTS)
     if not isinstance(found, TorqueEffect | NonlinearEffect):

@@ -34,6 +34,7 @@ _FLAGS: dict[str, tuple[str, ...]] = {
 }
 _WINDOWS_LIBRARIES = tuple(f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("math", "heap", "stdio", "string", "private"))
 """Windows' own C library, by the names under which it is linked."""
+_ATTENDED = Path(__file__).with_name("attended.py")
 _log = logging.getLogger(__name__)
 SECONDS, SECONDS_A_BYTE = 0.4, 8e-6
 """What compiling takes at least, and for each byte of the sources, on one common core: 0.4 s for a gain, 3 to 4 s for
@@ -156,7 +157,7 @@ def compile_shared_library(source_dir: Path, output: Path, *, main: str, compile
 
 def _built_lean(chosen: Compiler, source_dir: Path, target: str, main: str, what: str) -> bool:
     """Whether the library could be linked without the compiler's own run-time library; the code itself must compile."""
-    with tempfile.TemporaryDirectory(prefix="fmu_didim-") as name:
+    with tempfile.TemporaryDirectory(prefix="objects-", dir=source_dir) as name:
         objects = [f"{name}/main.o"]
         _run([*chosen.command, *chosen.flags, "-c", "-o", objects[0], main], cwd=source_dir, what=what)
         if chosen.runtime:
@@ -190,14 +191,22 @@ def _run(command: Sequence[str], *, what: str, cwd: Path | None = None) -> str:
         environment.setdefault(name, str(cache_directory() / "zig"))
     where = shlex.join(command)
     try:
-        done = subprocess.run(
-            command, cwd=cwd, env=environment, capture_output=True, text=True, errors="replace", timeout=TIMEOUT
-        )
+        with subprocess.Popen(
+            [sys.executable, "-I", "-S", str(_ATTENDED), *command], cwd=cwd, env=environment, text=True,
+            errors="replace", stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            start_new_session=True,
+        ) as process:  # fmt: skip
+            held, process.stdin = process.stdin, None  # open for as long as the command is wanted
+            try:
+                output, errors = process.communicate(timeout=TIMEOUT)
+            finally:  # after Ctrl-C, too
+                assert held is not None
+                held.close()
     except OSError as error:
         raise BuildError(what, where=where, got=str(error), next_step=_ADVICE) from error
     except subprocess.TimeoutExpired as error:
         raise BuildError(what, where=where, got=f"no end after {TIMEOUT:g} s", next_step=_ADVICE) from error
-    if done.returncode != 0:
-        text = (done.stderr + done.stdout).strip()[-4000:] or f"exit status {done.returncode}"
+    if process.returncode != 0:
+        text = (errors + output).strip()[-4000:] or f"exit status {process.returncode}"
         raise BuildError(what, where=where, got=text, next_step=_ADVICE)
-    return done.stdout
+    return output

@@ -116,7 +116,7 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
     sources[CONFIG_FILE] = generate_config(block, guid=guid)
     sources[EQUATIONS_FILE] = generate_c(block)
     sources.update(fmi.sources(block))
-    with tempfile.TemporaryDirectory(prefix="fmu_didim-") as name:
+    with tempfile.TemporaryDirectory(prefix="sources-", dir=path.parent) as name:  # gone with it, if this is killed
         source_dir = Path(name)
         for file_name, text in sources.items():
             (source_dir / file_name).write_text(text, encoding="utf-8", newline="\n")

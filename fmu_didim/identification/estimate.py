@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
-from fmu_didim.errors import IdentificationError
+from fmu_didim.errors import FmuDidimError, IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.roughness import Roughness
@@ -161,7 +161,19 @@ class RefusedError(IdentificationError):
         next_step: str = "",
         values: Array | None = None,
         deviation: Array | None = None,
+        where: str = "",
     ) -> None:
         self.iterations = tuple(iterations)
         self.values, self.deviation = values, deviation
-        super().__init__(what, got=got, next_step=next_step)
+        super().__init__(what, where=where, got=got, next_step=next_step)
+
+    def because_of(self, failure: FmuDidimError | None) -> RefusedError:
+        """This refusal, headed by the first failure of a component in its runs, where it led to no minimum."""
+        if failure is None or self.deviation is not None or failure.what == self.what:
+            return self
+        told = (failure.got, f"so that there is no answer: {self.what}", self.got)
+        return RefusedError(
+            failure.what, iterations=self.iterations, got="; ".join(str(part) for part in told if part),
+            next_step=failure.next_step or f"Find out why the {failure.component} fails there.",
+            values=self.values, where=failure.where,
+        )  # fmt: skip

@@ -15,14 +15,14 @@ from pydantic import Field, ValidationError
 
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.documents import Number, Strict
+from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
 from fmu_didim.signals import trajectory, write_csv
 
 RESULT_FILE = "result.json"
 
 
-class ParameterResult(Strict):
+class ParameterResult(Saved):
     """One identified parameter."""
 
     value: float = Field(description="estimate, in the unit")
@@ -35,7 +35,7 @@ class ParameterResult(Strict):
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
 
 
-class UnconstrainedResult(Strict):
+class UnconstrainedResult(Saved):
     """A value that was refused."""
 
     value: float = Field(description="where the iterations led, in the unit")
@@ -43,23 +43,40 @@ class UnconstrainedResult(Strict):
     unit: str = Field(description="FMI unit string")
 
 
-class StageResult(Strict):
-    """Values at the end of a stage, by parameter."""
+class StageResult(Saved):
+    """Values at the end of a stage, by parameter.
+
+    Attributes:
+        value: name of each parameter -> estimate; std: its standard deviation, in the same unit.
+    """
 
     value: dict[str, float]
     std: dict[str, float]
     formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
 
 
-class ErrorResult(Strict):
-    """Relative torque error 100 |y - y_s| / |y|."""
+class ErrorResult(Saved):
+    """Relative torque error 100 |y - y_s| / |y|.
+
+    Attributes:
+        total: over all joints, in percent; per_joint: of each joint, in percent.
+    """
 
     total: Number
     per_joint: list[Number]
 
 
-class IterationResult(Strict):
-    """One iteration."""
+class IterationResult(Saved):
+    """One iteration.
+
+    Attributes:
+        stage: ``didim`` or ``finish``, or that of another estimator; number: within the stage, from 1.
+        relative_error_percent: of the simulated torque; null where it could not be simulated.
+        change: of the values in this step, relative to them.
+        condition_number: of the scaled regressor or sensitivity.
+        parameters: values that were simulated.
+        note: what was caught in it, or empty.
+    """
 
     stage: str
     number: int
@@ -70,7 +87,7 @@ class IterationResult(Strict):
     note: str
 
 
-class ColumnResult(Strict):
+class ColumnResult(Saved):
     """A column of the regressor, from the plant against from the robot description."""
 
     difference: float = Field(description="relative")
@@ -79,8 +96,14 @@ class ColumnResult(Strict):
     joint: int = Field(description="where they differ most")
 
 
-class ConsistencyResult(Strict):
-    """Whether a plant that was given apart from the robot description agrees with it."""
+class ConsistencyResult(Saved):
+    """Whether a plant that was given apart from the robot description agrees with it.
+
+    Attributes:
+        agrees: whether all differences are within what rounding and probing leave.
+        acceleration: where the accelerations of the plant come from.
+        warnings: what differs, in words.
+    """
 
     agrees: bool
     worst: Number = Field(description="largest of all relative differences")
@@ -92,8 +115,12 @@ class ConsistencyResult(Strict):
     warnings: list[str]
 
 
-class AgreementResult(Strict):
-    """Whether an experiment agrees with the others on what they share."""
+class AgreementResult(Saved):
+    """Whether an experiment agrees with the others on what they share.
+
+    Attributes:
+        agrees: whether the p-value is above the level of the test.
+    """
 
     p_value: float = Field(description="of as much disagreement by noise alone")
     agrees: bool
@@ -101,8 +128,14 @@ class AgreementResult(Strict):
     change_in_std: float = Field(description="by how many standard deviations")
 
 
-class ExperimentResult(Strict):
-    """One experiment."""
+class ExperimentResult(Saved):
+    """One experiment.
+
+    Attributes:
+        role: whether the parameters were fitted to it, or only judged by it.
+        samples: instants of its torque log.
+        relative_error_percent: of its simulated torque.
+    """
 
     role: Literal["estimation", "validation"]
     samples: int
@@ -114,8 +147,12 @@ class ExperimentResult(Strict):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
-class NoiseResult(Strict):
-    """Noise that the residual of a joint shows, in all fitted logs of one rate."""
+class NoiseResult(Saved):
+    """Noise that the residual of a joint shows, in all fitted logs of one rate.
+
+    Attributes:
+        rate_hz: of the logs.
+    """
 
     joint: int = Field(description="counted from 1")
     rate_hz: float
@@ -132,15 +169,28 @@ class NoiseResult(Strict):
     )
 
 
-class IntegrationResult(Strict):
+class IntegrationResult(Saved):
     """How the plant was integrated."""
 
     method: str = Field(description="RK4, or the linearly implicit ROS2")
     substeps: int = Field(description="in a communication step")
 
 
-class ResultDocument(Strict):
-    """The content of ``result.json``."""
+class ResultDocument(Saved):
+    """The content of ``result.json``.
+
+    Attributes:
+        name, description: of the case.
+        advice: what to do where the iterations did not converge, else how they ended.
+        estimator: its name in the case.
+        parameters: name of each -> what was found; without entries where the result is refused.
+        stages: name of each stage -> values at its end.
+        condition_number: of the sensitivity with scaled columns, at the end.
+        history: iterations, in their order.
+        loop: components, wiring, rate, order and delay of the loop that was simulated.
+        remarks: what is to be known; the values stand.
+        provenance: versions, digests of all files that were read, options, thresholds and time.
+    """
 
     schema_version: Literal[3] = 3
     name: str

@@ -1,6 +1,7 @@
 """The master: wiring, order and time of the loop, and what is recorded."""
 
 from fmu_didim.master.interpreted import Observer
+from fmu_didim.master.kept import KeptRecordings, response_key
 from fmu_didim.master.pool import InstancePool
 from fmu_didim.master.recording import Recording
 from fmu_didim.master.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
@@ -12,6 +13,7 @@ __all__ = [
     "Connection",
     "Indices",
     "InstancePool",
+    "KeptRecordings",
     "Observer",
     "Recording",
     "SampleOperator",
@@ -20,6 +22,7 @@ __all__ = [
     "decimated_times",
     "grid_places",
     "logged_torque",
+    "response_key",
     "sample_operator",
     "simulate",
     "splice",

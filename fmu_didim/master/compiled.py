@@ -17,7 +17,7 @@ import numpy as np
 
 from fmu_didim.cache import cached_folder
 from fmu_didim.components.native import LINEAR, Native, NativeLinear
-from fmu_didim.errors import BuildError, SimulationError
+from fmu_didim.errors import BuildError, InputError, SimulationError
 from fmu_didim.export.build import compile_shared_library, find_compiler
 from fmu_didim.master.running import CHECK_INTERVAL, Part, Run
 
@@ -82,7 +82,7 @@ def loop_library() -> Any:
             compile_shared_library(folder, folder / "loop.library", main="loop.c", compiler=compiler)
 
         library = ctypes.CDLL(str(cached_folder("loop", key, fill) / "loop.library"))
-    except (BuildError, OSError):
+    except (BuildError, InputError, OSError):
         return None
     function = library.run_loop
     function.argtypes, function.restype = (_void, _int64, _int64, _int64), ctypes.c_int
@@ -221,12 +221,11 @@ def _error(run: Run, loop: _Loop, result: int, natives: list[Native]) -> Excepti
     name = run.parts[loop.failed_part].name
     native = natives[loop.failed_part]
     if result == _STOPPED or isinstance(native, NativeLinear):
-        return SimulationError(
-            "The FMU ended the simulation.", where=name, got=f"step from the tick at t = {time:.6g} s"
-        )
-    call = native.calls[loop.failed_call] + (f" at t = {time:.6g} s" if loop.failed_call == _STEP else "")
+        return SimulationError("The FMU ended the simulation.", where=name).in_component(name, time)
     try:
-        native.check(call, int(loop.status))
+        at = f" at t = {time:.6g} s" if loop.failed_call == _STEP else ""
+        native.check(native.calls[loop.failed_call] + at, int(loop.status))
     except SimulationError as error:
-        return error
-    return SimulationError("A component refused a step.", where=name, got=f"status {loop.status}")
+        return error.in_component(name, time)
+    failed = SimulationError("it refused a step.", where=name, got=f"status {loop.status}")
+    return failed.in_component(name, time)

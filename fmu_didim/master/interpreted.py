@@ -13,8 +13,10 @@ from fmu_didim.master.running import CHECK_INTERVAL, Run
 Observer = Callable[[int, Mapping[str, Instance]], None]
 
 
-def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolver | None = None) -> None:
-    """Run all ticks and fill the recording of the run."""
+def run_interpreted(
+    run: Run, observe: Observer | None = None, solver: LoopSolver | None = None, *, careful: bool = False
+) -> None:
+    """Run all ticks and fill the recording of the run; ``careful``: look at all values whenever they change."""
     h, t0, table, signals, rows = run.system.step_size, run.start, run.table, run.signals, run.rows
     count, parts, lag = table.shape[1], run.parts, run.lag
     instances = {part.name: part.instance for part in parts}
@@ -31,20 +33,26 @@ def run_interpreted(run: Run, observe: Observer | None = None, solver: LoopSolve
                 part.gather(signals)
             for part in due:
                 part.apply(time)
+                if careful:
+                    run.look(part, time)
         else:
             for part in due:
                 part.gather(signals)
                 part.apply(time)
+                if careful:
+                    run.look(part, time)
             if solver is not None:
                 solver.solve(signals, due, time)
         _record(run, k, count)
         if observe is not None and k >= lag and rows[k - lag] >= 0:
             observe(int(rows[k - lag]), instances)
-        if k % CHECK_INTERVAL == 0:
+        if careful or k % CHECK_INTERVAL == 0:
             _check_bounds(run, time)
         for part in parts:
             if k % part.every == part.every - 1 and not part.after_step:
                 part.advance(t0 + (k - part.every + 1) * h)
+                if careful:
+                    run.look(part, time + h)
     _check_bounds(run, time)
 
 

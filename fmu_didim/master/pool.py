@@ -7,6 +7,7 @@ import weakref
 from typing import Any
 
 from fmu_didim.components import Component, Instance
+from fmu_didim.errors import FmuDidimError
 
 
 class InstancePool:
@@ -17,10 +18,14 @@ class InstancePool:
 
     Args:
         size: instances kept of one component at most.
+
+    Attributes:
+        failure: the first error in a run by which a component failed whose equations are not known here.
     """
 
     def __init__(self, *, size: int = 4) -> None:
         self._size = size
+        self.failure: FmuDidimError | None = None
         self._kept: dict[Any, list[Instance]] = {}
         self._lock = threading.Lock()
         self._end = weakref.finalize(self, _close_all, self._kept)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.components import Instance
-from fmu_didim.errors import DivergedError, UnknownNameError
+from fmu_didim.errors import DivergedError, FmuDidimError, UnknownNameError
 from fmu_didim.master.memory import recording_memory
 from fmu_didim.master.pool import InstancePool
 from fmu_didim.master.system import REFERENCE, System, split_delay
@@ -85,12 +85,15 @@ class Part:
     def apply(self, time: float) -> None:
         """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
         size = self.step_size * self.every
-        if self.delayed:
-            self._through_the_line(time, size)
-        self.instance.set()
-        if self.after_step:
-            self._step(time + self.part * size, (1 - self.part) * size if self.part else size)
-        self.instance.get()
+        try:
+            if self.delayed:
+                self._through_the_line(time, size)
+            self.instance.set()
+            if self.after_step:
+                self._step(time + self.part * size, (1 - self.part) * size if self.part else size)
+            self.instance.get()
+        except FmuDidimError as error:
+            raise error.in_component(self.name, time) from error.__cause__
 
     def _through_the_line(self, time: float, size: float) -> None:
         line = self.line
@@ -106,8 +109,11 @@ class Part:
     def advance(self, begin: float) -> None:
         """From its communication point at ``begin`` to the next one, then the outputs there."""
         size = self.step_size * self.every
-        self._step(begin + self.part * size, (1 - self.part) * size if self.part else size)
-        self.instance.get()
+        try:
+            self._step(begin + self.part * size, (1 - self.part) * size if self.part else size)
+            self.instance.get()
+        except FmuDidimError as error:
+            raise error.in_component(self.name, begin) from error.__cause__
 
     def _step(self, time: float, size: float) -> None:
         piece = size / self.substeps
@@ -179,16 +185,20 @@ class Run:
     def initialise(self) -> None:
         """Initialisation mode: values pass around the loop until every component has seen all others."""
         self.signals[: self.table.shape[1]] = self.table[0]
-        for part in self.parts:
-            part.instance.begin_initialisation(self.start)
-        for _ in range(len(self.parts) + 1):
+        part = self.parts[0]
+        try:
             for part in self.parts:
-                part.gather(self.signals)
-                part.instance.set()
+                part.instance.begin_initialisation(self.start)
+            for _ in range(len(self.parts) + 1):
+                for part in self.parts:
+                    part.gather(self.signals)
+                    part.instance.set()
+                    part.instance.get()
+            for part in self.parts:
+                part.instance.end_initialisation()
                 part.instance.get()
-        for part in self.parts:
-            part.instance.end_initialisation()
-            part.instance.get()
+        except FmuDidimError as error:
+            raise error.in_component(part.name, None) from error.__cause__
 
     def diverged(self, i: int, time: float) -> DivergedError:
         """The error for signal ``i`` that left its bounds, or is no number."""
@@ -197,7 +207,23 @@ class Run:
         if np.isfinite(value):
             what += f", outside {self.lowest[i]:.3g} to {self.highest[i]:.3g}"
         advice = "Start from the reference trajectory (start: reference), or lower the gains."
-        return DivergedError(what + ".", time=time, next_step=advice)
+        return DivergedError(what + ".", time=time, next_step=advice, is_finite=bool(np.isfinite(value)))
+
+    def look(self, part: Part, time: float) -> None:
+        """Raise DivergedError where a part makes no number of numbers.
+
+        One whose equations are known here is not to be blamed for that: they have no solution for its values.
+        """
+        bad = np.flatnonzero(~np.isfinite(self.values[part.place]))
+        if not bad.size or not np.isfinite(part.inputs).all():
+            return
+        if self.system.components[part.name].equations() is not None:
+            raise self.diverged(part.place.start + int(bad[0]), time)
+        output = self.names[part.place.start + int(bad[0])]
+        raise DivergedError(
+            f"{output} = {self.values[part.place][bad[0]]}, while all its inputs are numbers.",
+            time=time, next_step=f"Mend the {part.name}, or keep its parameters in their range.",
+        ).in_component(part.name, time)  # fmt: skip
 
     def close(self, pool: InstancePool | None, *, reusable: bool) -> None:
         """Give the instances back to the pool, or close them."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.components.native import Native
-from fmu_didim.errors import DivergedError, InputError
+from fmu_didim.errors import DivergedError, FmuDidimError, InputError
 from fmu_didim.master.algebraic import LoopSolver, algebraic_loops, really_closed
 from fmu_didim.master.compiled import fits, loop_library, run_compiled
 from fmu_didim.master.interpreted import Observer, run_interpreted
@@ -46,19 +47,19 @@ def simulate(
     Raises:
         InputError: the reference does not fit the step or lacks a column; the components form an algebraic loop;
             ``compiled`` is True and a component is no C code.
-        DivergedError: a signal left its bounds or is not finite.
-        SimulationError: a component refused a step.
+        DivergedError: a signal left its bounds or is not finite; if that began with one component, ``component`` of
+            the error names it.
+        SimulationError, FmuError: a component refused a call, or ended its process.
     """
     _check_reference(system, reference, ticks)
     if ticks is None:
         ticks = _all_ticks(reference.time.size)
     if compiled is not False and observe is None and loop_library() is not None:
         system = _compiled_components(system)
-    run = assemble(system, reference, pool)
-    done = False
+    bounds = bounds or {}
     try:
-        run.prepare(ticks, bounds or {})
-        with np.errstate(all="ignore"):
+        with _running(system, reference, pool) as run:
+            run.prepare(ticks, bounds)
             run.initialise()
             solver = _loop_solver(run)
             natives = None if compiled is False or observe is not None or solver is not None else _natives(run)
@@ -68,13 +69,35 @@ def simulate(
                 run_compiled(run, natives)
             else:
                 run_interpreted(run, observe, solver)
-        done = True
-    except DivergedError:
-        done = True  # the components did nothing wrong, they can run again
+            return _recording(run, compiled=natives is not None)
+    except DivergedError as error:
+        if error.is_finite:
+            raise
+        first = error
+    # Signals are looked at every 32 ticks: by then what is no number has gone around the loop, and the first one in the
+    # order of the signals is not the first one in time.
+    with _running(system, reference, pool) as run:
+        run.prepare(ticks, bounds)
+        run.initialise()
+        run_interpreted(run, solver=_loop_solver(run), careful=True)
+    raise first  # it was one only once
+
+
+@contextmanager
+def _running(system: System, reference: Trajectory, pool: InstancePool | None) -> Iterator[Run]:
+    """A run whose instances go back to the pool, unless a component failed in it."""
+    run, reusable = assemble(system, reference, pool), False
+    try:
+        with np.errstate(all="ignore"):
+            yield run
+        reusable = True
+    except FmuDidimError as error:
+        reusable = isinstance(error, DivergedError)
+        if pool is not None and error.component and system.components[error.component].equations() is None:
+            pool.failure = pool.failure or error  # equations that are known here fail by the values they are given
         raise
     finally:
-        run.close(pool, reusable=done)
-    return _recording(run, compiled=natives is not None)
+        run.close(pool, reusable=reusable)
 
 
 def _compiled_components(system: System) -> System:
@@ -158,7 +181,7 @@ def _recording(run: Run, *, compiled: bool) -> Recording:
     if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
         time = float(run.ticks[bad] * run.system.step_size + run.start)
-        raise DivergedError("The closed loop gave values that are not finite.", time=time)
+        raise DivergedError("The closed loop gave values that are not finite.", time=time, is_finite=False)
     return Recording(
         ticks=run.ticks,
         start=run.start,

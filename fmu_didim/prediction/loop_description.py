@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from fmu_didim.components import Component
-from fmu_didim.master import InstancePool, System
+from fmu_didim.master import InstancePool, KeptRecordings, System
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.free_parameter import BASE, FreeParameter
@@ -46,7 +46,8 @@ class LoopDescription:
         substep_factor: multiplies the number of integration substeps of the plant.
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
-        pool: instances that run again, shared with all models made from this one.
+        pool: instances that run again; recordings: of the last runs, for those who ask for the same again. Both are
+            shared with all models made from this one.
         workers: simulations side by side, where compiled code runs the loop.
     """
 
@@ -65,6 +66,7 @@ class LoopDescription:
     substeps: int | None = None
     subdivision: int = 1
     pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
+    recordings: KeptRecordings = field(default_factory=KeptRecordings, compare=False, repr=False)
     workers: int = field(default_factory=default_workers, compare=False)
 
     # ---- what is free

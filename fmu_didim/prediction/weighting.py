@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.errors import IdentificationError
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY, Noise
 from fmu_didim.signals import Array
-from fmu_didim.statistics import LeastSquares, least_squares, noise_deviation
+from fmu_didim.statistics import LeastSquares, deviation_of_sums, least_squares
 
 
 def noise_floor(measured: Array) -> Array:
@@ -64,18 +65,60 @@ class NoiseOfResidual(Weighting):
         return Noise(deviation, np.zeros(deviation.size), "residual")
 
 
+@dataclass(frozen=True)
+class JointTriangles:
+    """A linear least squares problem brought to a triangle a joint by QR: all that its weights need, whatever they are.
+
+    Attributes:
+        triangles: [columns, target] of each joint, (min(N, p + 1), p + 1).
+        samples: N.
+    """
+
+    triangles: tuple[Array, ...]
+    samples: int
+
+    @staticmethod
+    def of(columns: Array, target: Array) -> JointTriangles:
+        """From columns (N, n, p) and a target (N, n)."""
+        both = np.concatenate([columns, target[:, :, None]], axis=2)
+        if not np.isfinite(both).all():
+            raise IdentificationError("The least squares problem holds values that are not finite.")
+        triangles = (np.asarray(np.linalg.qr(both[:, j], mode="r")) for j in range(both.shape[1]))
+        return JointTriangles(tuple(triangles), both.shape[0])
+
+    def squares(self, solution: Array) -> Array:
+        """(n,) sums of the squares of what a solution (p,) leaves of the target at each joint."""
+        return np.array([np.sum((t[:, -1] - t[:, :-1] @ solution) ** 2) for t in self.triangles])
+
+    def solved(self, deviation: Array, names: tuple[str, ...]) -> tuple[Array, Array]:
+        """Solution (p,) with the joints divided by deviations (n,), and the sums (n,) of the leverages of their rows.
+
+        Raises:
+            IdentificationError: as of :func:`~fmu_didim.statistics.least_squares`.
+        """
+        rows = np.vstack([t / d for t, d in zip(self.triangles, deviation, strict=True)])
+        found = least_squares(rows[:, :-1], rows[:, -1], names=names)
+        first = np.cumsum([0, *(t.shape[0] for t in self.triangles[:-1])])
+        return found.solution, np.add.reduceat(found.leverage, first)
+
+    def deviation(self, model: LoopModel, squares: Array, names: tuple[str, ...]) -> Array:
+        """(n,) deviations to weight with where the residual has these sums of squares (n,) at its joints."""
+        if model.torque_deviation is not None:
+            return model.torque_deviation
+        floor = noise_floor(model.measured)
+        if model.joint_weights == "equal":
+            whole = float(np.sqrt(squares.sum() / (self.samples * squares.size)))
+            return np.full(squares.size, max(whole, float(floor.max())))
+        first = deviation_of_sums(squares, np.full(squares.size, float(self.samples)), floor=floor)
+        return deviation_of_sums(squares, self.samples - self.solved(first, names)[1], floor=floor)
+
+
 def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
     """(n,) deviations to weight with, from a residual (N, n) left by columns (N, n, p)."""
     if model.torque_deviation is not None:
         return model.torque_deviation
-    floor = noise_floor(model.measured)
-    if model.joint_weights == "equal":
-        return np.full(residual.shape[1], max(float(np.sqrt((residual**2).mean())), float(floor.max())))
-    deviation = noise_deviation(residual, np.zeros_like(residual), floor=floor)
-    scaled = whitened(columns, deviation)
     names = model.names[: columns.shape[2]]
-    leverage = least_squares(scaled, np.zeros(scaled.shape[0]), names=names).leverage.reshape(residual.shape)
-    return noise_deviation(residual, leverage, floor=floor)
+    return JointTriangles.of(columns, residual).deviation(model, (residual**2).sum(axis=0), names)
 
 
 def weighted_solution(
@@ -92,9 +135,9 @@ def weighted_solution(
     if model.torque_deviation is not None:
         deviation = model.torque_deviation
     elif model.joint_weights == "estimated" and target.shape[1] > 1:
+        triangles = JointTriangles.of(columns, target)
         # Twice: the first residual comes from weights that ignore the noise.
         for _ in range(2):
-            first = least_squares(whitened(columns, deviation), whitened(target, deviation), names=names)
-            residual = target - columns @ first.solution
-            deviation = joint_deviation(model, residual, columns)
+            first, _ = triangles.solved(deviation, names)
+            deviation = triangles.deviation(model, triangles.squares(first), names)
     return least_squares(whitened(columns, deviation), whitened(target, deviation), names=names), deviation

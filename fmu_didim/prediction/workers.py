@@ -6,7 +6,10 @@ import multiprocessing
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from fmu_didim.components import FmuComponent
 from fmu_didim.components.fmu.rerun import OWN_TOOL
@@ -19,6 +22,22 @@ VARIABLE = "FMU_DIDIM_WORKERS"
 """Environment variable with the number of threads."""
 
 _Result = TypeVar("_Result")
+_Arguments = ParamSpec("_Arguments")
+
+
+def one_blas_thread(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """The function, run with one thread of BLAS.
+
+    The matrices here are narrow: more threads wait for each other, actively, and take the cores from the simulations
+    (three times the CPU time for six joints on two cores).
+    """
+
+    @wraps(function)
+    def limited(*arguments: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*arguments, **options)
+
+    return limited
 
 
 def default_workers() -> int:

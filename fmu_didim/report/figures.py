@@ -31,7 +31,9 @@ FRAME = {"gridcolor": "#e5e7eb", "zeroline": True, "zerolinecolor": "#9ca3af", "
 """What all axes of a figure have in common."""
 AXIS_TITLE = {"font": {"size": 12}, "standoff": 10}
 MARGIN = {"l": 84, "r": 16, "t": 66, "b": 48}
-WHITE = {"font": FONT, "plot_bgcolor": "white", "paper_bgcolor": "white"}
+SENDS_DATA = ("sendChartToCloud", "sendDataToCloud")
+"""Buttons of plotly.js that upload the data of a figure: on no page of ours, and in no figure shown elsewhere."""
+WHITE = {"font": FONT, "plot_bgcolor": "white", "paper_bgcolor": "white", "modebar": {"remove": list(SENDS_DATA)}}
 
 
 def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:

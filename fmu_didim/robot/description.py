@@ -30,7 +30,17 @@ class Joint(Strict):
     """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
 
     The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint's
-    position adds to theta (revolute) or d (prismatic). ``limits`` is the range of that position, where it is known.
+    position adds to theta (revolute) or d (prismatic).
+
+    Attributes:
+        name: for reading only.
+        type: ``revolute`` or ``prismatic``.
+        alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number.
+        a, d: lengths in m.
+        limits: range of the position of the joint, where it is known.
+        effects: names of the effects at this joint, or ``package.module:Name`` of further ones; replaces the default.
+        parameters: values of the link's inertial parameters and of the parameters of its effects, by name without the
+            number of the joint (``ZZ``, ``Fv``, ``v0``); 0 where none is given, or what the effect starts with.
     """
 
     name: str = ""
@@ -132,10 +142,15 @@ def _variables(effect: Effect, joint_type: JointType) -> tuple[Variable, ...]:
 class RobotDescription(Strict):
     """A serial robot.
 
-    ``identified`` names the base parameters: ``computed`` (rank-revealing QR), or a mapping from the
-    name of each base parameter to the standard parameter that carries it. All other parameters keep
-    the values given at their joint, 0 by default. ``known`` lists parameters that a computation of
-    the base parameters must leave alone.
+    Attributes:
+        name: identifier of the robot (a legal C name).
+        description: what it is; source: where geometry and values come from.
+        gravity: acceleration of gravity in m/s2, in the frame of the base.
+        joints: from the base to the tip, each with its link.
+        identified: the base parameters: ``computed`` (rank-revealing QR), or a mapping from the name of each base
+            parameter to the standard parameter that carries it. All other parameters keep the values given at their
+            joint, 0 by default.
+        known: parameters that a computation of the base parameters must leave alone.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")

@@ -15,7 +15,9 @@ from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
 from fmu_didim.cache import cached_folder, file_digest
+from fmu_didim.components.fmu.archive import MAXIMUM_RATIO, RATIO_FROM
 from fmu_didim.errors import InputError
+from fmu_didim.files import is_file
 from fmu_didim.ssp.document import STRUCTURE
 
 MAXIMUM_BYTES = 2 * 1024**3
@@ -66,7 +68,7 @@ def open_archive(path: Path) -> Archive:
         InputError: it is missing, no zip file, too large, without SystemStructure.ssd, or has entries that lie
             outside it, occur twice, are links or are encrypted.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The SSP archive does not exist.", where=str(path))
     try:
         with zipfile.ZipFile(path) as archive:
@@ -105,11 +107,13 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
             raise refuse("Two entries of the archive have the same name.", info)
         folded.add(place)
         entries[name] = info
-    total = sum(info.file_size for info in infos)
-    if total > MAXIMUM_BYTES or len(infos) > MAXIMUM_ENTRIES:
+    total, own = sum(info.file_size for info in infos), path.stat().st_size
+    expands = total > RATIO_FROM and total > MAXIMUM_RATIO * own
+    if total > MAXIMUM_BYTES or len(infos) > MAXIMUM_ENTRIES or expands:
         raise InputError(
-            "The archive is too large.", where=str(path), got=f"{total} bytes in {len(infos)} entries",
-            valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries",
+            "The archive is too large.", where=str(path),
+            got=f"{total} bytes in {len(infos)} entries, packed into {own}",
+            valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries, {MAXIMUM_RATIO} times what is packed",
         )  # fmt: skip
     return entries
 

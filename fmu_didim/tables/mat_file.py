@@ -1,4 +1,4 @@
-"""MATLAB files: version 5 (and 4) by SciPy, version 7.3, which is HDF5, by h5py."""
+"""MATLAB files: version 4 by SciPy, version 5 (6, 7), version 7.3, which is HDF5, by h5py."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fmu_didim.errors import InputError
 from fmu_didim.tables.hdf5_file import read_hdf5
+from fmu_didim.tables.level5 import contents, is_level_5
 from fmu_didim.tables.nested import as_columns, leaves
 from fmu_didim.tables.table import Table
 
@@ -21,10 +22,13 @@ def read_mat(path: Path) -> Table:
     with path.open("rb") as stream:
         if stream.read(len(HDF5_MARK)) == HDF5_MARK:
             return read_hdf5(path, separator=".")
-    from scipy.io import loadmat
+    raw = path.read_bytes()
+    if is_level_5(raw):
+        named = contents(raw)
+    else:
+        from scipy.io import loadmat
 
-    content = loadmat(path, simplify_cells=True)
-    named = {name: value for name, value in content.items() if not name.startswith("__")}
+        named = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
     columns = as_columns(leaves(named))
     if not columns:
         raise InputError(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fmu_didim.errors import InputError
+from fmu_didim.files import is_file
 from fmu_didim.signals import Trajectory
 from fmu_didim.tables.columns import TimeColumn
 from fmu_didim.tables.csv_file import CsvLayout, read_csv
@@ -33,7 +34,7 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
         InputError: the file is missing, has another format, is damaged or cannot be understood.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
     reader = READERS.get(path.suffix.lower())
     if reader is None:

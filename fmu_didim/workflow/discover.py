@@ -18,6 +18,7 @@ from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import effect_catalogue
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.identification.provenance import provenance
+from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.workflow.augmented_files import (
     CASE_FILE,
@@ -35,6 +36,7 @@ NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
 
 
+@one_blas_thread
 def discover(
     case: Case | Path | str | Mapping[str, Any],
     out: Path | str | None = None,

@@ -148,9 +148,6 @@ class Discovered:
 
         Columns ``effect``, ``joint``, ``parameter``, ``value``, ``std``, ``low`` and ``high`` (95 % interval) in
         ``unit``, ``share_of_gap``, ``delta_bic``, ``ambiguous`` (what these data cannot tell from it).
-
-        Raises:
-            InputError: pandas is not installed (``pip install fmu_didim[frames]``).
         """
         return findings_frame(self.document)
 

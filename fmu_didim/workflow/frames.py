@@ -1,4 +1,4 @@
-"""Tables of results for pandas, which is an optional extra."""
+"""Tables of results for pandas."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.errors import InputError
 from fmu_didim.identification.result import ResultDocument
 
 if TYPE_CHECKING:
@@ -58,15 +57,7 @@ def findings_frame(document: FindingsDocument) -> DataFrame:
 
 
 def _frame(rows: Sequence[dict[str, Any]], heads: Sequence[str], *, numbers: Sequence[str]) -> DataFrame:
-    """A table with these columns, also where it has no rows.
+    """A table with these columns, also where it has no rows."""
+    import pandas  # takes a third of a second, which most uses of this package do not need
 
-    Raises:
-        InputError: pandas is not installed.
-    """
-    try:
-        import pandas
-    except ImportError as error:
-        raise InputError(
-            "Tables as data frames need pandas.", next_step="Install it: pip install 'fmu_didim[frames]', or pandas."
-        ) from error
     return pandas.DataFrame(list(rows), columns=list(heads)).astype(dict.fromkeys(numbers, float))

@@ -13,7 +13,7 @@ from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
 from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.diagnosis.validation import validate
 from fmu_didim.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
-from fmu_didim.errors import FmuDidimError, IdentificationError, InputError
+from fmu_didim.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
@@ -22,6 +22,7 @@ from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import RESULT_FILE, save_result
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import write_robot
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.check import has_own_plant
@@ -46,6 +47,7 @@ def result_folder(out: Path | str) -> ResultFolder:
     return ResultFolder(Path(out), "identify", RESULT_FILE, (REPORT_FILE, ROBOT_FILE), patterns, "signals")
 
 
+@one_blas_thread
 def identify(
     case: Case | Path | str | Mapping[str, Any],
     out: Path | str | None = None,
@@ -66,7 +68,8 @@ def identify(
     Raises:
         InputError: something in the case is wrong, or there is no writing to ``out``; found before any long work. Or
             the results could not be written in the end.
-        RefusedError: no physical answer was found; with ``out``, a result that says so is saved first.
+        RefusedError: no physical answer was found, or a component failed; with ``out``, a result that says so is
+            saved first.
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out)
@@ -85,11 +88,13 @@ def identify(
     before = by_weight([*of_data, *of_plant])
     if consistency is not None:
         refusal.known["consistency"] = consistency_result(consistency)
+    model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
-    except RefusedError as error:
-        refusal.save(error, before)
-        raise _with_known(error, before) from error
+    except (RefusedError, SimulationError) as caught:
+        refused = _because_of(caught, model.pool.failure)
+        refusal.save(refused, before)
+        raise _with_known(refused, before) from caught
     except IdentificationError as error:
         refusal.save(error, before)
         raise
@@ -162,6 +167,13 @@ def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, l
     return consistency, [*plant_diagnostics(consistency), *start_diagnostics(model)]
 
 
+def _because_of(error: RefusedError | SimulationError, failure: FmuDidimError | None) -> RefusedError:
+    """The refusal, headed by the first failure of a component if there was one."""
+    if not isinstance(error, RefusedError):
+        error = RefusedError(error.what, iterations=(), got=error.got, next_step=error.next_step, where=error.where)
+    return error.because_of(failure)
+
+
 def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedError:
     """The refusal with what was doubted before, which may be its cause."""
     known = [str(found) for found in before if found.code.severity is not REMARK]
@@ -170,7 +182,7 @@ def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedErr
     got = "; ".join(str(part) for part in (error.got, "before, it was seen: " + " ".join(known)) if part)
     return RefusedError(
         error.what, iterations=error.iterations, got=got, next_step=error.next_step, values=error.values,
-        deviation=error.deviation,
+        deviation=error.deviation, where=error.where,
     )  # fmt: skip
 
 

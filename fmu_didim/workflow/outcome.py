@@ -104,9 +104,6 @@ class Outcome:
 
         Columns ``value``, ``std``, ``low`` and ``high`` (95 % interval) in ``unit``, ``rel_std_percent``, ``of`` (which
         part of the loop) and ``experiment`` (whose own it is, or empty).
-
-        Raises:
-            InputError: pandas is not installed (``pip install fmu_didim[frames]``).
         """
         return parameter_frame(self.document)
 

@@ -208,6 +208,13 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
 #ifdef CRASH_IN_STEP
     if (s->steps >= 3) *(volatile int *)NULL = 1;
 #endif
+#ifdef ERROR_IN_STEP
+    if (s->steps >= 3) return fail(s, ERROR, "the solver gave up");
+#endif
+#ifdef ERROR_LATER
+    static long ever_stepped;
+    if (++ever_stepped > 2000) return fail(s, ERROR, "the licence has run out");
+#endif
 #ifdef EXIT_IN_STEP
     if (s->steps >= 3) exit(7);
 #endif

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
 
 from fmu_didim.components.varied import VariedComponent
 from fmu_didim.estimators import Estimator
 from fmu_didim.identification.estimate import Estimate
-from fmu_didim.master import Recording, System, simulate
+from fmu_didim.master import KeptRecordings, Recording, System, simulate
 from fmu_didim.prediction import loop_model
 from fmu_didim.prediction.loop_model import LoopModel
 
@@ -29,6 +29,11 @@ class Simulated:
     varied: tuple[int, ...]
 
 
+def afresh(model: LoopModel) -> LoopModel:
+    """The model without the recordings that it has kept, so that it simulates all again."""
+    return replace(model, recordings=KeptRecordings())
+
+
 def simulated(model: LoopModel, estimator: Estimator) -> tuple[Estimate, Simulated]:
     """An estimate, and the runs that it took."""
     counts: dict[bool, list[int]] = {False: [], True: []}
@@ -40,7 +45,7 @@ def simulated(model: LoopModel, estimator: Estimator) -> tuple[Estimate, Simulat
         return simulate(system, *arguments, ticks=ticks, **options)
 
     with patch.object(loop_model, "simulate", counted):
-        estimate = estimator.estimate(model)
+        estimate = estimator.estimate(afresh(model))
     return estimate, Simulated(tuple(counts[False]), tuple(counts[True]))
 
 

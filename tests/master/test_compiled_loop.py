@@ -211,7 +211,7 @@ def test_a_recorded_value_that_is_not_finite_stops_both(options: Mapping[str, An
     motion = trajectory(np.arange(80) * PERIOD, {"r": np.where(np.arange(80) == 45, 1e200, 0.0)})
     told = []
     for compiled in (True, False):
-        with pytest.raises(DivergedError, match="not finite") as caught:
+        with pytest.raises(DivergedError, match=r"amplifier\.y = inf|1e\+200, outside") as caught:
             simulate(system, motion, compiled=compiled)
         told.append(str(caught.value))
     assert told[0] == told[1]

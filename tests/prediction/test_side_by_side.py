@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.estimators import Didim
@@ -14,7 +15,8 @@ from fmu_didim.identification.estimate import Status
 from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.workers import VARIABLE, default_workers, may_run_side_by_side, side_by_side
+from fmu_didim.prediction.workers import VARIABLE, default_workers, may_run_side_by_side, one_blas_thread, side_by_side
+from fmu_didim.workflow import discover, identify
 from tests.cases import TRUTH
 from tests.helpers import component, model_of, scara, with_component, with_torque
 
@@ -83,3 +85,17 @@ def test_the_finish_settles_without_noise_where_parameters_are_zero(model: LoopM
     estimate = Didim(start="reference").estimate(with_torque(model, model.torque(truth)))
     assert estimate.status is Status.CONVERGED
     np.testing.assert_allclose(estimate.value, truth, rtol=1e-7, atol=1e-8)
+
+
+def test_blas_keeps_to_one_thread_while_a_verb_works() -> None:
+    """And the caller gets back what was set."""
+
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        assert one_blas_thread(threads)() == {1}
+        assert threads() == before
+    assert identify.__wrapped__  # type: ignore[attr-defined]
+    assert discover.__wrapped__  # type: ignore[attr-defined]

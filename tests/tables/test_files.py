@@ -108,7 +108,8 @@ def test_encodings(tmp_path: Path, encoding: str, told: bool) -> None:
 
 def mat5(path: Path) -> None:
     log = {"t": T, "q": Q, "info": {"n": 3.0, "who": "x"}}
-    savemat(path, {"log": log, "rate": 200.0, "note": "text", "tau": Q.T, "more": [{"v": T}, {"v": 2 * T}]})
+    more = np.array([(T,), (2 * T,)], dtype=[("v", object)])
+    savemat(path, {"log": log, "rate": 200.0, "note": "text", "tau": Q.T, "more": more})
 
 
 def mat73(path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ import yaml
 
 from fmu_didim import (
     Discovered,
-    InputError,
     Outcome,
     discover,
     export_ssp,
@@ -75,26 +72,12 @@ def test_model_of_an_outcome_goes_on(outcome: Outcome) -> None:
 
 
 def test_frame_of_an_outcome(outcome: Outcome) -> None:
-    pytest.importorskip("pandas")
     frame = outcome.to_frame()
     assert list(frame.index) == list(outcome.estimate.names)
     assert frame.loc["ZZ2", "value"] == outcome.values["ZZ2"]
     assert frame.loc["ZZ2[payload]", "experiment"] == "payload"
     assert (frame["low"] < frame["high"]).all()
     assert frame["value"].dtype == float
-
-
-def test_frame_without_pandas_says_how_to_get_it(outcome: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *arguments: Any, **options: Any) -> Any:
-        if name == "pandas":
-            raise ImportError(name)
-        return real(name, *arguments, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"pip install 'fmu_didim\[frames\]'"):
-        outcome.to_frame()
 
 
 def test_figure_of_each_experiment(outcome: Outcome) -> None:
@@ -141,7 +124,6 @@ def test_discovered_gives_what_findings_json_holds(found: tuple[Discovered, Path
 
 def test_discovered_as_frame_figure_and_notebook_cell(found: tuple[Discovered, Path]) -> None:
     discovered, _ = found
-    pytest.importorskip("pandas")
     frame = discovered.to_frame()
     assert list(frame["parameter"]) == ["T_2"]
     assert frame.loc[0, "value"] == discovered.findings[0].parameters[0].value

@@ -9,16 +9,20 @@ from __future__ import annotations
 import re
 import shutil
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 
-from fmu_didim.cache import cached_folder, file_digest
+from fmu_didim.cache import OF_NAMES, cached_folder, file_digest
 from fmu_didim.errors import FmuError
+from fmu_didim.files import is_file
 
 DESCRIPTION = "modelDescription.xml"
 MAXIMUM_MEMBERS = 50_000
 MAXIMUM_BYTES = 4 * 2**30
 """Uncompressed size of all members."""
-MAXIMUM_DESCRIPTION_BYTES = 256 * 2**20
+MAXIMUM_DESCRIPTION_BYTES = 64 * 2**20
+MAXIMUM_RATIO, RATIO_FROM = 100, 64 * 2**20
+"""How many times smaller an archive may be than what is in it, and from how many bytes on: text shrinks to a tenth."""
 
 _ENCODING = re.compile(rb"""<\?xml[^>]*\bencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _PLAIN_ENCODINGS = re.compile(
@@ -33,7 +37,7 @@ def open_archive(path: Path) -> tuple[Path, str]:
         FmuError: the file does not exist, is no zip archive, has no or no safe ``modelDescription.xml``, has members
             outside its folder, or is too large.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise FmuError("The FMU does not exist.", where=str(path), next_step="Check the path.")
     digest = file_digest(path)
     return cached_folder("extracted", digest, lambda target: _extract(path, target)), digest
@@ -60,9 +64,15 @@ def _extract(path: Path, target: Path) -> None:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 with archive.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy, 2**20)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
         why = "it is damaged" if zipfile.is_zipfile(path) else "it is not a zip archive"
         raise unreadable(why, path, str(error), "Export or download it again.") from error
+    except (FileExistsError, NotADirectoryError) as error:
+        raise unreadable("a member is a file and a folder", path, str(error)) from error
+    except OSError as error:
+        if error.errno in OF_NAMES:
+            raise unreadable("a member has a name that no file can have", path, str(error)) from error
+        raise  # the cache cannot be written
 
 
 def _check_members(members: list[zipfile.ZipInfo], path: Path) -> None:
@@ -71,6 +81,9 @@ def _check_members(members: list[zipfile.ZipInfo], path: Path) -> None:
     size = sum(m.file_size for m in members)
     if size > MAXIMUM_BYTES:
         raise unreadable("it is too large", path, f"{size} bytes uncompressed, at most {MAXIMUM_BYTES}")
+    if size > RATIO_FROM and size > MAXIMUM_RATIO * path.stat().st_size:
+        got = f"{size} bytes in an archive of {path.stat().st_size}, at most {MAXIMUM_RATIO} times as many"
+        raise unreadable("it unpacks to very much more than it is", path, got)
     description = next((m for m in members if m.filename == DESCRIPTION), None)
     if description is not None and description.file_size > MAXIMUM_DESCRIPTION_BYTES:
         raise unreadable(f"its {DESCRIPTION} is too large", path, f"{description.file_size} bytes")

@@ -51,6 +51,12 @@ class FmuComponent(FmuSettings):
         where = (self.isolated, self.time_limit_s)
         return (self.digest, how, where, self.input_references, self.output_references, names)
 
+    def response_key(self) -> Hashable | None:
+        if self.block is None:
+            return None
+        values = tuple(v.start for v in (*self.inputs, *self.parameters))
+        return self.pool_key(), values, *(tuple(sorted(known.items())) for known in (self.options, self.start_values))
+
     def instantiate(self) -> Instance:
         rerun = known_rerun(self)
         keep = rerun is not None and rerun.strategy == STATE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import threading
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.errors import FmuError
+from fmu_didim.files import is_file
 
 
 def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Path:
@@ -21,12 +23,17 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     """
     import fmpy
 
+    if not re.fullmatch(r"\w[\w.-]*", interface.identifier):  # no path
+        raise FmuError(
+            "The modelIdentifier of the FMU is no name.", where=f"{description.path}, {interface.kind}",
+            got=interface.identifier, valid="letters, digits and underscores", next_step="Ask its maker.",
+        )  # fmt: skip
     folders = fmi.platform_folders()
     suffix = str(fmpy.sharedLibraryExtension)
     places = [description.folder / "binaries" / f for f in folders]
     for place in places:
         file = place / f"{interface.identifier}{suffix}"
-        if file.is_file():
+        if is_file(file):
             return file
     where = f"{description.path}, {interface.kind}"
     others = sorted(f.name for place in places if place.is_dir() for f in place.iterdir() if f.suffix == suffix)

@@ -16,8 +16,9 @@ import tempfile
 import threading
 import time as clock
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any
 
 from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
@@ -54,15 +55,18 @@ def worker_command() -> list[str]:
     return [sys.executable, "-I", *quiet, str(_START), str(_PACKAGE), *folders]
 
 
-class ProcessEndedError(SimulationError):
-    """The process of an FMU died or was stopped.
+class ProcessEndedError(FmuError):
+    """The process of an FMU died or was stopped: no matter of the values that it was run with, so no SimulationError.
 
     Attributes:
         by_fmu: the FMU itself ended it, by a crash or an exit, and would do so again. Not so if it took too long,
             which a busy machine may be the reason for, was killed, or never began.
+        expired: it took too long; killed: from outside, as by a system without memory left.
     """
 
     by_fmu = False
+    expired = False
+    killed = False
 
 
 class Worker:
@@ -70,19 +74,29 @@ class Worker:
 
     Args:
         where: the FMU, for messages; time_limit: seconds for one request.
+        subject: what runs there, for messages; environment: variables that the process has beside those of this one.
     """
 
-    def __init__(self, where: str, time_limit: float) -> None:
-        self._where, self._limit = where, time_limit
+    def __init__(
+        self,
+        where: str,
+        time_limit: float,
+        *,
+        subject: str = "The FMU",
+        environment: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        self._where, self._limit, self._subject = where, time_limit, subject
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - without a name, gone with the handle
         self._has_begun = False
         try:
             self._process = subprocess.Popen(
-                worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors
-            )
+                worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+                env={**os.environ, **environment},
+            )  # fmt: skip
         except OSError as error:
             self._errors.close()
-            raise ProcessEndedError("The process of the FMU could not be started.", where=where, got=error) from error
+            what = f"The process of {subject[0].lower()}{subject[1:]} could not be started."
+            raise ProcessEndedError(what, where=where, got=error) from error
         self._deadline: list[float] = [0.0]
         self._expired, self._done = threading.Event(), threading.Event()
         watch = (self._process, self._deadline, self._expired, self._done, min(0.2, time_limit / 5))
@@ -127,13 +141,13 @@ class Worker:
             self._process.wait(timeout=5)
         code = self._process.poll()
         if self._expired.is_set():
-            what = f"The FMU gave no answer within {allowed:g} s and was stopped."
+            what = f"{self._subject} gave no answer within {allowed:g} s and was stopped."
             advice = "It loops or waits for something; raise time_limit_s if it is only slow."
         elif code is not None and code < 0:
-            what = f"The FMU crashed its process ({_signal_name(-code)})."
+            what = f"{self._subject} crashed its process ({_signal_name(-code)})."
             advice = "Its binary is faulty or was used in a way it does not stand; ask its maker."
         else:
-            what = f"The FMU ended its process (exit status {code})."
+            what = f"{self._subject} ended its process (exit status {code})."
             advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
         by_fmu = self._has_begun and not self._expired.is_set() and code is not None and code != -_KILLED
         got = f"during {call}"
@@ -143,8 +157,13 @@ class Worker:
             got += f"; its last words: {lines[-1][:300]}" if lines else ""
         self.close()
         ended = ProcessEndedError(what, where=self._where, got=got, next_step=advice)
-        ended.by_fmu = by_fmu
+        ended.by_fmu, ended.expired = by_fmu, self._expired.is_set()
+        ended.killed = code == -_KILLED and not ended.expired
         return ended
+
+    def kill(self) -> None:
+        """End the process at once, from another thread too; the request that it is on fails."""
+        self._process.kill()
 
     def close(self) -> None:
         """End the process; may be called twice."""

@@ -10,6 +10,8 @@ from fmu_didim.components.fmu.description import FmuDescription
 from fmu_didim.components.fmu.versions import unsupported_version, version_of
 from fmu_didim.components.fmu.versions.base import DescriptionFile
 
+MAXIMUM_ELEMENTS = 100_000
+"""Of an array: each of them becomes a variable of its own."""
 _WRONG = f"its {DESCRIPTION} is wrong"
 _SUFFIXES = (".so", ".dll", ".dylib")
 
@@ -35,9 +37,14 @@ def read_description(path: Path | str) -> FmuDescription:
     if refusal := fmi.refusal(root):
         raise unsupported_version(f"{file.version}, {refusal}", str(path))
     try:
-        return fmi.describe(file)
+        found = fmi.describe(file)
     except Exception as error:
         raise unreadable(_WRONG, path, f"{type(error).__name__}: {error}") from error
+    for variable in found.variables:
+        if min(variable.shape, default=1) < 0 or variable.size > MAXIMUM_ELEMENTS:
+            got = f"'{variable.name}' has the shape {variable.shape}"
+            raise unreadable(f"an array has more than {MAXIMUM_ELEMENTS} elements, or less than none", path, got)
+    return found
 
 
 def _platforms(folder: Path) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import json
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -126,9 +127,10 @@ def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
 
 def keep(path: Path, found: Any) -> None:
     """Write a dataclass to a file as a whole; several processes may do so at the same time."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    with suppress(OSError):  # the disk is full, or nothing may be written: it is found out again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
 
 
 def step_of(component: FmuSettings) -> float:

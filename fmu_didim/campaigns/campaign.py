@@ -1,0 +1,269 @@
+"""A campaign as an object: look at it, run it, read what it gave."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+from typing import Any
+
+from fmu_didim.campaigns.execute import FAILURES, Task, Trial, execute
+from fmu_didim.campaigns.identity import code_digest
+from fmu_didim.campaigns.plan import Plan, Run
+from fmu_didim.campaigns.results import Results
+from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, stop_lanes, task_of, try_tasks
+from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.validation import case_problems, read_campaign
+from fmu_didim.case import Case
+from fmu_didim.documents import load_yaml, problems_error
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.workflow.result_folder import check_writable
+
+_log = logging.getLogger(__name__)
+
+
+def _silent(_: Progress) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class DryRun:
+    """What a campaign would do.
+
+    Attributes:
+        count: runs, equal ones counted once; equal: those left out for that; known: that are in the folder already.
+        cases: runs apart from their seeds; first: the first runs; tried: cases that were loaded.
+        seconds: of the whole, by two trials; None where nothing is left to run.
+    """
+
+    count: int
+    equal: int
+    known: int
+    cases: int
+    tried: int
+    workers: int
+    first: tuple[Run, ...]
+    seconds: float | None
+
+
+class Campaign:
+    """A campaign, all of whose cases have the right form; made by :func:`campaign` and :func:`study`.
+
+    Attributes:
+        plan: its runs; out: folder of its results.
+    """
+
+    def __init__(self, plan: Plan, out: Path, *, told_before: Sequence[str] = ()) -> None:
+        self.plan, self.out = plan, out
+        self._told_before = list(told_before)
+
+    def __repr__(self) -> str:
+        return f"Campaign({self.plan.document.name!r}, {self.plan.combination_count} runs, {self.out})"
+
+    def check(self, *, workers: int | None = None, scheduler: str | None = None) -> None:
+        """Look for all that is wrong before the first run: names, values, files; and load a case for each value.
+
+        Raises:
+            InputError: with all problems at once.
+        """
+        with _engine(workers, scheduler) as (engine, count):
+            self._check(engine, count)
+
+    def dry_run(self, *, workers: int | None = None) -> DryRun:
+        """Check the campaign and tell what it would do, by two trials of its first case; nothing is written."""
+        with _engine(workers, None) as (engine, count):
+            tried = self._check(engine, count)
+        todo, known = self._todo(None)
+        seconds = self._estimate([run for run, _ in todo], count) if todo else None
+        runs = self.plan.runs
+        equal = self.plan.combination_count - len(runs)
+        cases = len({run.design for run in runs})
+        return DryRun(len(runs), equal, known, cases, tried, count, runs[:3], seconds)
+
+    def _estimate(self, todo: Sequence[Run], workers: int) -> float:
+        """Seconds: the first run loads its case, a second one finds it loaded where it differs by its seed only."""
+        lane = Lane(self.out, self.plan.document.limits)
+        pair = todo[0], next((run for run in todo[1:] if run.design == todo[0].design), todo[-1])
+        try:
+            cold, warm = (float(lane.ask(execute, task_of(self.plan, run))["seconds"]) for run in pair)
+        finally:
+            lane.close()
+        cases = len({run.design for run in todo})
+        return (cases * max(cold - warm, 0.0) + len(todo) * warm) / workers
+
+    def run(
+        self,
+        *,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        only: Iterable[str] = (),
+        progress: Told | None = None,
+    ) -> Results:
+        """Run what is not in the folder yet.
+
+        Args:
+            workers: processes on this machine; as many as cores by default.
+            scheduler: address of a Dask scheduler (``tcp://...``) or its file, whose workers share the folders.
+            only: ids of the runs to run, whether they are in the folder or not.
+            progress: called when runs have ended.
+
+        Raises:
+            InputError: the campaign is wrong somewhere, with all problems; or results cannot be written.
+        """
+        check_writable(self.out)
+        with _engine(workers, scheduler) as (engine, count):
+            self._check(engine, count)
+            store = Store(self.out)
+            store.begin(self.plan)
+            if others := store.others():
+                _log.info("%s also runs this campaign; what it has done is not run here", ", ".join(others))
+            todo, known = self._todo(only or None)
+            if others:
+                todo = [*todo[len(todo) // 2 :], *todo[: len(todo) // 2]]  # it began at the other end
+            if todo:
+                run_all(self.plan, store, todo, engine, count, known, progress or _silent)
+        return Results(store)
+
+    def failed(self) -> list[str]:
+        """Ids of the runs that have failed; a refusal is no failure, it would be the same again."""
+        rows = Store(self.out).rows(()).to_pylist()
+        return [row["id"] for row in rows if row["status"] in FAILURES and row["id"] in self.plan.by_id]
+
+    def retry(self, **options: Any) -> Results:
+        """Run again what has failed; options as of :meth:`run`."""
+        failed = self.failed()
+        return self.run(only=failed, **options) if failed else self.results()
+
+    def results(self) -> Results:
+        """What was run so far; raises InputError where nothing was."""
+        return Results(Store(self.out))
+
+    def _check(self, engine: Executor, workers: int) -> int:
+        """Raise what is wrong; returns how many cases were loaded."""
+        allowed, folder = self.plan.document.limits, str(self.out.resolve())
+
+        def attempt(tasks: Sequence[Task]) -> list[Trial]:
+            parts = [tasks[k::workers] for k in range(workers)]
+            done = [engine.submit(try_tasks, folder, allowed, part) for part in parts if part]
+            found: list[Trial] = [Trial() for _ in tasks]
+            for k, future in enumerate(done):
+                found[k::workers] = future.result()
+            return found
+
+        found, tried = case_problems(self.plan, attempt)
+        found = [*self._told_before, *found]
+        if found:
+            raise problems_error(found, where=str(self.plan.document.name))
+        return tried
+
+    def _todo(self, only: Iterable[str] | None) -> tuple[list[tuple[Run, int]], int]:
+        """The runs to do with the number of the attempt, and how many are known."""
+        store = Store(self.out)
+        rows = store.rows(()).to_pylist() if self.out.is_dir() else []
+        attempts = {row["id"]: row["attempt"] or 1 for row in rows}
+        known = sum(run.id in attempts for run in self.plan.runs)
+        if only is not None:
+            wanted = list(only)
+            for name in wanted:
+                if name not in self.plan.by_id:
+                    raise UnknownNameError("run of this plan", name, list(self.plan.by_id)[:10], where=str(self.out))
+            return [(self.plan.by_id[name], attempts.get(name, 0) + 1) for name in wanted], known
+        return [(run, 1) for run in self.plan.runs if run.id not in attempts], known
+
+
+@contextmanager
+def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
+    """What runs are handed to, and how many of them it works on at once."""
+    if scheduler is not None:
+        from fmu_didim.campaigns.cluster import cluster
+
+        with cluster(scheduler) as found:
+            yield found
+        return
+    count = workers or cpu_count() or 1
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool, count
+    except BaseException:  # Ctrl-C as well
+        stop_lanes()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        end_lanes()
+
+
+def campaign(
+    source: Path | str | Mapping[str, Any], out: Path | str | None = None, *, folder: Path | str = "."
+) -> Campaign:
+    """A campaign from its file or its content; see :class:`~fmu_didim.campaigns.document.CampaignDocument`.
+
+    Args:
+        out: folder for its results; ``results/<folder of the file>-<its name>`` by default.
+        folder: to which the paths of a content are relative.
+
+    Raises:
+        InputError: too much is wrong with it to plan anything; all else is told by :meth:`Campaign.check`.
+    """
+    if isinstance(source, Mapping):
+        content, folder, stem = dict(source), Path(folder), str(source.get("name", "campaign")).replace("/", "_")
+    else:
+        content, folder = load_yaml(source), Path(source).parent
+        stem = f"{Path(source).resolve().parent.name}-{Path(source).stem}"
+    plan, found = read_campaign(content, folder)
+    if plan is None:
+        raise problems_error(found, where=stem if isinstance(source, Mapping) else str(source))
+    return Campaign(plan, Path(out) if out is not None else Path("results") / stem, told_before=found)
+
+
+def study(
+    case: Case | Path | str | Mapping[str, Any],
+    *,
+    vary: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    seeds: int | Iterable[int] = 1,
+    out: Path | str | None = None,
+    **entries: Any,
+) -> Campaign:
+    """A campaign without a file.
+
+    Args:
+        case: a case, its file, or its content.
+        vary, seeds: as in a campaign file; entries: all else of it (``noise``, ``truth``, ``verb``, ``keep``, ...).
+        out: folder for its results, ``results/<name>`` by default.
+
+    Raises:
+        InputError: as of :func:`campaign`.
+    """
+    folder: Path | str = "."
+    if isinstance(case, Case):
+        content: Any = case.content
+        folder = case.folder
+    else:
+        content = dict(case) if isinstance(case, Mapping) else str(case)
+    name = entries.pop("name", None) or (f"study of {Path(content).stem}" if isinstance(content, str) else "study")
+    listed = seeds if isinstance(seeds, int) else list(seeds)
+    document = {"name": name, "case": content, "vary": vary, "seeds": listed, **entries}
+    return campaign(document, out, folder=folder)
+
+
+def opened(folder: Path | str) -> Campaign:
+    """The campaign of a folder of results, for runs to be repeated.
+
+    Raises:
+        InputError: it was planned by another version of the code, or files have changed since: its results would mix.
+    """
+    store = Store(folder)
+    head = store.head()
+    found = campaign(head["campaign"], Path(folder), folder=head["folder"])
+    ids = set(store.planned()["id"].to_pylist())
+    if ids != set(found.plan.by_id):
+        code = "the code" if head["code"] != code_digest() else "a file"
+        raise InputError(
+            f"The runs are not what they were when they were planned: {code} has changed.", where=str(folder),
+            got=f"{len(ids - set(found.plan.by_id))} of {len(ids)} planned runs are others now",
+            next_step="Run the campaign file again: what has changed is run anew, nothing of both is mixed.",
+        )  # fmt: skip
+    return found

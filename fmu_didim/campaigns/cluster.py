@@ -1,0 +1,47 @@
+"""A Dask cluster as the engine of a campaign.
+
+Dask is disposable here: what is done stands in the folder of the campaign, which all workers share. A scheduler that is
+lost costs what was in flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+
+from fmu_didim.errors import InputError
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """An executor on a cluster, and how many chunks it works on at once.
+
+    Args:
+        address: ``tcp://host:port``, or the scheduler file.
+
+    Raises:
+        InputError: distributed is not installed, or no worker answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "A cluster needs Dask.", next_step="Install it here and on the workers: pip install 'fmu_didim[cluster]'."
+        ) from error
+    try:
+        file = Path(address)
+        client = Client(scheduler_file=str(file), timeout=10) if file.is_file() else Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "No scheduler answers there.", where=address, got=str(error)[:200],
+            next_step="Start one (dask scheduler) and workers (dask worker ADDRESS), or leave --scheduler out.",
+        ) from error  # fmt: skip
+    try:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise InputError("The cluster has no workers.", where=address, next_step="Start some: dask worker ADDRESS.")
+        yield client.get_executor(pure=False, retries=2), threads
+    finally:
+        client.close(timeout=5)

@@ -1,0 +1,308 @@
+"""The report of a campaign: one page that needs no network, and its tables as CSV and Parquet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from fmu_didim.cache import whole_file
+from fmu_didim.campaigns import thresholds as limits
+from fmu_didim.campaigns.results import USED, Results
+from fmu_didim.campaigns.store import FILES, unwritable
+from fmu_didim.report.figures import FRAME, MARGIN, WHITE, figure_json
+from fmu_didim.report.numbers import MISSING, pretty_unit, significant
+from fmu_didim.report.page import REPORT_FILE
+from fmu_didim.report.tables import Table, table
+from fmu_didim.report.templates import write_page
+from fmu_didim.report.verdict import Banner
+
+TEMPLATE = "campaign.html.j2"
+TABLES = ("runs", "parameters", "summary", "by_parameter")
+DISCOVERY_REPORT = "discovery.html"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A group of runs on the page: its texts, and the runs that it links to."""
+
+    texts: tuple[str, ...]
+    runs: tuple[tuple[str, str], ...]
+
+
+def write_campaign_report(results: Results) -> list[Path]:
+    """Write ``report.html`` and the tables to the folder of a campaign; returns their paths.
+
+    Raises:
+        InputError: nothing was run yet, or they cannot be written.
+    """
+    tables = {
+        "runs": results.to_frame(parameters=False), "parameters": results.parameters(),
+        "summary": results.summary(), "by_parameter": results.by_parameter(),
+    }  # fmt: skip
+    written = []
+    try:
+        for name, frame in tables.items():
+            for suffix, write in ((".csv", _csv), (".parquet", _parquet)):
+                path = results.folder / f"{name}{suffix}"
+                with whole_file(path) as temporary:
+                    write(frame, temporary)
+                written.append(path)
+        page = results.folder / REPORT_FILE
+        with whole_file(page) as temporary:
+            _write_page(results, tables["summary"], tables["by_parameter"], temporary)
+    except OSError as error:
+        raise unwritable(results.folder, error) from error
+    return [page, *written]
+
+
+def _csv(frame: pd.DataFrame, path: Path) -> None:
+    frame.to_csv(path, index=False)
+
+
+def _parquet(frame: pd.DataFrame, path: Path) -> None:
+    mixed = {name: frame[name].map(_text) for name in frame.columns if frame[name].dtype == object}
+    frame.assign(**mixed).to_parquet(path, index=False)
+
+
+def _text(value: Any) -> Any:
+    return value if value is None or isinstance(value, str) else None if value != value else str(value)
+
+
+def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, path: Path) -> None:
+    status = results.status()
+    head = results.head
+    campaign = head["campaign"]
+    runs = results.to_frame(parameters=False)
+    figures = _figures(results)
+    confusion = results.confusion()
+    provenance = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
+    provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
+    write_page(
+        path,
+        TEMPLATE,
+        document=SimpleNamespace(name=campaign["name"], provenance=provenance),
+        verdict=_banner(status.planned, status.open, sum(status.failures.values()), status.lines()),
+        description=campaign.get("description", ""),
+        cards=_cards(summary, status.planned - status.open, status.planned),
+        remarks=results.remarks(),
+        heads=_group_heads(results, summary),
+        groups=_groups(results, summary, runs),
+        axes=_axes(results),
+        parameters=_parameters(results, quality),
+        figures=figures,
+        confusion=None if confusion.empty else _confusion(confusion),
+        rows=_rows(results, runs),
+        row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
+        left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
+        show=f"fmu-didim campaign show {results.folder}",
+        plotly=Markup(get_plotlyjs()) if figures else None,
+    )
+
+
+def _banner(planned: int, open_: int, failed: int, lines: Sequence[str]) -> Banner:
+    """Whether the campaign is complete; of its answers the tables speak."""
+    if open_:
+        return Banner("doubtful", "NOT COMPLETE", "\n".join(lines))
+    return Banner(
+        "doubtful" if failed else "good", "COMPLETE" + (", WITH FAILURES" if failed else ""), "\n".join(lines)
+    )
+
+
+def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, str]]:
+    cards = [("runs", f"{done} of {planned}")]
+    for name in (*USED, "not_settled", "refused", "failed"):
+        if summary[name].sum():
+            cards.append((name.replace("_", " "), str(summary[name].sum())))
+    if "coverage" in summary and summary["coverage"].notna().any():
+        weights = summary["valid"] + summary["doubtful"]
+        cards.append(
+            ("coverage of the 95 % intervals", _percent((summary["coverage"] * weights).sum() / weights.sum()))
+        )
+    return cards
+
+
+def _group_heads(results: Results, summary: pd.DataFrame) -> tuple[str, ...]:
+    found = [*results.paths, "runs", "data", "valid", "doubtful", "not settled", "refused", "failed", "open"]
+    found += ["iterations", "torque error %", "s"]
+    return (
+        *found,
+        *(("coverage", "95 % interval", "with misses", "largest bias / σ") if "coverage" in summary else ()),
+    )
+
+
+def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list[Cell]:
+    """The rows of all groups, each with links to its runs, those without answer first."""
+    order = runs["verdict"].isin(USED).astype(int)
+    runs = runs.assign(order=order).sort_values("order", kind="stable")
+    grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
+    members = {_key(key): group for key, group in grouped}
+    listed = set(runs.head(limits.ROWS_SHOWN)["id"])
+    cells = []
+    for row in summary.to_dict("records"):
+        texts = [_shown(row[path]) for path in results.paths]
+        texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
+        texts += [_shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
+        if "coverage" in row:
+            interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
+            texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
+            texts.append(significant(row["largest_bias_in_sigma"], 2))
+        group = members[_key(tuple(row[path] for path in results.paths))].head(limits.CELL_RUNS)
+        links = [
+            (id_, _word(verdict, status))
+            for id_, verdict, status in zip(group["id"], group["verdict"], group["status"], strict=True)
+            if id_ in listed
+        ]
+        cells.append(Cell(tuple(texts), tuple(links)))
+    return cells
+
+
+def _axes(results: Results) -> list[tuple[str, Table]]:
+    """For each field that varies, the groups by it alone."""
+    found = []
+    for path in results.paths if len(results.paths) > 1 else []:
+        summary = results.summary(path)
+        names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
+        heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
+        if "coverage" in summary:
+            heads += ["coverage", "with misses", "largest bias / σ"]
+        rows = []
+        for r in summary.to_dict("records"):
+            rows.append([_shown(r[path]), *(str(r[n]) for n in names), _shown(r["iterations"])])
+            if "coverage" in summary:
+                rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
+                rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
+        made = table(heads, rows, (0,), is_aligned=False)
+        if made is not None and len(rows) <= limits.ROWS_SHOWN // 10:
+            found.append((path, made))
+    return found
+
+
+def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
+    """Bias, sigma and coverage of each parameter in each group."""
+    heads = [
+        *results.paths,
+        "parameter",
+        "unit",
+        "true",
+        "bias",
+        "σ",
+        "σ stated",
+        "bias / σ",
+        "coverage",
+        "answers of runs",
+    ]
+    rows = [
+        [*(_shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
+         *(significant(r[name]) for name in ("true", "bias", "sigma", "stated")), significant(r["bias_in_sigma"], 2),
+         _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
+        for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
+    ]  # fmt: skip
+    words = tuple(range(len(results.paths) + 2))
+    return table(heads, rows, words, is_aligned=False) if rows else None
+
+
+def _figures(results: Results) -> list[tuple[str, Markup]]:
+    """Bias and sigma over each field of numbers; over the others a map of the bias of each parameter."""
+    found = []
+    for path in results.paths:
+        quality = results.by_parameter(path)
+        if quality.empty or quality[path].nunique() < 2:
+            continue
+        is_number = all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path])
+        figure = _over_numbers(quality, path) if is_number else _over_names(quality, path)
+        found.append((path, figure_json(figure)))
+    return found
+
+
+def _over_numbers(quality: pd.DataFrame, path: str) -> go.Figure:
+    figure = go.Figure()
+    for name, group in quality.groupby("parameter", sort=False):
+        group = group.sort_values(path)
+        scale = np.where(group["true"] != 0, np.abs(group["true"]), 1.0) / 100
+        figure.add_trace(go.Scatter(x=group[path], y=group["sigma"] / scale, name=f"σ of {name}", mode="lines+markers"))
+        bias = np.abs(group["bias"]) / scale
+        figure.add_trace(
+            go.Scatter(x=group[path], y=bias, name=f"|bias| of {name}", mode="lines", line={"dash": "dot"})
+        )
+    positive = bool((quality[path] > 0).all())
+    figure.update_layout(
+        **WHITE, margin=MARGIN, height=420, hovermode="closest",
+        xaxis={**FRAME, "title": path, "type": "log" if positive else "linear"},
+        yaxis={**FRAME, "title": "% of the true value", "type": "log"},
+    )  # fmt: skip
+    return figure
+
+
+def _over_names(quality: pd.DataFrame, path: str) -> go.Figure:
+    cross = quality.assign(shown=quality[path].map(_shown)).pivot_table(
+        index="shown", columns="parameter", values="bias_in_sigma", sort=False
+    )
+    most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
+    figure = go.Figure(
+        go.Heatmap(
+            z=cross.to_numpy(), x=list(cross.columns), y=list(cross.index), zmin=-most, zmax=most, colorscale="RdBu_r",
+            texttemplate="%{z:.1f}", colorbar={"title": "bias / σ"},
+        )
+    )  # fmt: skip
+    figure.update_layout(**WHITE, margin={**MARGIN, "l": 220}, height=140 + 34 * len(cross))
+    return figure
+
+
+def _confusion(counts: pd.DataFrame) -> Table:
+    rows = [
+        [str(hidden), *(str(n) if n else "" for n in row)]
+        for hidden, row in zip(counts.index, counts.to_numpy(), strict=True)
+    ]
+    return Table(("hidden \\ named", *map(str, counts.columns)), tuple(map(tuple, rows)))
+
+
+def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, tuple[str, ...]]]:
+    """Id, page and texts of the runs that are listed: those without answer first."""
+    order = runs["verdict"].isin(USED).astype(int)
+    kept = runs.assign(order=order).sort_values("order", kind="stable").head(limits.ROWS_SHOWN)
+    found = []
+    for row in kept.to_dict("records"):
+        texts = [*(_shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
+        texts += [significant(row["error_percent"]), _shown(row["iterations"]), significant(row["seconds"], 2)]
+        texts.append(_first_line(row["message"]))
+        found.append((row["id"], _page_of(results.folder, row["id"]), tuple(texts)))
+    return found
+
+
+def _page_of(folder: Path, id_: str) -> str | None:
+    """The page of a run whose files were kept."""
+    names = (f"{FILES}/{id_}/{name}" for name in (REPORT_FILE, DISCOVERY_REPORT))
+    return next((name for name in names if (folder / name).is_file()), None)
+
+
+def _first_line(text: Any) -> str:
+    return str(text).partition("\n")[0] if isinstance(text, str) else ""
+
+
+def _word(verdict: Any, status: str) -> str:
+    return verdict.replace("_", " ") if isinstance(verdict, str) else status
+
+
+def _shown(value: Any) -> str:
+    if value is None or value != value:
+        return MISSING
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _percent(share: float) -> str:
+    return MISSING if share is None or share != share else f"{100 * share:.1f} %"
+
+
+def _key(key: Any) -> str:
+    parts: Iterable[Any] = key if isinstance(key, tuple) else (key,)
+    return json.dumps([None if v is None or v != v else v for v in parts], default=str)

@@ -1,0 +1,1 @@
+"""Campaigns: plan, identity, validation, runs, store, results."""
