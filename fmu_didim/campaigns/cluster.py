@@ -11,6 +11,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
+from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.errors import InputError
 
 
@@ -39,9 +40,12 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
             next_step="Start one (dask scheduler) and workers (dask worker ADDRESS), or leave --scheduler out.",
         ) from error  # fmt: skip
     try:
-        threads = sum(client.nthreads().values())
-        if not threads:
-            raise InputError("The cluster has no workers.", where=address, next_step="Start some: dask worker ADDRESS.")
-        yield client.get_executor(pure=False, retries=2), threads
+        client.wait_for_workers(1, timeout=limits.WORKERS_S)
+        yield client.get_executor(pure=False, retries=2), max(1, sum(client.nthreads().values()))
+    except TimeoutError as error:
+        raise InputError(
+            "The cluster has no workers.", where=address, got=f"none within {limits.WORKERS_S:g} s",
+            next_step="Start some: dask worker ADDRESS.",
+        ) from error  # fmt: skip
     finally:
         client.close(timeout=5)

@@ -189,21 +189,11 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
 
 def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     """Bias, sigma and coverage of each parameter in each group."""
-    heads = [
-        *results.paths,
-        "parameter",
-        "unit",
-        "true",
-        "bias",
-        "σ",
-        "σ stated",
-        "bias / σ",
-        "coverage",
-        "answers of runs",
-    ]
+    figures = {"mean": "value", "true": "true", "bias": "bias", "σ": "sigma", "σ stated": "stated"}
+    heads = [*results.paths, "parameter", "unit", *figures, "bias / σ", "coverage", "answers of runs"]
     rows = [
         [*(_shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
-         *(significant(r[name]) for name in ("true", "bias", "sigma", "stated")), significant(r["bias_in_sigma"], 2),
+         *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
          _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
         for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
     ]  # fmt: skip
@@ -218,7 +208,10 @@ def _figures(results: Results) -> list[tuple[str, Markup]]:
         quality = results.by_parameter(path)
         if quality.empty or quality[path].nunique() < 2:
             continue
+        quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)
         is_number = all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path])
+        if not is_number and quality["bias_in_sigma"].isna().all():
+            continue
         figure = _over_numbers(quality, path) if is_number else _over_names(quality, path)
         found.append((path, figure_json(figure)))
     return found
@@ -228,17 +221,14 @@ def _over_numbers(quality: pd.DataFrame, path: str) -> go.Figure:
     figure = go.Figure()
     for name, group in quality.groupby("parameter", sort=False):
         group = group.sort_values(path)
-        scale = np.where(group["true"] != 0, np.abs(group["true"]), 1.0) / 100
-        figure.add_trace(go.Scatter(x=group[path], y=group["sigma"] / scale, name=f"σ of {name}", mode="lines+markers"))
-        bias = np.abs(group["bias"]) / scale
-        figure.add_trace(
-            go.Scatter(x=group[path], y=bias, name=f"|bias| of {name}", mode="lines", line={"dash": "dot"})
-        )
+        for what, values, dash in (("σ", group["sigma"], "solid"), ("|bias|", np.abs(group["bias"]), "dot")):
+            shown = values / group["size"]
+            figure.add_trace(go.Scatter(x=group[path], y=shown, name=f"{what} of {name}", line={"dash": dash}))
     positive = bool((quality[path] > 0).all())
     figure.update_layout(
         **WHITE, margin=MARGIN, height=420, hovermode="closest",
         xaxis={**FRAME, "title": path, "type": "log" if positive else "linear"},
-        yaxis={**FRAME, "title": "% of the true value", "type": "log"},
+        yaxis={**FRAME, "title": "% of the true (else of the mean) value", "type": "log"},
     )  # fmt: skip
     return figure
 

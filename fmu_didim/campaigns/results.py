@@ -170,9 +170,10 @@ class Results:
 
     def _quality(self, names: list[str]) -> dict[tuple[object, ...], dict[str, float]]:
         """Group -> coverage of all parameters together, its interval, and it with runs without answer as misses."""
-        table = self.by_parameter(*names) if names else self._by_parameter([])
-        if table.empty:
+        table = self._by_parameter(names)
+        if table.empty or table["coverage"].isna().all():
             return {}
+        table = table[table["coverage"].notna()]
         found: dict[tuple[object, ...], dict[str, float]] = {}
         for key, group in table.groupby(names, dropna=False, sort=False) if names else [((), table)]:
             key = key if isinstance(key, tuple) else (key,)
@@ -186,7 +187,7 @@ class Results:
         return found
 
     def by_parameter(self, *by: str) -> pd.DataFrame:
-        """One row a group and parameter whose true value is known: bias, sigma, stated sigma, coverage.
+        """One row a group and parameter: mean, sigma, stated sigma; where the true value is known bias and coverage.
 
         Args:
             by: fields that vary; by default all of them, without the seed.
@@ -194,27 +195,28 @@ class Results:
         return self._by_parameter(self._grouping(by))
 
     def _by_parameter(self, names: list[str]) -> pd.DataFrame:
-        known = self._parameters[self._parameters["true"].notna() & self._parameters["verdict"].isin(USED)]
-        if known.empty:
+        used = self._parameters[self._parameters["verdict"].isin(USED)]
+        if used.empty:
             return pd.DataFrame()
-        known = known.assign(
-            error=known["value"] - known["true"], variance=known["std"] ** 2,
-            inside=(known["low"] <= known["true"]) & (known["true"] <= known["high"]),
-        )  # fmt: skip
-        keys = [*names, "parameter", "unit"]
-        groups = known.groupby(keys, dropna=False, sort=False)
+        has_truth = used["true"].notna()
+        inside = (used["low"] <= used["true"]) & (used["true"] <= used["high"])
+        used = used.assign(
+            error=used["value"] - used["true"], variance=used["std"] ** 2, inside=inside.where(has_truth, 0).astype(int)
+        )
+        groups = used.groupby([*names, "parameter", "unit"], dropna=False, sort=False)
         found = groups.agg(
-            used=("id", "size"), data=("data", "nunique"), true=("true", "mean"), bias=("error", "mean"),
-            sigma=("error", "std"), variance=("variance", "mean"), inside=("inside", "sum"),
+            used=("id", "size"), data=("data", "nunique"), true=("true", "mean"), known=("true", "count"),
+            value=("value", "mean"), bias=("error", "mean"), sigma=("value", "std"), variance=("variance", "mean"),
+            inside=("inside", "sum"),
         ).reset_index()  # fmt: skip
         found["stated"] = np.sqrt(found.pop("variance"))
         found["bias_in_sigma"] = found["bias"] / found["stated"]
-        inside = found.pop("inside")
-        found["coverage"] = inside / found["used"]
         ran = self._runs[self._runs["status"] != "open"]
         counts = ran.groupby(names, dropna=False).size().rename("ran").reset_index() if names else None
         found = found.merge(counts, on=names, how="left") if counts is not None else found.assign(ran=len(ran))
-        found["coverage_least"] = inside / found["ran"]
+        hits, known = found.pop("inside"), found.pop("known").replace(0, np.nan)
+        found["coverage"] = hits / known
+        found["coverage_least"] = (hits / found["ran"]).where(known.notna())
         bounds = [proportion_interval(c, int(n)) for c, n in zip(found["coverage"], found["data"], strict=True)]
         found["coverage_low"], found["coverage_high"] = [b[0] for b in bounds], [b[1] for b in bounds]
         return found
