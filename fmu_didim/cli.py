@@ -6,6 +6,7 @@ import argparse
 import json
 import logging
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.cli_prepare import add_prepare_verbs
-from fmu_didim.console import CurrentStderr, Display, show, since_start
+from fmu_didim.console import CurrentStderr, Display, is_terminal, show, since_start
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.files import is_file
 from fmu_didim.imports import NO_CODE
@@ -48,12 +49,22 @@ def _run(options: argparse.Namespace) -> int:
     except Exception as error:  # noqa: BLE001 - the last resort: a line and a log, no traceback
         if getattr(options, "debug", False):
             traceback.print_exception(error)
-        told = error if isinstance(error, FmuDidimError) else unforeseen(error)
+        told = _with_line(error, options) if isinstance(error, FmuDidimError) else unforeseen(error)
         if getattr(options, "json", False):
             what, where, step = (getattr(told, name, "") for name in ("what", "where", "next_step"))
             print(json.dumps({"error": what or str(told), "where": where, "next_step": step}, indent=1))
         show(f"\nfmu-didim: {told}", stream=sys.stderr)
         return EXIT_ERROR
+
+
+def _with_line(error: FmuDidimError, options: argparse.Namespace) -> FmuDidimError:
+    """The error with the line of the case, where it names a key of it."""
+    case, key = getattr(options, "case", None), re.match(r"[a-z_]\w*(\.\w+)*", error.where)
+    if isinstance(case, Path) and is_file(case) and key is not None:
+        from fmu_didim.documents import Lines
+
+        error.locate(Lines(case).of(key[0].split("."), whole=True))
+    return error
 
 
 @contextmanager
@@ -290,7 +301,9 @@ def _check(options: argparse.Namespace) -> int:
         return 0
     if options.case is None:
         raise InputError("check needs a case.", next_step="fmu-didim check CASE.yaml, or fmu-didim check --codes.")
-    found = check(options.case)
+    with Display(quiet=options.json or not is_terminal(sys.stdout)) as display:
+        display.say(f"Looking at {options.case} ...")
+        found = check(options.case)
     if options.json:
         diagnostics = [
             {"severity": d.code.severity.value, **diagnostic_result(d, str(options.case)).model_dump(mode="json")}

@@ -86,9 +86,12 @@ def _add_effects(commands: Commands) -> argparse.ArgumentParser:
 
 def _add_schema(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(
-        commands, "schema", "print the JSON Schema of a case, robot or controller file, or of an effect", _SCHEMA
+        commands,
+        "schema",
+        "print the JSON Schema of a case, robot, controller or campaign file, or of an effect",
+        _SCHEMA,
     )
-    verb.add_argument("kind", choices=("case", "robot", "controller", "effect"))
+    verb.add_argument("kind", choices=("case", "robot", "controller", "effect", "campaign"))
     verb.set_defaults(run=_schema)
     return verb
 
@@ -140,9 +143,12 @@ def _effects(options: argparse.Namespace) -> int:
 
 
 def _schema(options: argparse.Namespace) -> int:
-    from fmu_didim.workflow.schema import schema
+    from fmu_didim.campaigns.document import CampaignDocument
+    from fmu_didim.workflow.schema import DIALECT, schema
 
-    print(json.dumps(schema(options.kind), indent=1, ensure_ascii=False))
+    is_campaign = options.kind == "campaign"
+    made = {"$schema": DIALECT, **CampaignDocument.model_json_schema()} if is_campaign else schema(options.kind)
+    print(json.dumps(made, indent=1, ensure_ascii=False))
     return 0
 
 

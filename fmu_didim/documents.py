@@ -247,24 +247,32 @@ class Lines:
     """Where the entries of a YAML file stand, for messages; composed when it is first asked."""
 
     def __init__(self, path: Path) -> None:
-        self._text = path.read_text(encoding="utf-8")
+        self._text = path.read_text(encoding="utf-8", errors="replace")
 
     @cached_property
     def _root(self) -> yaml.Node | None:
-        return _Loader(self._text).get_single_node()
+        try:
+            return _Loader(self._text).get_single_node()
+        except yaml.YAMLError:  # which is told by load_yaml
+            return None
 
-    def of(self, location: Iterable[object]) -> str:
-        """``line 12, `` of the last part of a path that is found; parts that are no keys are skipped."""
+    def of(self, location: Iterable[object], *, whole: bool = False) -> str:
+        """``line 12, `` of the last part of a path that is found; parts that are no keys are skipped.
+
+        Args:
+            whole: whether it is empty unless all parts are found.
+        """
         node, line = self._root, 0
         for part in location:
-            if isinstance(node, yaml.MappingNode):
-                for key, value in node.value:
-                    if key.value == str(part):
-                        node, line = value, key.start_mark.line + 1
-                        break
+            if isinstance(node, yaml.MappingNode) and (
+                found := next((pair for pair in node.value if pair[0].value == str(part)), None)
+            ):
+                node, line = found[1], found[0].start_mark.line + 1
             elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
                 node = node.value[part]
                 line = node.start_mark.line + 1
+            elif whole:
+                return ""
         return f"line {line}, " if line else ""
 
     def unfilled(self) -> list[tuple[str, str]]:

@@ -47,6 +47,11 @@ class FmuDidimError(Exception):
             self.args = (self._text(),)
         return self
 
+    def locate(self, line: str) -> None:
+        """Put the line of a file before where it is; ``line``: such as ``line 12, ``, or empty."""
+        self.where = f"{line}{self.where}"
+        self.args = (self._text(),)
+
     def _text(self) -> str:
         lines = [self.what]
         if self.where:

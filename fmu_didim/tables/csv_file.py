@@ -192,7 +192,9 @@ def _header(
 def _is_unit_row(cells: list[str]) -> bool:
     bare = [cell.strip("[]() ") for cell in cells]
     stated = [cell for cell in bare if cell not in _NO_UNIT]
-    return bool(stated) and all(known_unit(cell) is not None for cell in stated)
+    known = [known_unit(cell) for cell in stated]
+    of_time = bool(known) and known[0] is not None and known[0].powers == {"s": 1}  # others may be any, such as Inc
+    return bool(stated) and (of_time or None not in known)
 
 
 def _refuse_if_unclear(path: Path, found: list[_Parsed], misfits: list[_MisfitError]) -> None:
