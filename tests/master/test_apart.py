@@ -19,7 +19,7 @@ from fmu_didim.cache import cache_directory
 from fmu_didim.components import FmuComponent, Instance, load_fmu, wrap_control
 from fmu_didim.components.fmu import proof
 from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.errors import DivergedError, InputError, SimulationError
+from fmu_didim.errors import DivergedError, FmuError, InputError
 from fmu_didim.master import Connection, InstancePool, Recording, System, apart, simulate
 from fmu_didim.signals import Trajectory, trajectory
 from tests.awkward.build import awkward_fmu
@@ -108,7 +108,7 @@ def test_what_ends_a_process_is_named_with_its_call_and_time(macro: str, tmp_pat
     good = load_fmu(awkward_fmu(tmp_path), isolated=False)
     made = load_fmu(awkward_fmu(tmp_path, macro), time_limit_s=1.0)
     for pool in (None, InstancePool()):
-        with pytest.raises(SimulationError) as caught:
+        with pytest.raises(FmuError) as caught:
             simulate(loop_of(good, bad=made), along(), pool=pool)
         for part in (FATAL[macro], str(made.path), "step", "t = 0.03 s"):
             assert part in str(caught.value)
@@ -208,5 +208,5 @@ def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(
         threading.Timer(3.0, self._process.kill).start()
 
     monkeypatch.setattr(apart.Worker, "__init__", init)
-    with pytest.raises(SimulationError, match="SIGKILL"):
+    with pytest.raises(FmuError, match="SIGKILL"):
         simulate(loop_of(made), along())
