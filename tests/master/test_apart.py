@@ -19,11 +19,13 @@ from fmu_didim.cache import cache_directory
 from fmu_didim.components import FmuComponent, Instance, load_fmu, wrap_control
 from fmu_didim.components.fmu import proof
 from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.errors import DivergedError, FmuError, InputError
+from fmu_didim.errors import DivergedError, FmuError, InputError, SimulationError
+from fmu_didim.export import build_fmu
 from fmu_didim.master import Connection, InstancePool, Recording, System, apart, simulate
 from fmu_didim.signals import Trajectory, trajectory
 from tests.awkward.build import awkward_fmu
 from tests.components.fmu.helpers import H, slave_outputs
+from tests.discovery.drive import drive
 
 COUNT = 60
 U = np.sin(np.arange(COUNT) * 0.3)[:, None]
@@ -140,6 +142,21 @@ def test_errors_of_the_run_arrive_as_they_are(tmp_path: Path) -> None:
     assert caught.value.time > 0
     with pytest.raises(InputError, match="not sampled at the control rate"):
         simulate(loop_of(made), trajectory(np.arange(5) * 0.02, {"u": np.zeros(5)}))
+
+
+def test_who_failed_first_is_the_same_there(tmp_path: Path) -> None:
+    """A plant whose equations have no solution for its values."""
+    block = drive().with_parameters({"inertia.J": 0.0})
+    plant = load_fmu(build_fmu(block)).built_from(block)
+    told = []
+    for isolated in (False, True):
+        made = load_fmu(awkward_fmu(tmp_path), isolated=isolated)
+        links = (Connection("reference.u", "slave.u"), Connection("slave.y", "plant.tau"))
+        with pytest.raises(SimulationError) as caught:
+            simulate(System({"slave": made, "plant": plant}, links, ("slave", "plant"), H), along())
+        told.append((str(caught.value), caught.value.component))
+    assert told[0] == told[1]
+    assert told[0][1] == "plant"
 
 
 class Sums:
