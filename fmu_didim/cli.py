@@ -253,6 +253,9 @@ def _add_fmu(commands: _Commands) -> None:
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
+            task.add_argument(
+                "--time-limit", type=float, default=120.0, metavar="SECONDS", help="for all questions (120)"
+            )
 
 
 def _add_cache(commands: _Commands) -> None:
@@ -394,7 +397,11 @@ def _fmu_check(options: argparse.Namespace) -> int:
     """Try out how an FMU behaves: reset, saved state, feed-through, parameters; and how to run it again."""
     from fmu_didim.components.fmu import load_fmu, probe_fmu
 
-    found = probe_fmu(load_fmu(options.file, interface=options.interface), step_size=options.step)
+    def say(question: str) -> None:
+        print(f"  {question} ...", file=sys.stderr, flush=True)
+
+    made = load_fmu(options.file, interface=options.interface)
+    found = probe_fmu(made, step_size=options.step, whole_s=options.time_limit, say=say)
     print("\n".join(found.lines()))
     return EXIT_ERROR if found.failure else 0
 

@@ -32,7 +32,8 @@ from fmu_didim.robot import RobotModel, read_robot
 
 def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
     """The base parameters of the robot, or the parameters of the plant that the case names."""
-    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of == PLANT}
+    own = (PLANT, document.plant_name)
+    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of in own}
     if not chosen and model is not None:
         return RobotParameters(model, base_parameters(model))
     offered = {v.name: v for v in plant.parameters}

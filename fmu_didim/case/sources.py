@@ -46,7 +46,8 @@ class ComponentSource(Strict):
         rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
             FMU that computes its command in the step.
-        isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
+        isolated, time_limit_s: whether an FMU runs in a process of its own, by default until it has been seen to run
+            and to end as it should; and for how long a call may take there.
         rerun: how an FMU is run again; by default what a trial of it shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
     """
@@ -65,7 +66,7 @@ class ComponentSource(Strict):
     solver: Literal["rk4", "cvode"] = "rk4"
     rate_hz: Positive | None = None
     outputs_after_step: bool = False
-    isolated: bool = False
+    isolated: bool | None = None
     time_limit_s: Positive = 10.0
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
     event_mode: bool = False
