@@ -23,6 +23,7 @@ COMPILER = "zig"
 KINDS = {
     "exported": "FMUs built by this package",
     "extracted": "FMUs, extracted",
+    "compiled": "libraries of FMUs that hold sources",
     "ssp": "SSP archives, extracted",
     "loop": "the compiled loop",
     "variational": "compiled sensitivities",

@@ -225,7 +225,10 @@ def _add_export(commands: _Commands) -> None:
     help_ = "build the FMU of a robot or controller description, or write the loop of a case as an SSP archive"
     three = _verb(commands, "export", _export, help_)
     three.add_argument(
-        "description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller; with --ssp a case"
+        "description",
+        type=Path,
+        metavar="DESCRIPTION.yaml",
+        help="a robot, a controller or a Modelica file; with --ssp a case",
     )
     three.add_argument(
         "--ssp", type=Path, metavar="FILE.ssp", help="write the closed loop of a case, its FMUs and values"
@@ -370,10 +373,18 @@ def _export(options: argparse.Namespace) -> int:
         raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
     from fmu_didim.controllers import read_controller
     from fmu_didim.documents import load_yaml
-    from fmu_didim.export import build_fmu
+    from fmu_didim.export import build_fmu, build_modelica
     from fmu_didim.export.versions import DEFAULT_VERSION
     from fmu_didim.robot import RobotModel, read_robot
 
+    if options.description.suffix == ".mo":
+        if options.fmi is not None or options.platform is not None:
+            raise InputError(
+                "The FMU of a Modelica file is of FMI 2.0 and for this machine.", where=str(options.description),
+                next_step="Leave out --fmi and --platform.",
+            )  # fmt: skip
+        print(build_modelica(options.description, directory=options.out))
+        return 0
     is_controller = "law" in load_yaml(options.description)
     block = (
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()

@@ -100,6 +100,10 @@ class Trajectory:
         """The column of a name, (N,); raises UnknownNameError."""
         return self.select([name])[:, 0]
 
+    def first(self, count: int) -> Trajectory:
+        """The same with its first columns alone."""
+        return Trajectory(self.time, self.values[:, :count], self.variables[:count])
+
     def select(self, names: Sequence[str]) -> Array:
         """The columns of the given names, (N, len(names)); raises UnknownNameError."""
         index = {name: i for i, name in enumerate(self.names)}

@@ -29,8 +29,10 @@ class ComponentSource(Strict):
 
     Attributes:
         kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
-        source: a description (``.yaml``), an ``.fmu`` file, or ``package.module:name`` (``file.py:name``) of a
-            python-control system or of a function that returns one. A plant without source is the robot.
+        source: a description (``.yaml``), an ``.fmu`` file, a Modelica file (``.mo``, run in model exchange), or
+            ``package.module:name`` (``file.py:name``) of a python-control system or of a function that returns one. A
+            plant without source is the robot.
+        model: name of the model in a Modelica file; that of the file by default.
         inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
             ``q_ref1 - q1``) -> name in the component, where they differ.
         parameter_names: name here -> name in the component, where they differ: of the identified parameters
@@ -54,6 +56,7 @@ class ComponentSource(Strict):
 
     kind: Literal["fmu", "model", "control"] = "fmu"
     source: str | None = None
+    model: str | None = None
     component: str = "plant"
     inputs: Mapping[str, str] = Field(default_factory=dict)
     outputs: Mapping[str, str] = Field(default_factory=dict)

@@ -173,7 +173,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no connection": ({"connections": {"pd.w": "load.w load.q2 *"}}, r"no output named|cannot be read"),
     "no sum": ({"connections": {"pd.w": "3 *"}}, r"cannot be read[\s\S]*connections.pd.w"),
     "no such plant": ({"plant": {"component": "arm"}}, r"must say which component[\s\S]*pd, motor, load"),
-    "both forms": ({"controller": {"kind": "control", "source": "parts.py:pd"}}, r"components:, not both"),
+    "both forms": ({"controller": {"source": "pd.yaml"}}, r"give controller: or components:, not both"),
     "options of the plant": ({"plant": {"substeps": 4}}, r"beside components: the plant takes"),
     "no such owner": ({"identify": {"x": {"of": "brake"}}}, r"no part of the loop named 'brake'[\s\S]*motor"),
     "reserved": ({"components": {"reference": {"kind": "fmu", "source": "a.fmu"}}}, r"reference: take letters"),
