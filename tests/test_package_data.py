@@ -9,7 +9,8 @@ from tests.helpers import ROOT
 
 
 def test_every_file_that_is_no_module_is_package_data() -> None:
-    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    patterns = project["tool"]["setuptools"]["package-data"]
     package = ROOT / "fmu_didim"
     files = [path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")]
     named = {path for pattern in patterns["fmu_didim"] for path in package.glob(pattern)}

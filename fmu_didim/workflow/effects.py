@@ -8,7 +8,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from fmu_didim.documents import Strict
+from fmu_didim.documents import Number, Strict
 from fmu_didim.effects import EFFECTS, Effect, JointType, SplicedEffect, Surroundings, TorqueEffect, find_effect
 from fmu_didim.report.plot import text_plot
 from fmu_didim.report.table import wrapped
@@ -24,14 +24,15 @@ class EffectParameter(Strict):
 
     Attributes:
         name: without the joint number; unit: at a revolute joint; prismatic_unit: at a prismatic one.
-        default: value where a robot description gives none; limits: lowest and highest sensible value.
+        default: value where a robot description gives none, null where that is no limit.
+        limits: lowest and highest sensible value.
         shape: whether it shapes the effect, or is its amplitude; description: what it is.
     """
 
     name: str
     unit: str | None
     prismatic_unit: str | None
-    default: float
+    default: Number
     limits: tuple[float, float] | None
     shape: bool
     description: str
@@ -102,8 +103,13 @@ def effect_text(name: str) -> str:
     entry = effect_entry(name)
     lines = [f"{entry.name}: {entry.title} ({entry.place})", "", f"  {entry.equation}", ""]
     for p in entry.parameters:
+        default = "none" if p.default is None else f"{p.default:g}"
         units = " or ".join(dict.fromkeys(u for u in (p.unit, p.prismatic_unit) if u not in (None, "")))
-        lines += wrapped(f"{p.description}{f', {units}' if units else ''}; {p.default:g}", f"  {p.name:8} ", " " * 11)
+        lines += wrapped(
+            f"{p.description}{f', {units}' if units else ''}; {default}",
+            f"  {p.name:8} ",
+            " " * 11,
+        )
     texts = {"Signature": entry.signature, "Confounded": ", ".join(entry.confounded_with) or "with none"}
     texts |= {"Told by": entry.experiment, "Source": entry.source, "Written": _written(entry)}
     lines += ["", *(line for head, text in texts.items() for line in wrapped(text, f"{head:11}", " " * 11))]

@@ -252,3 +252,39 @@ def test_a_mistyped_effect_is_told_by_the_schema() -> None:
     robot = {"name": "x", "joints": [{"type": "revolute", "effects": ["viscos"]}]}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(robot, schema("robot"))
+
+
+def test_fmus_are_told_apart_and_their_variables_listed(tmp_path: Path) -> None:
+    """Controller by its set points, plant by what is left; with a description the case runs as it is."""
+    files = as_csv(tmp_path)
+    assert main(["export", "fmus/scara/robot.yaml", "--out", str(tmp_path)]) == 0
+    assert main(["export", "controllers/scara_pd.yaml", "--out", str(tmp_path)]) == 0
+    fmus = [tmp_path / "scara.fmu", tmp_path / "scara_pd.fmu"]
+    made = start_case([*files, *fmus, "fmus/scara/robot.yaml"], tmp_path / "with")
+    assert [path.name for path in made.files] == ["case.yaml"]
+    text = made.files[0].read_text(encoding="utf-8")
+    assert "# scara_pd.fmu inputs: q_ref1" in text and "source: ../scara.fmu" in text
+    filled(made.files[0], *(f"{c:g}" for joint in zip(CONSTANT, GEAR, strict=True) for c in joint))
+    case = load_case(made.files[0])
+    assert case.document.plant.source == "../scara.fmu"
+    alone = start_case([*files, *fmus], tmp_path / "without").files[0].read_text(encoding="utf-8")
+    content = yaml.safe_load(alone)
+    assert "robot" not in content and content["identify"] == {"EDIT": {"parameter": "EDIT", "minimum": 0}}
+    assert "# ZZ1: {parameter: ZZ1, start: 3.43}  # kg.m2" in alone
+
+
+@pytest.mark.parametrize(
+    ("names", "problem"),
+    [
+        (["absent.csv"], r"does not exist[\s\S]*absent\.csv"),
+        (["notes.docx"], r"no kind that is known[\s\S]*notes\.docx"),
+        (["case.yaml"], r"neither a robot"),
+        (["scara.yaml"], r"No file with signals"),
+    ],
+)
+def test_files_that_are_none(tmp_path: Path, names: list[str], problem: str) -> None:
+    (tmp_path / "notes.docx").write_text("x")
+    (tmp_path / "case.yaml").write_text("name: x\n")
+    (tmp_path / "scara.yaml").write_text(Path("fmus/scara/robot.yaml").read_text())
+    with pytest.raises(InputError, match=problem):
+        start_case([tmp_path / name for name in names], tmp_path / "out")
