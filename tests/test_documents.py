@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import tracemalloc
 from pathlib import Path
@@ -9,10 +10,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fmu_didim.case.document import read_case
 from fmu_didim.cli import main
 from fmu_didim.documents import LONGEST, MAXIMUM_BYTES, MAXIMUM_DEPTH, MAXIMUM_VALUES, load_yaml, validate
 from fmu_didim.errors import InputError
-from fmu_didim.robot import RobotDescription
+from fmu_didim.excitation import Chirp, ChirpJoint
+from fmu_didim.robot import RobotDescription, read_robot
 
 
 def laughs(levels: int, width: int) -> str:
@@ -121,3 +124,43 @@ def test_commands_refuse_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[
     for arguments in (["check", str(path)], ["export", str(path)], ["simulate", str(path)]):
         assert main(arguments) == 1
         assert "The file is not valid YAML" in capsys.readouterr().err
+
+
+def case_text(**changes: object) -> str:
+    joints = [{"amplitude": 0.5}, {"amplitude": 0.3}]
+    chirp = {"kind": "chirp", "start_hz": 0.1, "stop_hz": 1.0, "duration_s": 10.0, "joints": joints}
+    case = {"name": "x", "robot": "robot.yaml", "controller": {"kind": "model", "source": "controller.yaml"},
+            "train": {"reference": chirp | changes, "torque": {"file": "log.csv"}}}  # fmt: skip
+    return yaml.safe_dump(case)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (case_text(duration_s=float("inf")), "duration_s: Input should be a finite number"),
+        (case_text(start_hz=float("nan")), "start_hz: Input should be a finite number"),
+        (case_text() + "loop: {rate_hz: .inf}\n", "rate_hz: Input should be a finite number"),
+        (case_text() + "loop: {drive_gains: [1.0, 0.0]}\n", "a drive with the gain 0 moves nothing"),
+        (case_text() + "estimator: {kind: didim, tolerance: .nan}\n", "tolerance must be a finite number"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told):
+        read_case(tmp_path / "case.yaml")
+
+
+def test_gravity_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    robot = Path("fmus/scara/robot.yaml").read_text(encoding="utf-8") + "\n"
+    assert "gravity" in robot
+    changed = re.sub(r"gravity: .*", "gravity: [.nan, 0, 0]", robot)
+    (tmp_path / "robot.yaml").write_text(changed, encoding="utf-8")
+    with pytest.raises(InputError, match=r"gravity\.0: Input should be a finite number"):
+        read_robot(tmp_path / "robot.yaml")
+
+
+@pytest.mark.parametrize(("seconds", "rate"), [(1e300, 1e3), (1e6, 1e3), (10.0, 1e12), (10.0, 1e300)])
+def test_a_motion_longer_than_memory_is_refused(seconds: float, rate: float) -> None:
+    motion = Chirp(start_hz=0.1, stop_hz=1.0, duration_s=seconds, joints=(ChirpJoint(amplitude=1.0),))
+    with pytest.raises(InputError, match="too long for its rate"):
+        motion.trajectory(rate)
