@@ -78,11 +78,21 @@ def read_reference(
                 "The reference has another number of joints than the robot.", where="reference",
                 got=source.joint_count, valid=str(joint_count),
             )  # fmt: skip
-        return source.trajectory(1.0 / step)
-    found = read_signals(source, folder, signals)
+        return _of_two_rows(source.trajectory(1.0 / step), "reference")
+    found = _of_two_rows(read_signals(source, folder, signals), source.file)
     check_reference_rate(found, step, source.file)
     if source.warm_up_s > 0 and source.period_s is not None:
         return _with_warm_up(found, step, source.period_s, source.warm_up_s)
+    return found
+
+
+def _of_two_rows(found: Trajectory, where: str) -> Trajectory:
+    """The signals, unless they are an instant and no motion."""
+    if found.time.size < 2:
+        raise InputError(
+            "One instant is no motion.", where=where, got=f"{found.time.size} rows", valid="two rows and more",
+            next_step="Give a longer one; look at its duration and at the rate of the loop.",
+        )  # fmt: skip
     return found
 
 
@@ -136,7 +146,7 @@ def read_experiment(
     reference = read_reference(source.reference, folder, step=step, joint_count=joint_count, signals=signals)
     if source.torque is None:
         raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
-    log = read_signals(source.torque, folder, signals)
+    log = _of_two_rows(read_signals(source.torque, folder, signals), source.torque.file)
     torque = log.select([f"tau{j}" for j in range(1, joint_count + 1)])
     if source.torque.quantity == "command":
         torque = torque_of_command(torque, drive_gains, label)
