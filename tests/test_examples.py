@@ -15,6 +15,10 @@ from fmu_didim.workflow import discover, identify
 from tests.conftest import needs_emps
 
 SCARA = Path("examples/scara")
+CAMPAIGNS = (
+    "arm2r_hidden", "controller_swap", "emps", "scara_controllers", "scara_robustness", "tx40_estimators",
+)  # fmt: skip
+"""Run by tests/campaigns/test_ready.py."""
 
 
 def load(path: str) -> dict[str, object]:
@@ -101,6 +105,7 @@ def test_every_case_file_is_named_here() -> None:
         "examples/scara/identify.yaml",
         "examples/scara/identify_200hz.yaml",
         "examples/scara/two_payloads.yaml",
+        *(f"examples/campaigns/{name}.yaml" for name in CAMPAIGNS),
         "examples/arm2r/discover.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",

@@ -6,11 +6,13 @@ lost costs what was in flight.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
+from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.errors import InputError
 
 
@@ -31,17 +33,32 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
             "A cluster needs Dask.", next_step="Install it here and on the workers: pip install 'fmu_didim[cluster]'."
         ) from error
     try:
-        file = Path(address)
-        client = Client(scheduler_file=str(file), timeout=10) if file.is_file() else Client(address, timeout=10)
+        if "://" in address:
+            client = Client(address, timeout=limits.SCHEDULER_S)
+        else:
+            _wait_for(Path(address))
+            client = Client(scheduler_file=address, timeout=limits.SCHEDULER_S)
     except (OSError, ValueError) as error:
         raise InputError(
             "No scheduler answers there.", where=address, got=str(error)[:200],
             next_step="Start one (dask scheduler) and workers (dask worker ADDRESS), or leave --scheduler out.",
         ) from error  # fmt: skip
     try:
-        threads = sum(client.nthreads().values())
-        if not threads:
-            raise InputError("The cluster has no workers.", where=address, next_step="Start some: dask worker ADDRESS.")
-        yield client.get_executor(pure=False, retries=2), threads
+        client.wait_for_workers(1, timeout=limits.WORKERS_S)
+        yield client.get_executor(pure=False, retries=2), max(1, sum(client.nthreads().values()))
+    except TimeoutError as error:
+        raise InputError(
+            "The cluster has no workers.", where=address, got=f"none within {limits.WORKERS_S:g} s",
+            next_step="Start some: dask worker ADDRESS.",
+        ) from error  # fmt: skip
     finally:
         client.close(timeout=5)
+
+
+def _wait_for(file: Path) -> None:
+    """Wait for the file of a scheduler that is just starting; raises FileNotFoundError."""
+    limit = time.monotonic() + limits.SCHEDULER_S
+    while not file.is_file():
+        if time.monotonic() > limit:
+            raise FileNotFoundError(f"the file {file} does not appear")
+        time.sleep(0.1)

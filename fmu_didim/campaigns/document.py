@@ -150,6 +150,13 @@ class Options(Strict):
     rounds: Annotated[int, Field(ge=1)] = 5
 
 
+def _check_apart(paths: list[str]) -> None:
+    """Raise ValueError where of fields that are set together one is a part of another."""
+    for path in paths:
+        if within := [other for other in paths if other.startswith(f"{path}.")]:
+            raise ValueError(f"vary: {within[0]} is a part of {path}, which varies as a whole")
+
+
 class CampaignDocument(Strict):
     """A campaign file.
 
@@ -207,9 +214,10 @@ class CampaignDocument(Strict):
         paths = [path for block in self.vary for path in block.paths]
         if twice := sorted({path for path in paths if paths.count(path) > 1}):
             raise ValueError(f"vary: {', '.join(twice)} varies in two blocks")
-        for path in paths:
-            if within := [other for other in paths if other.startswith(f"{path}.") and path != "case"]:
-                raise ValueError(f"vary: {within[0]} is a part of {path}, which varies as a whole")
+        for i, block in enumerate(self.vary):
+            beside = [path for k, other in enumerate(self.vary) if k != i for path in other.paths]
+            for entry in block.list_ or [block.paths]:
+                _check_apart([*entry, *beside])
         if self.case is None and "case" not in paths:
             raise ValueError("give case: (the base case), or vary it")
         if not self.is_simulated and len(self.seeds) > 1:

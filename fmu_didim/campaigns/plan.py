@@ -65,7 +65,7 @@ class Run:
     @property
     def labels(self) -> dict[str, Any]:
         """Path -> value as tables show it."""
-        return {s.path.removeprefix("label."): s.label for s in self.settings}
+        return {s.path: s.label for s in self.settings}
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,12 @@ class Plan:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The fields that vary, without the seed."""
-        return tuple(path.removeprefix("label.") for block in self.document.vary for path in block.paths)
+        """The fields that vary, without the seed; of a block with labels these, which stand for all else."""
+        found: list[str] = []
+        for block in self.document.vary:
+            labels = [path for path in block.paths if path.startswith("label.")]
+            found += labels or block.paths
+        return tuple(dict.fromkeys(found))
 
     def combinations(self) -> Iterator[tuple[Setting, ...]]:
         """The settings of every case."""
@@ -217,7 +221,8 @@ class Identities:
         self._code, self._verb = code_digest(), plan.document.verb
         self._seeds = plan.document.seeds
         self._truth_roots = set(plan.document.truth or {})
-        self._truth_roots |= {p.split(".")[1] for p in plan.paths if p.startswith("truth.")}
+        varied = (path for block in plan.document.vary for path in block.paths)
+        self._truth_roots |= {path.split(".")[1] for path in varied if path.startswith("truth.")}
 
     def runs(self, settings: tuple[Setting, ...]) -> Iterator[Run]:
         """The runs of one case, one a seed."""
