@@ -81,7 +81,7 @@ def test_written_csv_is_read_back(tmp_path: Path) -> None:
         ("t,q\n0,1\n1,2\n1,3\n", r"Time does not increase[\s\S]*row 2: t = 1 s after 1 s"),
         ("t,q\n0,1\n2,2\n1,3\n", r"row 2: t = 1 s after 2 s"),
         ("t,q\n0,1\n1,1_0\n", r"not a row of numbers[\s\S]*line 3[\s\S]*1_0"),
-        ("t,q\n0,1\n1," + "9" * 200_000 + "\n", r"not finite[\s\S]*row 1"),
+        ("t,q\n0,1\n1," + "9" * 200_000 + "\n", "not finite"),
         ("t,q\n0,1\n1,\0\n", r"line 3|NUL"),
     ],
 )
@@ -181,20 +181,20 @@ def test_matlab_files_are_read_as_scipy_does(tmp_path: Path, options: dict[str, 
     known = {k: v for k, v in loadmat(path).items() if isinstance(v, np.ndarray)}
     known = {k: v for k, v in known.items() if v.size == 7 and v.dtype.kind in "fiu"}
     signals = read_trajectory(path)
-    assert {"t", *signals.names} >= set(known) >= {"t", "q1", "n"}
-    for name in set(known) - {"t"}:
+    assert {"t", *signals.names} - {"table(1)", "table(2)"} == set(known) >= {"t", "q1", "n"}
+    for name in known.keys() - {"t"}:
         np.testing.assert_array_equal(signals.column(name), np.ravel(known[name]))
     np.testing.assert_array_equal(signals.time, np.arange(7) / 8)
 
 
-def test_a_table_in_a_matlab_file_keeps_its_rows_and_columns(tmp_path: Path) -> None:
+def test_a_table_in_a_matlab_file_has_the_order_of_its_rows(tmp_path: Path) -> None:
     table = np.arange(6.0).reshape(3, 2)
     raw = matlab(tmp_path, {"table": table}).read_bytes()
     np.testing.assert_array_equal(contents(raw)["table"], table)
 
 
 DAMAGED = {
-    "an unknown type": (b"\x09\0\0\0\x38\0\0\0", b"\x7f\0\0\0\x38\0\0\0", "of the type 127"),
+    "an unknown type": (b"\x09\0\0\0\x38\0\0\0", b"\x7f\0\0\0\x38\0\0\0", "the values of a matrix are of the type 127"),
     "too long": (b"\x09\0\0\0\x38\0\0\0", b"\x09\0\0\0\xff\xff\0\0", "reaches beyond its end"),
     "less than it says": (b"\x07\0\0\0\x01\0\0\0", b"\x09\0\0\0\x01\0\0\0", r"of \[9, 1\] holds 7 numbers"),
     "no flags": (b"\x06\0\0\0\x08\0\0\0", b"\x05\0\0\0\x08\0\0\0", "does not begin with its flags"),
