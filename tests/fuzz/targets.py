@@ -6,7 +6,6 @@ import io
 import os
 import random
 import shutil
-import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -165,20 +164,6 @@ def _hdf5(rng: random.Random) -> bytes:
     return _damaged(rng, stream.getvalue())
 
 
-def _mf4(rng: random.Random) -> bytes:
-    import asammdf
-
-    table = _table(rng)
-    with tempfile.TemporaryDirectory() as folder, asammdf.MDF(version="4.10") as file:
-        signals = [
-            asammdf.Signal(samples=table[:, k], timestamps=table[:, 0], name=name, unit=rng.choice(("rad", "deg", "")))
-            for k, name in ((1, "q1"), (2, "tau1"))
-        ]
-        file.append(signals)
-        path = file.save(Path(folder) / "a.mf4", overwrite=True, compression=rng.choice((0, 1)))
-        return _damaged(rng, path.read_bytes())
-
-
 def _fmu(rng: random.Random, description: bytes, *, stem: str, major: int) -> bytes:
     stream = io.BytesIO()
     folder = fmpy.platform_tuple if major == 3 else fmpy.platform
@@ -261,7 +246,6 @@ KINDS: Mapping[str, Kind] = {
     "mat": Kind(".mat", _mat, read_trajectory),
     "parquet": Kind(".parquet", _parquet, read_trajectory),
     "hdf5": Kind(".h5", _hdf5, read_trajectory),
-    "mf4": Kind(".mf4", _mf4, read_trajectory),
     "fmu-xml": Kind(".fmu", _fmu_xml, _load),
     "fmu-archive": Kind(".fmu", _fmu_archive, _load),
     "ssp": Kind(".ssp", _ssp, read_ssp),
