@@ -54,6 +54,11 @@ class FmuDidimError(Exception):
             self.args = (self._text(),)
         return self
 
+    def locate(self, line: str) -> None:
+        """Put the line of a file before where it is; ``line``: such as ``line 12, ``, or empty."""
+        self.where = f"{line}{self.where}"
+        self.args = (self._text(),)
+
     def __reduce__(self) -> tuple[Any, ...]:
         got = None if self.got is None else str(self.got)  # which may be anything
         return _restored, (type(self), str(self), {**self.__dict__, "got": got})

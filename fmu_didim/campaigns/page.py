@@ -11,23 +11,22 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.results import USED, Results
+from fmu_didim.campaigns.quality import USED
+from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
-from fmu_didim.report.figures import FRAME, MARGIN, WHITE, figure_json
+from fmu_didim.campaigns.texts import shown
+from fmu_didim.report.charts import SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
-from fmu_didim.report.tables import Table, table
+from fmu_didim.report.tables import Matrix, Table, matrix, table
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
-TABLES = ("runs", "parameters", "summary", "by_parameter")
+PANEL_HEIGHT = 220
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -47,7 +46,7 @@ def write_campaign_report(results: Results) -> list[Path]:
     """
     tables = {
         "runs": results.to_frame(parameters=False), "parameters": results.parameters(),
-        "summary": results.summary(), "by_parameter": results.by_parameter(),
+        "groups": results.groups(), "by_parameter": results.by_parameter(),
     }  # fmt: skip
     written = []
     try:
@@ -59,7 +58,7 @@ def write_campaign_report(results: Results) -> list[Path]:
                 written.append(path)
         page = results.folder / REPORT_FILE
         with whole_file(page) as temporary:
-            _write_page(results, tables["summary"], tables["by_parameter"], temporary)
+            _write_page(results, tables["groups"], tables["by_parameter"], temporary)
     except OSError as error:
         raise unwritable(results.folder, error) from error
     return [page, *written]
@@ -105,7 +104,6 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
         left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
         show=f"fmu-didim campaign show {results.folder}",
-        plotly=Markup(get_plotlyjs()) if figures else None,
     )
 
 
@@ -149,9 +147,9 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     listed = set(runs.head(limits.ROWS_SHOWN)["id"])
     cells = []
     for row in summary.to_dict("records"):
-        texts = [_shown(row[path]) for path in results.paths]
+        texts = [shown(row[path]) for path in results.paths]
         texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
-        texts += [_shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
+        texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
             interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
@@ -170,14 +168,14 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
     """For each field that varies, the groups by it alone."""
     found = []
     for path in results.paths if len(results.paths) > 1 else []:
-        summary = results.summary(path)
+        summary = results.groups(path)
         names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
         heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
         if "coverage" in summary:
             heads += ["coverage", "with misses", "largest bias / σ"]
         rows = []
         for r in summary.to_dict("records"):
-            rows.append([_shown(r[path]), *(str(r[n]) for n in names), _shown(r["iterations"])])
+            rows.append([shown(r[path]), *(str(r[n]) for n in names), shown(r["iterations"])])
             if "coverage" in summary:
                 rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
                 rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
@@ -192,7 +190,7 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     figures = {"mean": "value", "true": "true", "bias": "bias", "σ": "sigma", "σ stated": "stated"}
     heads = [*results.paths, "parameter", "unit", *figures, "bias / σ", "coverage", "answers of runs"]
     rows = [
-        [*(_shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
+        [*(shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
          *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
          _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
         for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
@@ -201,51 +199,41 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     return table(heads, rows, words, is_aligned=False) if rows else None
 
 
-def _figures(results: Results) -> list[tuple[str, Markup]]:
+def _figures(results: Results) -> list[tuple[str, Chart | None, Matrix | None]]:
     """Bias and sigma over each field of numbers; over the others a map of the bias of each parameter."""
-    found = []
+    found: list[tuple[str, Chart | None, Matrix | None]] = []
     for path in results.paths:
         quality = results.by_parameter(path)
         if quality.empty or quality[path].nunique() < 2:
             continue
         quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)
-        is_number = all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path])
-        if not is_number and quality["bias_in_sigma"].isna().all():
-            continue
-        figure = _over_numbers(quality, path) if is_number else _over_names(quality, path)
-        found.append((path, figure_json(figure)))
+        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path]):
+            found.append((path, _over_numbers(quality, path, f"field-{len(found) + 1}"), None))
+        elif not quality["bias_in_sigma"].isna().all():
+            found.append((path, None, _over_names(quality, path)))
     return found
 
 
-def _over_numbers(quality: pd.DataFrame, path: str) -> go.Figure:
-    figure = go.Figure()
-    for name, group in quality.groupby("parameter", sort=False):
-        group = group.sort_values(path)
-        for what, values, dash in (("σ", group["sigma"], "solid"), ("|bias|", np.abs(group["bias"]), "dot")):
-            shown = values / group["size"]
-            figure.add_trace(go.Scatter(x=group[path], y=shown, name=f"{what} of {name}", line={"dash": dash}))
-    positive = bool((quality[path] > 0).all())
-    figure.update_layout(
-        **WHITE, margin=MARGIN, height=420, hovermode="closest",
-        xaxis={**FRAME, "title": path, "type": "log" if positive else "linear"},
-        yaxis={**FRAME, "title": "% of the true (else of the mean) value", "type": "log"},
-    )  # fmt: skip
-    return figure
+def _over_numbers(quality: pd.DataFrame, path: str, name: str) -> Chart:
+    panels = []
+    for head, column in (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias")):
+        series = [
+            Series(str(parameter), group[path].to_numpy(float), np.abs(group[column] / group["size"]).to_numpy(float),
+                   f"series{k % SERIES}")
+            for k, (parameter, group) in enumerate(quality.sort_values(path).groupby("parameter", sort=False))
+        ]  # fmt: skip
+        panels.append(Panel("% of the value", series, head, PANEL_HEIGHT, log=True))
+    title = f"σ and bias of each parameter over {path}, in percent of its true, else of its mean value"
+    return Chart(name, title, panels, path, log=bool((quality[path] > 0).all()))
 
 
-def _over_names(quality: pd.DataFrame, path: str) -> go.Figure:
-    cross = quality.assign(shown=quality[path].map(_shown)).pivot_table(
+def _over_names(quality: pd.DataFrame, path: str) -> Matrix:
+    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
         index="shown", columns="parameter", values="bias_in_sigma", sort=False
     )
+    rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
     most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
-    figure = go.Figure(
-        go.Heatmap(
-            z=cross.to_numpy(), x=list(cross.columns), y=list(cross.index), zmin=-most, zmax=most, colorscale="RdBu_r",
-            texttemplate="%{z:.1f}", colorbar={"title": "bias / σ"},
-        )
-    )  # fmt: skip
-    figure.update_layout(**WHITE, margin={**MARGIN, "l": 220}, height=140 + 34 * len(cross))
-    return figure
+    return matrix(f"bias / σ over {path}", list(map(str, cross.columns)), rows, largest=most, digits=1)
 
 
 def _confusion(counts: pd.DataFrame) -> Table:
@@ -262,8 +250,8 @@ def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, t
     kept = runs.assign(order=order).sort_values("order", kind="stable").head(limits.ROWS_SHOWN)
     found = []
     for row in kept.to_dict("records"):
-        texts = [*(_shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
-        texts += [significant(row["error_percent"]), _shown(row["iterations"]), significant(row["seconds"], 2)]
+        texts = [*(shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
+        texts += [significant(row["error_percent"]), shown(row["iterations"]), significant(row["seconds"], 2)]
         texts.append(_first_line(row["message"]))
         found.append((row["id"], _page_of(results.folder, row["id"]), tuple(texts)))
     return found
@@ -281,12 +269,6 @@ def _first_line(text: Any) -> str:
 
 def _word(verdict: Any, status: str) -> str:
     return verdict.replace("_", " ") if isinstance(verdict, str) else status
-
-
-def _shown(value: Any) -> str:
-    if value is None or value != value:
-        return MISSING
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _percent(share: float) -> str:

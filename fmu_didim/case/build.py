@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -29,6 +30,7 @@ from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.files import is_file
 from fmu_didim.master import System
+from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
@@ -117,14 +119,27 @@ class Case:
             _ = changed.model  # what does not fit is found now
         return changed
 
+    @property
+    def needed(self) -> frozenset[str]:
+        """Columns of the reference that the loop takes: ``q1``, ``dq1``."""
+        if self.base is not None:
+            sources = (c.source.partition(".") for c in self.base.connections)
+            return frozenset(column for owner, _, column in sources if owner == REFERENCE)
+        assert self.controller is not None
+        return frozenset(
+            match[1] + match[2] for v in self.controller.inputs for match in re.finditer(r"(d{0,2}q)_ref(\d+)", v.name)
+        )
+
     def reference(self, label: str) -> Trajectory:
         """The reference of an experiment."""
         runs = self.document.runs
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         source = runs[label].reference
-        n = self.parameters.joint_count
-        return read_reference(source, self.folder, step=self.step_size, joint_count=n, signals=self.signals)
+        return read_reference(
+            source, self.folder, step=self.step_size, torque_units=self.parameters.torque_units, needed=self.needed,
+            signals=self.signals,
+        ).signals  # fmt: skip
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
@@ -237,8 +252,9 @@ def _with_data(case: Case) -> LoopModel:
             case.folder,
             step=case.step_size,
             drive_gains=document.loop.drive_gains,
-            joint_count=case.parameters.joint_count,
+            torque_units=case.parameters.torque_units,
             label=label,
+            needed=case.needed,
             signals=case.signals,
         )
         for label, run in document.runs.items()

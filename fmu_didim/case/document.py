@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
@@ -20,7 +20,7 @@ from fmu_didim.case.sources import (
     SignalFile,
     SystemSource,
 )
-from fmu_didim.documents import Positive, Strict, read_document
+from fmu_didim.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.estimators import ESTIMATORS, Estimator
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
@@ -79,7 +79,7 @@ class CaseDocument(Strict):
     controller: ComponentSource | None = None
     components: Mapping[str, ComponentSource] | None = None
     connections: Mapping[str, str] = Field(default_factory=dict)
-    system: SystemSource | None = None
+    system: Annotated[SystemSource, AlsoWritten(("string",))] | None = None
     loop: Loop = Loop()
     experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
     train: ExperimentSource | None = None

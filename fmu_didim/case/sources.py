@@ -8,13 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
 
-from fmu_didim.documents import Positive, Strict
+from fmu_didim.documents import AlsoWritten, Positive, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.master.system import LoopTreatment
 from fmu_didim.prediction.experiment import Role
+from fmu_didim.tables import Column, CsvLayout, TimeColumn
 
 
 def _written(fmi: str) -> str:
@@ -115,14 +116,17 @@ class SignalFile(Strict):
 
     Attributes:
         file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
-        columns: name here (``q1``, ``tau1``) -> column in the file, where they differ.
-        time: name of the time column.
+        columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
+            sign: -1, gear_ratio: ..., torque_constant: ...}``.
+        time: name of the time column, or ``{name: ..., unit: ms}``, or ``{rate_hz: ...}`` where there is none.
+        csv: how a CSV file is written, where that cannot be found out.
         obtain: where a user gets the file, shown when it is absent.
     """
 
     file: str
-    columns: Mapping[str, str] = Field(default_factory=dict)
-    time: str | None = None
+    columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+    time: Annotated[TimeColumn, AlsoWritten(("string", "integer"))] | None = None
+    csv: CsvLayout | None = None
     obtain: str = ""
 
 
@@ -130,12 +134,15 @@ class ReferenceFile(SignalFile):
     """A reference trajectory from a file, one row a control period.
 
     A log of a periodic motion seldom starts at rest: with ``period_s`` and ``warm_up_s`` the simulation
-    starts earlier, on the end of the period before.
+    starts earlier, on the end of the period before. Velocities and accelerations that the file lacks are computed.
 
     Attributes:
+        resample: whether rows at other instants, such as those of a jittered clock, are brought to the control rate by
+            a cubic spline through them; they are refused otherwise.
         period_s: length of a period of the motion; warm_up_s: how much earlier the simulation starts, at most a period.
     """
 
+    resample: bool = False
     period_s: Positive | None = None
     warm_up_s: Annotated[float, Field(ge=0)] = 0.0
 

@@ -28,7 +28,7 @@ from fmu_didim.workflow.augmented_files import (
     write_augmented,
     write_signals,
 )
-from fmu_didim.workflow.case_files import case_files
+from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.discovered import Discovered
 from fmu_didim.workflow.result_folder import ResultFolder, checked_case
 
@@ -79,6 +79,8 @@ def discover(
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
     description = _description(case)
     record = provenance(model, {"name": "discover"}, files=case_files(case))
+    chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
+    record |= repeating("discover", case, chosen)
     found = discover_in(
         model,
         description=description,
@@ -103,7 +105,7 @@ def result_folder(out: Path | str) -> ResultFolder:
     from fmu_didim.report.discovery_page import DISCOVERY_FILE
 
     fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
-    patterns = ("signals_*.csv", "data_*.csv", "*.fmu", "reference_next.csv")
+    patterns = ("signals_*.csv", "simulated_*.csv", "data_*.csv", "*.fmu", "reference_next.csv")
     return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files")
 
 

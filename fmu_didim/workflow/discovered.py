@@ -160,7 +160,8 @@ class Discovered:
         Raises:
             UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it.
         """
-        from fmu_didim.report.figures import torque_figure
+        from fmu_didim.report.figures import plotly_figure
+        from fmu_didim.report.torque_charts import Simulated, torque_chart
 
         base, final = self.found.discovery.base, self.found.discovery.final
         label = experiment or final.model.first
@@ -170,7 +171,8 @@ class Discovered:
         if self.findings:
             simulated["final model"] = final.model.torque(final.values, label)
         time, measured = final.model.experiments[label].time, final.model.measured_in(label)
-        return torque_figure(time, measured, simulated, self.document.torque_unit)
+        models = {name: Simulated(torque) for name, torque in simulated.items()}
+        return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 
     def __repr__(self) -> str:
         effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)

@@ -24,7 +24,7 @@ from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import write_robot
-from fmu_didim.workflow.case_files import case_files
+from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.check import has_own_plant
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.loop import described_loop
@@ -43,7 +43,7 @@ def result_folder(out: Path | str) -> ResultFolder:
     """The folder of the results of ``identify``."""
     from fmu_didim.report.page import REPORT_FILE
 
-    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv")
+    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv")
     return ResultFolder(Path(out), "identify", RESULT_FILE, (REPORT_FILE, ROBOT_FILE), patterns, "signals")
 
 
@@ -75,7 +75,7 @@ def identify(
     folder = None if out is None else result_folder(out)
     case = checked_case(case, folder)
     model = case.model
-    record = provenance(model, case.estimator.describe(), files=case_files(case))
+    record = provenance(model, case.estimator.describe(), files=case_files(case)) | repeating("identify", case)
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     refusal = _Refusal(case, folder, record)
