@@ -274,6 +274,9 @@ EXPORT Status fmi2SetFMUstate(Component c, void *state) {
     return OK;
 }
 EXPORT Status fmi2FreeFMUstate(Component c, void **state) {
+#ifdef ABORT_IN_FREE_STATE
+    abort();
+#endif
     free(*state);
     *state = NULL;
     return OK;
