@@ -30,6 +30,9 @@ _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
 
 
+FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
     with printable():
@@ -119,6 +122,7 @@ def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
 def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
+    one.add_argument("--figures", action="store_true", help=FIGURES)
     one.add_argument("--quiet", action="store_true", help="print the table only")
     checked = _case_verb(commands, "check", _check, "look at a case before any long work", optional=True)
     checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
@@ -137,6 +141,7 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument(
         "--time-limit", type=float, metavar="SECONDS", help="end with the best answer so far; the exit code is 3 then"
     )
+    found.add_argument("--figures", action="store_true", help=FIGURES)
     found.add_argument("--quiet", action="store_true", help="print the table only")
 
 
@@ -226,7 +231,7 @@ def _identify(options: argparse.Namespace) -> int:
     def progress(iteration: Iteration) -> None:
         say(_progress_line(iteration, time.perf_counter() - started))
 
-    outcome = identify(case, out=out, progress=progress, show=_print_summary)
+    outcome = identify(case, out=out, figures=options.figures, progress=progress, show=_print_summary)
     if outcome.robot is not None:
         robot = out / ROBOT_FILE
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
@@ -271,7 +276,7 @@ def _discover(options: argparse.Namespace) -> int:
     found = discover(
         options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
         rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=say,
-        show=_print_summary,
+        show=_print_summary, figures=options.figures,
     )  # fmt: skip
     took = f"({time.perf_counter() - started:.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
