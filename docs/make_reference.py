@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 import fmu_didim
 from fmu_didim import docstrings
+from fmu_didim.campaigns.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli import _parser
 from fmu_didim.controllers import LAWS
@@ -67,6 +68,7 @@ def pages() -> dict[str, str]:
         "case.md": _page("Keys of a case", models, *_model(CaseDocument)),
         "robot.md": _page("Keys of a robot description", models, *_model(RobotDescription)),
         "controller.md": _page("Keys of a controller description", models, *_laws()),
+        "campaign.md": _page("Keys of a campaign", models, *_model(CampaignDocument)),
         "estimators.md": _page("Estimators and their options", *_estimators()),
         "effects.md": _page("Effects", *_effects()),
         "codes.md": _page("Codes of diagnostics", *_codes()),

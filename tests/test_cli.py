@@ -12,8 +12,8 @@ import pytest
 
 from fmu_didim.cli import main
 from fmu_didim.identification.result import result_schema
-from fmu_didim.signals import read_trajectory
 from fmu_didim.ssp import read_ssp
+from fmu_didim.tables import read_trajectory
 
 
 def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

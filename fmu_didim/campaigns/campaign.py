@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -17,6 +18,7 @@ from fmu_didim.campaigns.plan import Plan, Run
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, stop_lanes, task_of, try_tasks
 from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.texts import duration
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
 from fmu_didim.documents import load_yaml, problems_error
@@ -35,11 +37,13 @@ class DryRun:
     """What a campaign would do.
 
     Attributes:
-        count: runs, equal ones counted once; equal: those left out for that; known: that are in the folder already.
+        name: of the campaign; count: runs, equal ones counted once; equal: those left out for that.
+        known: those that are in the folder already.
         cases: runs apart from their seeds; first: the first runs; tried: cases that were loaded.
         seconds: of the whole, by two trials; None where nothing is left to run.
     """
 
+    name: str
     count: int
     equal: int
     known: int
@@ -48,6 +52,20 @@ class DryRun:
     workers: int
     first: tuple[Run, ...]
     seconds: float | None
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        found = [f"{self.name}: {self.count} runs of {self.cases} cases; {self.tried} cases were loaded"]
+        if self.equal:
+            found.append(f"{self.equal} further runs equal others and are run and counted once")
+        if self.known:
+            found.append(f"{self.known} are in the folder already")
+        for number, run in enumerate(self.first, start=1):
+            found.append(f"  {number}. {json.dumps(run.labels, default=str)}, seed {run.seed}, id {run.id}")
+        if self.seconds is not None:
+            took = duration(self.seconds)
+            found.append(f"about {took} with {self.workers} workers, by two trials; nothing was written")
+        return found
 
 
 class Campaign:
@@ -82,7 +100,7 @@ class Campaign:
         runs = self.plan.runs
         equal = self.plan.combination_count - len(runs)
         cases = len({run.design for run in runs})
-        return DryRun(len(runs), equal, known, cases, tried, count, runs[:3], seconds)
+        return DryRun(self.plan.document.name, len(runs), equal, known, cases, tried, count, runs[:3], seconds)
 
     def _estimate(self, todo: Sequence[Run], workers: int) -> float:
         """Seconds: the first run loads its case, a second one finds it loaded where it differs by its seed only."""
@@ -182,7 +200,10 @@ def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Execut
         from fmu_didim.campaigns.cluster import cluster
 
         with cluster(scheduler) as found:
-            yield found
+            try:
+                yield found
+            finally:
+                end_lanes()  # there are some where the workers are threads of this process
         return
     count = workers or cpu_count() or 1
     pool = ThreadPoolExecutor(count)

@@ -6,6 +6,7 @@ lost costs what was in flight.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -32,8 +33,11 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
             "A cluster needs Dask.", next_step="Install it here and on the workers: pip install 'fmu_didim[cluster]'."
         ) from error
     try:
-        file = Path(address)
-        client = Client(scheduler_file=str(file), timeout=10) if file.is_file() else Client(address, timeout=10)
+        if "://" in address:
+            client = Client(address, timeout=limits.SCHEDULER_S)
+        else:
+            _wait_for(Path(address))
+            client = Client(scheduler_file=address, timeout=limits.SCHEDULER_S)
     except (OSError, ValueError) as error:
         raise InputError(
             "No scheduler answers there.", where=address, got=str(error)[:200],
@@ -49,3 +53,12 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
         ) from error  # fmt: skip
     finally:
         client.close(timeout=5)
+
+
+def _wait_for(file: Path) -> None:
+    """Wait for the file of a scheduler that is just starting; raises FileNotFoundError."""
+    limit = time.monotonic() + limits.SCHEDULER_S
+    while not file.is_file():
+        if time.monotonic() > limit:
+            raise FileNotFoundError(f"the file {file} does not appear")
+        time.sleep(0.1)

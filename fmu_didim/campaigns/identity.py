@@ -13,7 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import fmu_didim
 from fmu_didim.cache import file_digest
 from fmu_didim.case.data import DATA_PREFIX, data_folder
 from fmu_didim.documents import load_yaml
@@ -36,7 +35,7 @@ def digest(value: Any) -> str:
 def code_digest() -> str:
     """The digest of the source of this package and of the versions of those that it computes with."""
     state = hashlib.sha256(json.dumps({name: version(name) for name in PACKAGES[1:]}).encode())
-    root = Path(fmu_didim.__file__).parent
+    root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
             state.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())

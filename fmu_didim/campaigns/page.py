@@ -14,8 +14,10 @@ import pandas as pd
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.results import USED, Results
+from fmu_didim.campaigns.quality import USED
+from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
+from fmu_didim.campaigns.texts import shown
 from fmu_didim.report.charts import SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
@@ -25,7 +27,6 @@ from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
 PANEL_HEIGHT = 220
-TABLES = ("runs", "parameters", "summary", "by_parameter")
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -45,7 +46,7 @@ def write_campaign_report(results: Results) -> list[Path]:
     """
     tables = {
         "runs": results.to_frame(parameters=False), "parameters": results.parameters(),
-        "summary": results.summary(), "by_parameter": results.by_parameter(),
+        "groups": results.groups(), "by_parameter": results.by_parameter(),
     }  # fmt: skip
     written = []
     try:
@@ -57,7 +58,7 @@ def write_campaign_report(results: Results) -> list[Path]:
                 written.append(path)
         page = results.folder / REPORT_FILE
         with whole_file(page) as temporary:
-            _write_page(results, tables["summary"], tables["by_parameter"], temporary)
+            _write_page(results, tables["groups"], tables["by_parameter"], temporary)
     except OSError as error:
         raise unwritable(results.folder, error) from error
     return [page, *written]
@@ -146,9 +147,9 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     listed = set(runs.head(limits.ROWS_SHOWN)["id"])
     cells = []
     for row in summary.to_dict("records"):
-        texts = [_shown(row[path]) for path in results.paths]
+        texts = [shown(row[path]) for path in results.paths]
         texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
-        texts += [_shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
+        texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
             interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
@@ -167,14 +168,14 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
     """For each field that varies, the groups by it alone."""
     found = []
     for path in results.paths if len(results.paths) > 1 else []:
-        summary = results.summary(path)
+        summary = results.groups(path)
         names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
         heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
         if "coverage" in summary:
             heads += ["coverage", "with misses", "largest bias / σ"]
         rows = []
         for r in summary.to_dict("records"):
-            rows.append([_shown(r[path]), *(str(r[n]) for n in names), _shown(r["iterations"])])
+            rows.append([shown(r[path]), *(str(r[n]) for n in names), shown(r["iterations"])])
             if "coverage" in summary:
                 rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
                 rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
@@ -189,7 +190,7 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     figures = {"mean": "value", "true": "true", "bias": "bias", "σ": "sigma", "σ stated": "stated"}
     heads = [*results.paths, "parameter", "unit", *figures, "bias / σ", "coverage", "answers of runs"]
     rows = [
-        [*(_shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
+        [*(shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
          *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
          _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
         for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
@@ -227,7 +228,7 @@ def _over_numbers(quality: pd.DataFrame, path: str, name: str) -> Chart:
 
 
 def _over_names(quality: pd.DataFrame, path: str) -> Matrix:
-    cross = quality.assign(shown=quality[path].map(_shown)).pivot_table(
+    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
         index="shown", columns="parameter", values="bias_in_sigma", sort=False
     )
     rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
@@ -249,8 +250,8 @@ def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, t
     kept = runs.assign(order=order).sort_values("order", kind="stable").head(limits.ROWS_SHOWN)
     found = []
     for row in kept.to_dict("records"):
-        texts = [*(_shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
-        texts += [significant(row["error_percent"]), _shown(row["iterations"]), significant(row["seconds"], 2)]
+        texts = [*(shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
+        texts += [significant(row["error_percent"]), shown(row["iterations"]), significant(row["seconds"], 2)]
         texts.append(_first_line(row["message"]))
         found.append((row["id"], _page_of(results.folder, row["id"]), tuple(texts)))
     return found
@@ -268,12 +269,6 @@ def _first_line(text: Any) -> str:
 
 def _word(verdict: Any, status: str) -> str:
     return verdict.replace("_", " ") if isinstance(verdict, str) else status
-
-
-def _shown(value: Any) -> str:
-    if value is None or value != value:
-        return MISSING
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _percent(share: float) -> str:

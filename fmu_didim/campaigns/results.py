@@ -1,12 +1,4 @@
-"""What a campaign gave: tables of its runs and parameters, and how good the answers of a group are.
-
-    bias      mean(value - true)                         sigma     standard deviation of the values of a group
-    stated    sqrt(mean(std^2))                          coverage  part of the 95 % intervals that hold the true value
-
-Only valid and doubtful answers count for these; how many others there were stands beside them, and so does the coverage
-with each of those as a miss. The interval of a coverage is Clopper and Pearson's (Biometrika 26, 1934), of as many
-trials as there are different data: runs on the same data are no further evidence.
-"""
+"""What a campaign gave: tables of its runs, parameters and groups, and what to have in mind with them."""
 
 from __future__ import annotations
 
@@ -18,17 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
 
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.execute import FAILURES
+from fmu_didim.campaigns.quality import USED, by_parameter, of_all_parameters, plain
 from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.texts import groups_text
 from fmu_didim.errors import UnknownNameError
-from fmu_didim.statistics import CONFIDENCE
+from fmu_didim.report.table import wrapped
 
 VERDICTS = ("valid", "doubtful", "not_settled", "refused")
-USED = ("valid", "doubtful")
-"""Verdicts of answers that may be used, which alone count for bias, sigma and coverage."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +127,39 @@ class Results:
         shown = ["id", "data", "seed", "verdict", *self.paths]
         return self._runs[shown].merge(found, on="id")
 
-    def summary(self, *by: str) -> pd.DataFrame:
+    def summary(self) -> str:
+        """What the terminal shows: groups, what was named of hidden effects, what to have in mind with the figures."""
+        whole, paths = self.groups(), self.paths
+        apart = len(whole) > limits.GROUPS_PRINTED and len(paths) > 1
+        blocks = [groups_text(self.groups(path), [path]) for path in paths] if apart else [groups_text(whole, paths)]
+        confusion = self.confusion()
+        if not confusion.empty:
+            blocks.append("hidden effects (rows) against named ones, in runs\n" + confusion.to_string())
+        if remarks := self.remarks():
+            blocks.append("\n".join(line for remark in remarks for line in wrapped(remark, "- ", "  ")))
+        return "\n\n".join(["\n".join(self.status().lines()[:2]), *blocks])
+
+    def full_id(self, begin: str) -> str:
+        """The id of the planned run that begins so; raises UnknownNameError where there is none, or more than one."""
+        known = self.store.planned()["id"].to_pylist()
+        found = [id_ for id_ in known if id_.startswith(begin)]
+        if len(found) != 1:
+            raise UnknownNameError("run", begin, found or known[:10], where=str(self.folder))
+        return str(found[0])
+
+    def describe(self, begin: str) -> list[str]:
+        """All that is known of a run, a line each; ``begin``: the first digits of its id."""
+        row = self._runs[self._runs["id"] == self.full_id(begin)].iloc[0].to_dict()
+        named = {**{path: row[path] for path in self.paths}, "seed": row["seed"]}
+        lines = [f"run {row['id']}", *(f"  {path} = {value}" for path, value in named.items()), ""]
+        known = {k: v for k, v in row.items() if k not in (*named, "id") and v is not None and v == v and v != ""}
+        lines += [f"{key}: {value}" for key, value in known.items()]
+        for p in self._parameters[self._parameters["id"] == row["id"]].to_dict("records"):
+            true = f", true {p['true']:.6g}" if p["true"] == p["true"] else ""
+            lines.append(f"  {p['parameter']} = {p['value']:.6g} ± {p['std']:.2g} {p['unit']}{true}")
+        return [*lines, "", f"again: fmu-didim campaign retry {self.folder} --only {row['id']}"]
+
+    def groups(self, *by: str) -> pd.DataFrame:
         """One row a group: how many runs came to what, iterations, errors, and how good their answers are.
 
         Args:
@@ -147,7 +170,7 @@ class Results:
         """
         names = self._grouping(by)
         groups = self._runs.groupby(names, dropna=False, sort=False) if names else [((), self._runs)]
-        quality = self._quality(names)
+        quality = of_all_parameters(by_parameter(self._runs, self._parameters, names), names)
         rows = []
         for key, group in groups:
             key = key if isinstance(key, tuple) else (key,)
@@ -159,7 +182,7 @@ class Results:
             row["iterations"] = group["iterations"].median()
             row["error_percent"] = group.loc[verdict.isin(USED), "error_percent"].median()
             row["seconds"] = group["seconds"].median()
-            rows.append(row | quality.get(_plain(key), {}))
+            rows.append(row | quality.get(plain(key), {}))
         return pd.DataFrame(rows)
 
     def _grouping(self, by: Sequence[str]) -> list[str]:
@@ -168,58 +191,13 @@ class Results:
                 raise UnknownNameError("field that varies", name, self.paths, where=str(self.folder))
         return list(by) if by else self.paths
 
-    def _quality(self, names: list[str]) -> dict[tuple[object, ...], dict[str, float]]:
-        """Group -> coverage of all parameters together, its interval, and it with runs without answer as misses."""
-        table = self._by_parameter(names)
-        if table.empty or table["coverage"].isna().all():
-            return {}
-        table = table[table["coverage"].notna()]
-        found: dict[tuple[object, ...], dict[str, float]] = {}
-        for key, group in table.groupby(names, dropna=False, sort=False) if names else [((), table)]:
-            key = key if isinstance(key, tuple) else (key,)
-            share, data = float(group["coverage"].mean()), int(group["data"].min())
-            low, high = proportion_interval(share, data)
-            found[_plain(key)] = {
-                "coverage": share, "coverage_low": low, "coverage_high": high,
-                "coverage_least": float(group["coverage_least"].mean()),
-                "largest_bias_in_sigma": float(group["bias_in_sigma"].abs().max()),
-            }  # fmt: skip
-        return found
-
     def by_parameter(self, *by: str) -> pd.DataFrame:
         """One row a group and parameter: mean, sigma, stated sigma; where the true value is known bias and coverage.
 
         Args:
             by: fields that vary; by default all of them, without the seed.
         """
-        return self._by_parameter(self._grouping(by))
-
-    def _by_parameter(self, names: list[str]) -> pd.DataFrame:
-        used = self._parameters[self._parameters["verdict"].isin(USED)]
-        if used.empty:
-            return pd.DataFrame()
-        has_truth = used["true"].notna()
-        inside = (used["low"] <= used["true"]) & (used["true"] <= used["high"])
-        used = used.assign(
-            error=used["value"] - used["true"], variance=used["std"] ** 2, inside=inside.where(has_truth, 0).astype(int)
-        )
-        groups = used.groupby([*names, "parameter", "unit"], dropna=False, sort=False)
-        found = groups.agg(
-            used=("id", "size"), data=("data", "nunique"), true=("true", "mean"), known=("true", "count"),
-            value=("value", "mean"), bias=("error", "mean"), sigma=("value", "std"), variance=("variance", "mean"),
-            inside=("inside", "sum"),
-        ).reset_index()  # fmt: skip
-        found["stated"] = np.sqrt(found.pop("variance"))
-        found["bias_in_sigma"] = found["bias"] / found["stated"]
-        ran = self._runs[self._runs["status"] != "open"]
-        counts = ran.groupby(names, dropna=False).size().rename("ran").reset_index() if names else None
-        found = found.merge(counts, on=names, how="left") if counts is not None else found.assign(ran=len(ran))
-        hits, known = found.pop("inside"), found.pop("known").replace(0, np.nan)
-        found["coverage"] = hits / known
-        found["coverage_least"] = (hits / found["ran"]).where(known.notna())
-        bounds = [proportion_interval(c, int(n)) for c, n in zip(found["coverage"], found["data"], strict=True)]
-        found["coverage_low"], found["coverage_high"] = [b[0] for b in bounds], [b[1] for b in bounds]
-        return found
+        return by_parameter(self._runs, self._parameters, self._grouping(by))
 
     def confusion(self) -> pd.DataFrame:
         """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""
@@ -277,18 +255,3 @@ _COLUMNS = (
     "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "seconds", "cpu_seconds", "attempt",
     "started", "host",
 )  # fmt: skip
-
-
-def proportion_interval(share: float, count: int) -> tuple[float, float]:
-    """95 % interval of a probability, of which ``share`` of ``count`` trials came true (Clopper and Pearson 1934)."""
-    if count < 1 or not np.isfinite(share):
-        return 0.0, 1.0
-    hits, tail = share * count, (1 - CONFIDENCE) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits > 0 else 0.0
-    high = float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
-
-
-def _plain(key: Sequence[object]) -> tuple[object, ...]:
-    """A key of a group in which a missing value equals a missing value."""
-    return tuple(None if value is None or value != value else value for value in key)

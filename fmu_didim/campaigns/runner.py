@@ -146,6 +146,9 @@ def lane_of_thread(folder: str, allowed: Limits) -> Lane:
     """The lane of this thread for a campaign."""
     key = (folder, allowed.model_dump_json())
     if getattr(_lanes, "key", None) != key:
+        if getattr(_lanes, "lane", None) is not None:
+            _lanes.lane.close()
+            _lanes.lane.journal.close()
         _lanes.key, _lanes.lane = key, Lane(Path(folder), allowed)
         with _lock:
             _all_lanes.append(_lanes.lane)

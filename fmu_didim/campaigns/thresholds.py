@@ -41,7 +41,9 @@ TRIED = TABLE(
     "Most cases that are loaded before the first run; further values are checked by their form only.",
 )
 LOOKED_AT = TABLE("LOOKED_AT", 1000, "cases", "Most cases whose form is checked before the first run: two seconds.")
+SCHEDULER_S = TABLE("SCHEDULER_S", 30.0, "s", "For a scheduler to answer, or to write its file.")
 WORKERS_S = TABLE("WORKERS_S", 60.0, "s", "For the first worker of a cluster to appear: a queue may take longer.")
 ALIVE_S = TABLE("ALIVE_S", 60.0, "s", "After its last sign a runner on the same folder counts as ended.")
+GROUPS_PRINTED = TABLE("GROUPS_PRINTED", 12, "groups", "Most groups that are printed; else those by each field alone.")
 ROWS_SHOWN = TABLE("ROWS_SHOWN", 5000, "rows", "Most runs that the page lists one by one; files hold all of them.")
 CELL_RUNS = TABLE("CELL_RUNS", 25, "runs", "Most runs that a group of the page links to, those without answer first.")

@@ -14,7 +14,8 @@ from fmu_didim.report.numbers import joint_unit, pretty_unit
 from fmu_didim.report.page import Experiment
 from fmu_didim.report.residual_charts import QUANTITIES, Residuals, against_chart, colour_charts
 from fmu_didim.report.torque_charts import SHOWN, Simulated, samples_text, torque_chart
-from fmu_didim.signals import Trajectory, read_trajectory
+from fmu_didim.signals import Trajectory
+from fmu_didim.tables import read_trajectory
 
 MODELS = {"base model": "base", "final model": "final"}
 """Name in a legend -> column of the simulated torque."""

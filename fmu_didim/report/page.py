@@ -16,7 +16,8 @@ from fmu_didim.report.residual_charts import against_chart, colour_charts
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.torque_charts import Simulated, history_chart, samples_text, torque_chart
 from fmu_didim.report.verdict import verdict
-from fmu_didim.signals import Trajectory, read_trajectory
+from fmu_didim.signals import Trajectory
+from fmu_didim.tables import read_trajectory
 
 REPORT_FILE = "report.html"
 TEMPLATE = "page.html.j2"

@@ -29,9 +29,8 @@ def _named(case: Case) -> dict[str, Path]:
     """Files under the names that the case gives them."""
     document = case.document
     named: dict[str, Path] = {}
-    controller = document.controller.source if document.controller is not None else None
     archive = document.system.source if document.system is not None else None
-    for source in (document.robot, document.plant.source, controller, archive):
+    for source in (document.robot, *(part.source for part in document.parts.values()), archive):
         if source is not None and ":" not in source:
             named[source] = case.folder / source
     for run in document.runs.values():

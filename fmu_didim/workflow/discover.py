@@ -122,7 +122,7 @@ def _kept(folder: ResultFolder, say: Callable[[str], None], document: FindingsDo
 
 def _description(case: Case) -> RobotDescription | None:
     """The robot, if the plant is built from it: to any other plant effects can only be added from outside."""
-    source = case.document.plant.source
+    source = case.document.plant_source
     if source is not None and not source.endswith((".yaml", ".yml")):
         return None
     robot = getattr(case.parameters, "model", None)

@@ -50,7 +50,7 @@ def test_robustness(tmp_path: Path) -> None:
 def test_a_mis_stated_controller_is_seen_in_bias_and_verdict(tmp_path: Path) -> None:
     """What biases the answer never leaves it valid; all see the same data, which is told."""
     results = part_of("controller_swap", tmp_path / "run", vary_of("controller_swap"), 2)
-    summary = results.summary().set_index("label.stated")
+    summary = results.groups().set_index("label.stated")
     assert summary.loc["the right one", ["valid", "data"]].tolist() == [2, 2]
     assert summary.loc["the right one", "largest_bias_in_sigma"] < 4
     assert summary.loc["Kp 5 % low", "largest_bias_in_sigma"] < 4  # the loop tracks, whatever its gain

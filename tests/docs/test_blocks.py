@@ -18,12 +18,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
 from pydantic import BaseModel, TypeAdapter
 
+from fmu_didim.campaigns.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ComponentSource, ExperimentSource
 from fmu_didim.controllers import LAWS
@@ -65,16 +67,28 @@ def runs(page: Path) -> bool:
     return bool(kinds & {"sh", "python"}) and page.name != "discovery.md" and page.parent.name != "reference"
 
 
+def queue(**options: Any) -> Any:
+    """Dask's cluster on this machine in the place of that of a queue."""
+    from distributed import LocalCluster
+
+    assert set(options) == {"cores", "processes", "memory", "walltime", "worker_extra_args"}
+    made = LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
+    made.scale = lambda jobs: None
+    return made
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder with the examples, where fmu-didim is on the path."""
     for name in COPIED:
         shutil.copytree(ROOT / name, tmp_path / name)
-    program = tmp_path / "bin" / "fmu-didim"
-    program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m fmu_didim.cli "$@"\n')
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    (tmp_path / "bin").mkdir()
+    for name, module in (("fmu-didim", "fmu_didim.cli"), ("dask", "dask")):
+        program = tmp_path / "bin" / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n')
+        program.chmod(0o755)
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=queue))  # type: ignore[arg-type]
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.chdir(tmp_path)
@@ -124,6 +138,9 @@ def test_yaml_is_a_valid_part(page: str, text: str) -> None:
     content = yaml.safe_load(text)
     if "law" in content:
         LAWS[content["law"]].model_validate(content)
+        return
+    if "vary" in content:
+        CampaignDocument.model_validate(content)
         return
     aliases = [{info.alias or name: info.annotation for name, info in part.model_fields.items()} for part in PARTS]
     known = next(fields for fields in aliases if set(content) <= set(fields))

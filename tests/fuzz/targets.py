@@ -25,8 +25,8 @@ from fmu_didim.components.fmu import info_lines, load_fmu, read_description
 from fmu_didim.controllers import read_controller
 from fmu_didim.master.running import CHECK_INTERVAL
 from fmu_didim.robot import RobotModel, read_robot
-from fmu_didim.signals import read_trajectory
 from fmu_didim.ssp import read_ssp
+from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import export_ssp, simulate
 from tests.awkward import build
 from tests.fuzz import mutate

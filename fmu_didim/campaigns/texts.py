@@ -1,0 +1,41 @@
+"""What the terminal shows of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from fmu_didim.report.numbers import MISSING
+from fmu_didim.report.table import column, joined
+
+
+def groups_text(summary: pd.DataFrame, names: Sequence[str]) -> str:
+    """The groups by some fields, one a line."""
+    columns = [column(name, [shown(v) for v in summary[name]], left=True) for name in names]
+    others = [name for name in ("not_settled", "refused", "failed", "open") if summary[name].any()]
+    counts = ["runs", "valid", "doubtful", *others]
+    columns += [column(n.replace("_", " "), [str(v) for v in summary[n]]) for n in counts]
+    columns.append(column("torque error %", [f"{v:.2f}" for v in summary["error_percent"]]))
+    if "coverage" in summary:
+        low, high = summary["coverage_low"], summary["coverage_high"]
+        ranges = zip(summary["coverage"], low, high, strict=True)
+        columns.append(column("coverage (95 % interval)", [f"{c:.3f} ({a:.2f} to {b:.2f})" for c, a, b in ranges]))
+        columns.append(column("with misses", [f"{v:.3f}" for v in summary["coverage_least"]]))
+        columns.append(column("largest bias/σ", [f"{v:.2f}" for v in summary["largest_bias_in_sigma"]]))
+    return "\n".join(joined(columns))
+
+
+def duration(seconds: float) -> str:
+    """A time for reading."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def shown(value: Any) -> str:
+    """A value of a field that varies."""
+    if value is None or value != value:
+        return MISSING
+    return f"{value:g}" if isinstance(value, float) else str(value)
