@@ -62,8 +62,9 @@ class LoopProcess:
 
     def run(self, order: Order) -> Recording:
         """Run a loop there; raises what the run raises, and ProcessEndedError, NotCarriedError."""
-        descriptions = [c.fmu for c in order.system.components.values() if isinstance(c, FmuComponent)]
-        found, observed = self._worker.request("the loop", _run, order, constants=(*descriptions, order.reference))
+        fmus = [c for c in order.system.components.values() if isinstance(c, FmuComponent)]
+        large = (*(c.fmu for c in fmus), *(c.block for c in fmus if c.block is not None), order.reference)
+        found, observed = self._worker.request("the loop", _run, order, constants=large)
         self.runs += 1
         if order.observe is not None:
             vars(order.observe).update(observed)

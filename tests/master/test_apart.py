@@ -19,11 +19,13 @@ from fmu_didim.cache import cache_directory
 from fmu_didim.components import FmuComponent, Instance, load_fmu, wrap_control
 from fmu_didim.components.fmu import proof
 from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.errors import DivergedError, InputError, SimulationError
+from fmu_didim.errors import DivergedError, FmuError, InputError, SimulationError
+from fmu_didim.export import build_fmu
 from fmu_didim.master import Connection, InstancePool, Recording, System, apart, simulate
 from fmu_didim.signals import Trajectory, trajectory
 from tests.awkward.build import awkward_fmu
 from tests.components.fmu.helpers import H, slave_outputs
+from tests.discovery.drive import drive
 
 COUNT = 60
 U = np.sin(np.arange(COUNT) * 0.3)[:, None]
@@ -108,7 +110,7 @@ def test_what_ends_a_process_is_named_with_its_call_and_time(macro: str, tmp_pat
     good = load_fmu(awkward_fmu(tmp_path), isolated=False)
     made = load_fmu(awkward_fmu(tmp_path, macro), time_limit_s=1.0)
     for pool in (None, InstancePool()):
-        with pytest.raises(SimulationError) as caught:
+        with pytest.raises(FmuError) as caught:
             simulate(loop_of(good, bad=made), along(), pool=pool)
         for part in (FATAL[macro], str(made.path), "step", "t = 0.03 s"):
             assert part in str(caught.value)
@@ -140,6 +142,21 @@ def test_errors_of_the_run_arrive_as_they_are(tmp_path: Path) -> None:
     assert caught.value.time > 0
     with pytest.raises(InputError, match="not sampled at the control rate"):
         simulate(loop_of(made), trajectory(np.arange(5) * 0.02, {"u": np.zeros(5)}))
+
+
+def test_who_failed_first_is_the_same_there(tmp_path: Path) -> None:
+    """A plant whose equations have no solution for its values."""
+    block = drive().with_parameters({"inertia.J": 0.0})
+    plant = load_fmu(build_fmu(block)).built_from(block)
+    told = []
+    for isolated in (False, True):
+        made = load_fmu(awkward_fmu(tmp_path), isolated=isolated)
+        links = (Connection("reference.u", "slave.u"), Connection("slave.y", "plant.tau"))
+        with pytest.raises(SimulationError) as caught:
+            simulate(System({"slave": made, "plant": plant}, links, ("slave", "plant"), H), along())
+        told.append((str(caught.value), caught.value.component))
+    assert told[0] == told[1]
+    assert told[0][1] == "plant"
 
 
 class Sums:
@@ -208,5 +225,5 @@ def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(
         threading.Timer(3.0, self._process.kill).start()
 
     monkeypatch.setattr(apart.Worker, "__init__", init)
-    with pytest.raises(SimulationError, match="SIGKILL"):
+    with pytest.raises(FmuError, match="SIGKILL"):
         simulate(loop_of(made), along())

@@ -94,7 +94,7 @@ class FmuComponent(FmuSettings):
         """
         rerun = self.find_rerun() if run_before else known_rerun(self)
         way = AUTO if rerun is None else AGAIN if rerun.strategy == PROCESS else rerun.strategy
-        return replace(self, isolated=False, block=None, rerun=way), rerun
+        return replace(self, isolated=False, rerun=way), rerun
 
     def instantiate_here(self, *, keep_new_state: bool = False) -> FmuInstance:
         if self.interface.kind == MODEL_EXCHANGE:

@@ -63,6 +63,11 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     )
 
 
+_INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
+LONGEST_SOURCE = 2**20
+"""Bytes of a file in which is looked for what it includes."""
+
+
 def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[str]] | None:
     """C files that an interface is made of, and definitions of the preprocessor; None if it holds none."""
     sources = folder / "sources"
@@ -78,8 +83,21 @@ def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[st
                 found = element.iter("PreprocessorDefinition")
                 definitions += ["=".join(filter(None, (e.get("name"), e.get("value")))) for e in found]
     listed = [name for name in dict.fromkeys(names) if name.endswith(".c") and (sources / name).is_file()]
-    listed = listed or sorted(path.name for path in sources.glob("*.c"))
-    return (listed, definitions) if listed else None
+    return (listed or _main_files(sources), definitions) if listed or any(sources.glob("*.c")) else None
+
+
+def _main_files(sources: Path) -> list[str]:
+    """The C files of a folder that no other file of it includes."""
+    included: set[str] = set()
+    for file in (*sources.glob("*.c"), *sources.glob("*.h")):
+        included |= set(_INCLUDED.findall(file.read_bytes()[:LONGEST_SOURCE].decode("utf-8", "replace")))
+    return sorted(path.name for path in sources.glob("*.c") if path.name not in included)
+
+
+def _first_error(text: str) -> str:
+    """The first error that a compiler tells of."""
+    lines = [line for line in text.splitlines() if "error" in line]
+    return (lines or text.splitlines() or [""])[0][:500]
 
 
 def _compiled(
@@ -101,7 +119,7 @@ def _compiled(
     except BuildError as error:
         raise FmuError(
             "The FMU holds no binary for this platform, and its sources could not be compiled.", where=where,
-            got=str(error.got or error.what)[-1500:],
+            got=f"binaries for {', '.join(description.platforms) or 'no platform'}; {_first_error(str(error.got))}",
             next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
         ) from error  # fmt: skip
 

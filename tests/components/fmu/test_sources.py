@@ -35,13 +35,21 @@ def test_an_fmu_without_binaries_runs_as_the_one_with_them(tmp_path: Path, versi
     np.testing.assert_allclose(drive(made, u, H), wanted, rtol=1e-9, atol=1e-12)
 
 
-def by_hand(folder: Path, code: str) -> Path:
-    """An FMU of slave.c that lists no source files."""
+def by_hand(folder: Path, code: str, *, main: str = "slave.c") -> Path:
+    """An FMU of slave.c that lists no source files; under another main file it is included by that."""
     path = folder / "slave.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", SLAVE.format(**DEFAULTS))
         archive.writestr("sources/slave.c", code)
+        if main != "slave.c":
+            archive.writestr(f"sources/{main}", '# include "slave.c"\n')
     return path
+
+
+def test_files_that_others_include_are_not_compiled_alone(tmp_path: Path) -> None:
+    code = (HERE / "slave.c").read_text(encoding="utf-8")
+    made = load_fmu(by_hand(tmp_path, code, main="model.c"))
+    np.testing.assert_allclose(drive(made, ONES, H), slave_outputs(ONES))
 
 
 @pytest.mark.parametrize("prefix", ["", "slave_"])
