@@ -57,11 +57,11 @@ if TYPE_CHECKING:
     from fmu_didim.robot import read_robot as read_robot
     from fmu_didim.robot import write_robot as write_robot
     from fmu_didim.signals import Trajectory as Trajectory
-    from fmu_didim.signals import read_trajectory as read_trajectory
     from fmu_didim.signals import trajectory as trajectory
     from fmu_didim.signals import write_csv as write_csv
     from fmu_didim.ssp import read_ssp as read_ssp
     from fmu_didim.ssp import write_ssp as write_ssp
+    from fmu_didim.tables import read_trajectory as read_trajectory
     from fmu_didim.workflow.check import Checked as Checked
     from fmu_didim.workflow.check import check as check
     from fmu_didim.workflow.discover import discover as discover
@@ -88,8 +88,9 @@ else:
         "prediction.experiment": ("Experiment",),
         "prediction.loop_model": ("LoopModel",),
         "robot": ("RobotDescription", "RobotModel", "read_robot", "write_robot"),
-        "signals": ("Trajectory", "read_trajectory", "trajectory", "write_csv"),
+        "signals": ("Trajectory", "trajectory", "write_csv"),
         "ssp": ("read_ssp", "write_ssp"),
+        "tables": ("read_trajectory",),
         "workflow": ("Checked", "Discovered", "Outcome", "check", "discover", "export_ssp", "identify", "simulate"),
     }
     _HOMES = {name: f"fmu_didim.{home}" for home, names in _NAMES.items() for name in names}

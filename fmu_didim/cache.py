@@ -23,11 +23,13 @@ COMPILER = "zig"
 KINDS = {
     "exported": "FMUs built by this package",
     "extracted": "FMUs, extracted",
+    "compiled": "libraries of FMUs that hold sources",
     "ssp": "SSP archives, extracted",
     "loop": "the compiled loop",
     "variational": "compiled sensitivities",
     "reruns": "how FMUs are run again",
     "probes": "how FMUs behave",
+    "proofs": "which FMUs of other tools have run to a good end",
     COMPILER: "parts of the C compiler",
 }
 """What is kept: folder -> what it holds. The names of entries that belong to an FMU begin with its SHA-256."""

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 import logging
-import math
 import os
+import re
 import sys
-import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from fmu_didim.campaigns.commands import add_campaign
+from fmu_didim.cli_prepare import add_prepare_verbs
+from fmu_didim.console import CurrentStderr, Display, is_terminal, show, since_start
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.files import is_file
 from fmu_didim.imports import NO_CODE
@@ -23,11 +25,11 @@ from fmu_didim.terminal import printable, unforeseen
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
-    from fmu_didim.prediction.iteration import Iteration
     from fmu_didim.workflow import Discovered, Outcome
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
+FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -48,9 +50,22 @@ def _run(options: argparse.Namespace) -> int:
     except Exception as error:  # noqa: BLE001 - the last resort: a line and a log, no traceback
         if getattr(options, "debug", False):
             traceback.print_exception(error)
-        told = error if isinstance(error, FmuDidimError) else unforeseen(error)
-        print(f"\nfmu-didim: {told}", file=sys.stderr)
+        told = _with_line(error, options) if isinstance(error, FmuDidimError) else unforeseen(error)
+        if getattr(options, "json", False):
+            what, where, step = (getattr(told, name, "") for name in ("what", "where", "next_step"))
+            print(json.dumps({"error": what or str(told), "where": where, "next_step": step}, indent=1))
+        show(f"\nfmu-didim: {told}", stream=sys.stderr)
         return EXIT_ERROR
+
+
+def _with_line(error: FmuDidimError, options: argparse.Namespace) -> FmuDidimError:
+    """The error with the line of the case, where it names a key of it."""
+    case, key = getattr(options, "case", None), re.match(r"[a-z_]\w*(\.\w+)*", error.where)
+    if isinstance(case, Path) and is_file(case) and key is not None:
+        from fmu_didim.documents import Lines
+
+        error.locate(Lines(case).of(key[0].split("."), whole=True))
+    return error
 
 
 @contextmanager
@@ -78,7 +93,7 @@ def _check_current_folder() -> None:
 @contextmanager
 def _told(*, quiet: bool) -> Iterator[None]:
     """What the package logs stands on standard error: what takes long the first time, and what to know of an FMU."""
-    logger, handler = logging.getLogger("fmu_didim"), logging.StreamHandler(sys.stderr)
+    logger, handler = logging.getLogger("fmu_didim"), CurrentStderr()
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.WARNING if quiet else logging.INFO)
@@ -93,10 +108,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
+        epilog="examples:\n  fmu-didim init log.csv\n  fmu-didim validate case.yaml\n  fmu-didim identify case.yaml",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for verb in add_prepare_verbs(commands, parser=parser):
+        _add_common(verb)
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)
@@ -119,9 +138,11 @@ def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
 def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
-    one.add_argument("--quiet", action="store_true", help="print the table only")
+    one.add_argument("--figures", action="store_true", help=FIGURES)
+    _add_output(one, "the result")
     checked = _case_verb(commands, "check", _check, "look at a case before any long work", optional=True)
     checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
+    checked.add_argument("--json", action="store_true", help="print what was found as JSON")
     two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
     two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
     two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
@@ -137,7 +158,14 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument(
         "--time-limit", type=float, metavar="SECONDS", help="end with the best answer so far; the exit code is 3 then"
     )
-    found.add_argument("--quiet", action="store_true", help="print the table only")
+    found.add_argument("--figures", action="store_true", help=FIGURES)
+    _add_output(found, "the findings")
+
+
+def _add_output(verb: argparse.ArgumentParser, what: str) -> None:
+    shown = verb.add_mutually_exclusive_group()
+    shown.add_argument("--quiet", action="store_true", help="print the table only")
+    shown.add_argument("--json", action="store_true", help=f"print {what} as JSON and nothing else")
 
 
 def _case_verb(
@@ -149,21 +177,61 @@ def _case_verb(
     *,
     optional: bool = False,
 ) -> argparse.ArgumentParser:
-    verb = commands.add_parser(name, help=help_, description=run.__doc__)
+    verb = _verb(commands, name, run, help_)
     verb.add_argument("case", type=Path, metavar="CASE.yaml", help=case, nargs="?" if optional else None)
-    verb.set_defaults(run=run)
-    _add_common(verb, code=True)
     return verb
 
 
+def _verb(
+    commands: _Commands, name: str, run: Callable[[argparse.Namespace], int], help_: str, key: str = ""
+) -> argparse.ArgumentParser:
+    """A verb whose help ends with examples."""
+    examples = "\n".join(f"  {line}" for line in EXAMPLES[key or name])
+    verb = commands.add_parser(
+        name, help=help_, description=run.__doc__, epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    verb.set_defaults(run=run)
+    _add_common(verb, code=not key)  # FMUs and the cache name no Python
+    return verb
+
+
+EXAMPLES: Mapping[str, Sequence[str]] = {
+    "identify": (
+        "fmu-didim identify examples/scara/identify.yaml",
+        "fmu-didim identify case.yaml --out results/first --quiet",
+        "fmu-didim identify case.yaml --json | jq .parameters",
+    ),
+    "check": ("fmu-didim check case.yaml", "fmu-didim check --codes"),
+    "simulate": (
+        "fmu-didim simulate case.yaml --out loop.csv",
+        "fmu-didim simulate case.yaml --set Fc1=0.5 --set Fv1=0 --experiment validation",
+    ),
+    "discover": (
+        "fmu-didim discover examples/arm2r/discover.yaml",
+        "fmu-didim discover case.yaml --forbid backlash --time-limit 60",
+        "fmu-didim discover case.yaml --effect my_module:Grease",
+    ),
+    "export": (
+        "fmu-didim export robot.yaml --out fmus",
+        "fmu-didim export robot.yaml --fmi 3.0 --platform windows-x86_64 --platform linux-x86_64",
+        "fmu-didim export case.yaml --ssp loop.ssp --result results/first/result.json",
+    ),
+    "fmu info": ("fmu-didim fmu info vendor.fmu",),
+    "fmu check": ("fmu-didim fmu check vendor.fmu", "fmu-didim fmu check vendor.fmu --step 0.001"),
+    "cache show": ("fmu-didim cache show",),
+    "cache clear": ("fmu-didim cache clear", "fmu-didim cache clear vendor.fmu"),
+}
+
+
 def _add_export(commands: _Commands) -> None:
-    three = commands.add_parser(
-        "export",
-        help="build the FMU of a robot or controller description, or write the loop of a case as an SSP archive",
-        description=_export.__doc__,
-    )
+    help_ = "build the FMU of a robot or controller description, or write the loop of a case as an SSP archive"
+    three = _verb(commands, "export", _export, help_)
     three.add_argument(
-        "description", type=Path, metavar="DESCRIPTION.yaml", help="a robot or a controller; with --ssp a case"
+        "description",
+        type=Path,
+        metavar="DESCRIPTION.yaml",
+        help="a robot, a controller or a Modelica file; with --ssp a case",
     )
     three.add_argument(
         "--ssp", type=Path, metavar="FILE.ssp", help="write the closed loop of a case, its FMUs and values"
@@ -180,53 +248,48 @@ def _add_export(commands: _Commands) -> None:
         help="machine to build for, may be repeated: linux-x86_64, linux-arm64, windows-x86_64, macos-x86_64, "
         "macos-arm64 (this one)",
     )
-    three.set_defaults(run=_export)
-    _add_common(three, code=True)
 
 
 def _add_fmu(commands: _Commands) -> None:
     four = commands.add_parser("fmu", help="what an FMU is and can (info), how it behaves (check)")
     tasks = four.add_subparsers(required=True, metavar="info|check")
     for name, run in (("info", _fmu_info), ("check", _fmu_check)):
-        task = tasks.add_parser(name, help=run.__doc__, description=run.__doc__)
+        task = _verb(tasks, name, run, run.__doc__ or "", f"fmu {name}")
         task.add_argument("file", type=Path, metavar="FILE.fmu")
-        task.set_defaults(run=run)
-        _add_common(task)
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
+            task.add_argument(
+                "--time-limit", type=float, default=120.0, metavar="SECONDS", help="for all questions (120)"
+            )
 
 
 def _add_cache(commands: _Commands) -> None:
     five = commands.add_parser("cache", help="what is kept between runs: show it, clear it, clear one FMU")
     tasks = five.add_subparsers(required=True, metavar="show|clear")
-    show = tasks.add_parser("show", help=_cache_show.__doc__, description=_cache_show.__doc__)
-    show.set_defaults(run=_cache_show)
-    _add_common(show)
-    clear = tasks.add_parser("clear", help=_cache_clear.__doc__, description=_cache_clear.__doc__)
+    _verb(tasks, "show", _cache_show, _cache_show.__doc__ or "", "cache show")
+    clear = _verb(tasks, "clear", _cache_clear, _cache_clear.__doc__ or "", "cache clear")
     clear.add_argument("file", type=Path, metavar="FILE.fmu", nargs="?", help="only what is kept of this FMU")
-    clear.set_defaults(run=_cache_clear)
-    _add_common(clear)
 
 
 def _identify(options: argparse.Namespace) -> int:
     """Identify the parameters of a case, print the table, save result.json and report.html."""
-    from fmu_didim.case import load_case
-    from fmu_didim.workflow import identify
-    from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
-
     out = options.out or Path("results") / _stem(options.case)
-    say = _silent if options.quiet else _say
-    started = time.perf_counter()
-    result_folder(out).check()
-    say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
-    case = load_case(options.case)
-    say(f"Ready after {time.perf_counter() - started:.1f} s. Identifying {case.name} ...")
+    with Display(quiet=options.quiet or options.json) as display:
+        display.say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
+        from fmu_didim.case import load_case  # what takes a second to import comes after the first line
+        from fmu_didim.workflow import identify
+        from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
 
-    def progress(iteration: Iteration) -> None:
-        say(_progress_line(iteration, time.perf_counter() - started))
-
-    outcome = identify(case, out=out, progress=progress, show=_print_summary)
+        result_folder(out).check()
+        case = load_case(options.case)
+        display.say(f"Identifying {case.name} ...")
+        outcome = identify(
+            case, out=out, figures=options.figures, progress=display.iteration, show=_summary_on(display, options)
+        )
+    if options.json:
+        print(outcome.document.model_dump_json(indent=1, by_alias=True))
+        return outcome.exit_code
     if outcome.robot is not None:
         robot = out / ROBOT_FILE
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
@@ -234,12 +297,13 @@ def _identify(options: argparse.Namespace) -> int:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
-    print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({time.perf_counter() - started:.1f} s)")
+    print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({since_start():.1f} s)")
     return outcome.exit_code
 
 
 def _check(options: argparse.Namespace) -> int:
     """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be mended."""
+    from fmu_didim.diagnosis.judgement import diagnostic_result
     from fmu_didim.workflow import check
     from fmu_didim.workflow.codes import codes_text
 
@@ -248,8 +312,17 @@ def _check(options: argparse.Namespace) -> int:
         return 0
     if options.case is None:
         raise InputError("check needs a case.", next_step="fmu-didim check CASE.yaml, or fmu-didim check --codes.")
-    found = check(options.case)
-    print(found.summary(), end="")
+    with Display(quiet=options.json or not is_terminal(sys.stdout)) as display:
+        display.say(f"Looking at {options.case} ...")
+        found = check(options.case)
+    if options.json:
+        diagnostics = [
+            {"severity": d.code.severity.value, **diagnostic_result(d, str(options.case)).model_dump(mode="json")}
+            for d in found.diagnostics
+        ]
+        print(json.dumps({"ready": found.ok, "diagnostics": diagnostics}, indent=1))
+    else:
+        show(found.summary().rstrip("\n"))
     return 0 if found.ok else EXIT_ERROR
 
 
@@ -258,22 +331,20 @@ def _discover(options: argparse.Namespace) -> int:
 
     The exit code is 0, 4 where the answer is doubtful, 3 where the time limit ended the search.
     """
-    from fmu_didim.workflow import discover
-
     out = options.out or Path("results") / f"{_stem(options.case)}_discover"
-    started = time.perf_counter()
+    with Display(quiet=options.quiet or options.json) as display:
+        display.say(f"reading {options.case}")
+        from fmu_didim.workflow import discover
 
-    def progress(text: str) -> None:
-        _say(f"  {time.perf_counter() - started:6.1f} s  {text}")
-
-    say = _silent if options.quiet else progress
-    say(f"reading {options.case}")
-    found = discover(
-        options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
-        rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=say,
-        show=_print_summary,
-    )  # fmt: skip
-    took = f"({time.perf_counter() - started:.1f} s)"
+        found = discover(
+            options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
+            rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=display.say,
+            show=_summary_on(display, options), figures=options.figures,
+        )  # fmt: skip
+    if options.json:
+        print((out / "findings.json").read_text(encoding="utf-8"))
+        return found.exit_code
+    took = f"({since_start():.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
     return found.exit_code
 
@@ -307,10 +378,18 @@ def _export(options: argparse.Namespace) -> int:
         raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
     from fmu_didim.controllers import read_controller
     from fmu_didim.documents import load_yaml
-    from fmu_didim.export import build_fmu
+    from fmu_didim.export import build_fmu, build_modelica
     from fmu_didim.export.versions import DEFAULT_VERSION
     from fmu_didim.robot import RobotModel, read_robot
 
+    if options.description.suffix == ".mo":
+        if options.fmi is not None or options.platform is not None:
+            raise InputError(
+                "The FMU of a Modelica file is of FMI 2.0 and for this machine.", where=str(options.description),
+                next_step="Leave out --fmi and --platform.",
+            )  # fmt: skip
+        print(build_modelica(options.description, directory=options.out))
+        return 0
     is_controller = "law" in load_yaml(options.description)
     block = (
         read_controller(options.description) if is_controller else RobotModel(read_robot(options.description)).block()
@@ -334,7 +413,11 @@ def _fmu_check(options: argparse.Namespace) -> int:
     """Try out how an FMU behaves: reset, saved state, feed-through, parameters; and how to run it again."""
     from fmu_didim.components.fmu import load_fmu, probe_fmu
 
-    found = probe_fmu(load_fmu(options.file, interface=options.interface), step_size=options.step)
+    def say(question: str) -> None:
+        print(f"  {question} ...", file=sys.stderr, flush=True)
+
+    made = load_fmu(options.file, interface=options.interface)
+    found = probe_fmu(made, step_size=options.step, whole_s=options.time_limit, say=say)
     print("\n".join(found.lines()))
     return EXIT_ERROR if found.failure else 0
 
@@ -383,25 +466,19 @@ def _stem(case: Path) -> str:
     return f"{case.resolve().parent.name}-{case.stem}"
 
 
-def _print_summary(found: Outcome | Discovered) -> None:
-    """The table, before anything is written: it is there even if the disk is full."""
-    print(f"\n{found.summary()}", flush=True)
-
-
 def _say(text: str) -> None:
     print(text, flush=True)
 
 
-def _silent(text: str) -> None:
-    pass
+def _summary_on(display: Display, options: argparse.Namespace) -> Callable[[Outcome | Discovered], None]:
+    """What shows the table, before anything is written: it is there even if the disk is full."""
 
+    def shown(found: Outcome | Discovered) -> None:
+        display.close()
+        if not options.json:
+            show(f"\n{found.summary()}")
 
-def _progress_line(iteration: Iteration, elapsed: float) -> str:
-    error = iteration.relative_error_percent
-    text = f"torque error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
-    change = f", change {iteration.change:.2e}" if math.isfinite(iteration.change) else ""
-    note = f"  [{iteration.note}]" if iteration.note else ""
-    return f"{elapsed:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}"
+    return shown
 
 
 if __name__ == "__main__":

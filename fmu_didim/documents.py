@@ -6,7 +6,9 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -65,6 +67,20 @@ class Saved(Strict):
     model_config = ConfigDict(allow_inf_nan=True)
 
 
+@dataclass(frozen=True)
+class AlsoWritten:
+    """Marks a type that a validator makes of a short form, too, so that its JSON Schema says so.
+
+    Attributes:
+        types: of JSON that the short form has.
+    """
+
+    types: tuple[str, ...]
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"anyOf": [*({"type": name} for name in self.types), handler(core)]}
+
+
 def _finite_or_none(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
@@ -86,7 +102,7 @@ def _angle(value: object) -> object:
     return value
 
 
-Angle = Annotated[float, BeforeValidator(_angle)]
+Angle = Annotated[float, BeforeValidator(_angle), AlsoWritten(("string",))]
 """An angle in rad: a number, or a fraction of pi such as ``-pi/2``."""
 
 
@@ -172,7 +188,10 @@ class _Loader(yaml.SafeLoader):
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
-            return super().construct_object(node, deep=deep)
+            found = super().construct_object(node, deep=deep)
+            if isinstance(found, str):
+                found.encode("utf-8")  # half of a character, written as an escape, is none
+            return found
         except (ValueError, OverflowError) as error:  # such as the 30th of February, or five thousand digits
             raise ConstructorError(None, None, str(error), node.start_mark) from error
 
@@ -187,17 +206,27 @@ def _parts(node: yaml.Node) -> list[yaml.Node]:
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
-def validate(model: type[Model], content: dict[str, Any], *, where: str) -> Model:
-    """``content`` as a ``model``; raises one InputError that lists every problem with its path."""
+def validate(model: type[Model], content: dict[str, Any], *, where: str, lines: Lines | None = None) -> Model:
+    """``content`` as a ``model``; raises one InputError that lists every problem with its path.
+
+    Args:
+        lines: of the file that the content is from; problems are then told with theirs.
+    """
+    open_ = [] if lines is None else [f"{place}: still to be filled in{note}" for place, note in lines.unfilled()]
     try:
-        return model.model_validate(content)
+        made = model.model_validate(content)
     except ValidationError as error:
-        raise problems_error(problems(error, model), where=where) from error
+        raise problems_error([*open_, *problems(error, model, lines)], where=where) from error
+    if open_:
+        raise problems_error(open_, where=where)
+    return made
 
 
-def problems(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """What is wrong with a document, each with its path and the valid names."""
-    return [_problem(detail, model) for detail in error.errors(include_url=False)]
+def problems(error: ValidationError, model: type[BaseModel], lines: Lines | None = None) -> list[str]:
+    """What is wrong with a document, each with its line, its path and the valid names; what is to be filled in is
+    left out."""
+    details = [d for d in error.errors(include_url=False) if lines is None or d.get("input") != TO_FILL_IN]
+    return [("" if lines is None else lines.of(d["loc"])) + _problem(d, model) for d in details]
 
 
 def problems_error(found: Sequence[str], *, where: str) -> InputError:
@@ -208,8 +237,69 @@ def problems_error(found: Sequence[str], *, where: str) -> InputError:
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:
-    """Load and validate a YAML file."""
-    return validate(model, load_yaml(path), where=str(path))
+    """Load and validate a YAML file; problems are told with their lines."""
+    content = load_yaml(path)
+    return validate(model, content, where=str(path), lines=Lines(Path(path)))
+
+
+TO_FILL_IN = "EDIT"
+"""Stands in a file that was made for a user, in place of what only he knows."""
+
+
+class Lines:
+    """Where the entries of a YAML file stand, for messages; composed when it is first asked."""
+
+    def __init__(self, path: Path) -> None:
+        self._text = path.read_text(encoding="utf-8", errors="replace")
+
+    @cached_property
+    def _root(self) -> yaml.Node | None:
+        try:
+            return _Loader(self._text).get_single_node()
+        except yaml.YAMLError:  # which is told by load_yaml
+            return None
+
+    def of(self, location: Iterable[object], *, whole: bool = False) -> str:
+        """``line 12, `` of the last part of a path that is found; parts that are no keys are skipped.
+
+        Args:
+            whole: whether it is empty unless all parts are found.
+        """
+        node, line = self._root, 0
+        for part in location:
+            if isinstance(node, yaml.MappingNode) and (
+                found := next((pair for pair in node.value if pair[0].value == str(part)), None)
+            ):
+                node, line = found[1], found[0].start_mark.line + 1
+            elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+                node = node.value[part]
+                line = node.start_mark.line + 1
+            elif whole:
+                return ""
+        return f"line {line}, " if line else ""
+
+    def unfilled(self) -> list[tuple[str, str]]:
+        """Place of each value that is still to be filled in, and what the comment in its line says of it."""
+        if not re.search(rf"\b{TO_FILL_IN}\b", self._text):
+            return []
+        rows, found = self._text.splitlines(), []
+        for path, node in _scalars(self._root, ""):
+            if node.value == TO_FILL_IN:
+                line = node.start_mark.line
+                _, sign, note = rows[line].partition(" # ")
+                found.append((f"line {line + 1}, {path}", f" ({note.strip()})" if sign else ""))
+        return found
+
+
+def _scalars(node: yaml.Node | None, path: str) -> Iterator[tuple[str, yaml.Node]]:
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            yield from _scalars(value, f"{path}.{key.value}" if path else str(key.value))
+    elif isinstance(node, yaml.SequenceNode):
+        for i, value in enumerate(node.value):
+            yield from _scalars(value, f"{path}.{i}")
+    elif node is not None:
+        yield path, node
 
 
 def _problem(detail: Any, model: type[BaseModel]) -> str:

@@ -7,13 +7,20 @@ Each says *what* went wrong, *where*, what was *got*, which values are *valid* a
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from typing import Self
+from collections.abc import Iterable, Mapping
+from typing import Any, Self
 
 MOST_NAMES = 60
 """Names that a message lists; of a table with thousands of columns nobody reads more."""
 LONGEST_NAME = 200
 """Characters of a name that is compared with others; those of machines and models have some tens."""
+
+
+def _restored(kind: type[FmuDidimError], text: str, state: Mapping[str, Any]) -> FmuDidimError:
+    """An error as it was in another process."""
+    error = kind.__new__(kind, text)
+    error.__dict__.update(state)
+    return error
 
 
 class FmuDidimError(Exception):
@@ -46,6 +53,15 @@ class FmuDidimError(Exception):
             self.component, self.what = name, told
             self.args = (self._text(),)
         return self
+
+    def locate(self, line: str) -> None:
+        """Put the line of a file before where it is; ``line``: such as ``line 12, ``, or empty."""
+        self.where = f"{line}{self.where}"
+        self.args = (self._text(),)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        got = None if self.got is None else str(self.got)  # which may be anything
+        return _restored, (type(self), str(self), {**self.__dict__, "got": got})
 
     def _text(self) -> str:
         lines = [self.what]

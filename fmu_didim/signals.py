@@ -1,16 +1,12 @@
-"""Named signals over time, and how they are read and written.
+"""Named signals over time, and how they are written.
 
 A :class:`Variable` has the attributes of an FMI scalar variable that matter outside an FMU; a
-:class:`Trajectory` is a table of such variables over time. CSV, MATLAB ``.mat`` and Parquet
-files are read by :func:`read_trajectory`.
+:class:`Trajectory` is a table of such variables over time. Files are read by :mod:`fmu_didim.tables`.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import warnings
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,11 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.files import is_file
-from fmu_didim.mat_file import is_level_5, numbers
 
 Array = NDArray[np.float64]
-TIME_NAMES = ("t", "time")
 
 
 @dataclass(frozen=True)
@@ -107,6 +100,10 @@ class Trajectory:
         """The column of a name, (N,); raises UnknownNameError."""
         return self.select([name])[:, 0]
 
+    def first(self, count: int) -> Trajectory:
+        """The same with its first columns alone."""
+        return Trajectory(self.time, self.values[:, :count], self.variables[:count])
+
     def select(self, names: Sequence[str]) -> Array:
         """The columns of the given names, (N, len(names)); raises UnknownNameError."""
         index = {name: i for i, name in enumerate(self.names)}
@@ -147,52 +144,6 @@ def trajectory(time: Array, columns: Mapping[str, Array], units: Mapping[str, st
     )
 
 
-def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
-    """Read a trajectory from a ``.csv``, ``.mat`` or ``.parquet`` file.
-
-    Args:
-        path: the file. A CSV has one header line with the names.
-        time: name of the time column; by default ``t`` or ``time``.
-
-    Raises:
-        InputError: the file is missing, has another format, or holds no such time column.
-    """
-    path = Path(path)
-    if not is_file(path):
-        raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
-    readers = {".csv": _read_csv, ".mat": _read_mat, ".parquet": _read_parquet}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=readers)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of a file is told below
-            columns = reader(path)
-    except InputError:
-        raise
-    except Exception as error:  # the libraries raise what they please of a file that is damaged
-        raise InputError(
-            "The data file cannot be read.", where=str(path), got=f"{type(error).__name__}: {error}"[:200],
-            next_step="Convert it to CSV, UTF-8.",
-        ) from error  # fmt: skip
-    candidates = (time,) if time else TIME_NAMES
-    key = next((name for name in candidates if name in columns), None)
-    if key is None:
-        raise InputError(
-            "The file has no time column.", where=str(path), got=", ".join(columns)[:200], valid=candidates
-        )
-    stamps = columns.pop(key)
-    columns = {name: c for name, c in columns.items() if c.shape == stamps.shape}
-    if not columns:
-        raise InputError("The file has a time column but no signal of its length.", where=str(path))
-    return Trajectory(
-        time=stamps,
-        values=np.column_stack(list(columns.values())),
-        variables=tuple(Variable(name) for name in columns),
-        source=str(path),
-    )
-
-
 def write_csv(signals: Trajectory, path: Path | str) -> None:
     """Write a trajectory as CSV with the header ``t,<names>``, 9 significant digits."""
     header = ",".join(("t", *signals.names))
@@ -200,51 +151,8 @@ def write_csv(signals: Trajectory, path: Path | str) -> None:
     np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
-def _read_csv(path: Path) -> dict[str, Array]:
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        rows = csv.reader(stream)
-        header = [name.strip() for name in next(rows, [])]
-        doubled = sorted(name for name, count in Counter(header).items() if count > 1)
-        if doubled:
-            raise InputError(
-                "The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200]
-            )
-        data: list[list[float]] = []
-        for row in rows:
-            if not row:
-                continue
-            try:
-                numbers = [float(cell) for cell in row]
-            except ValueError:
-                numbers = []
-            if len(numbers) != len(header) or any("_" in cell for cell in row):  # Python takes 1_0 for ten
-                raise InputError(
-                    "A line of the CSV file is not a row of numbers.", where=f"{path}, line {rows.line_num}",
-                    got=",".join(row)[:80], valid=f"{len(header)} comma-separated numbers, decimal point",
-                )  # fmt: skip
-            data.append(numbers)
-    if not data:
-        raise InputError("The CSV file holds no rows.", where=str(path))
-    table = np.array(data)
-    return {name: table[:, i] for i, name in enumerate(header)}
+def derivative(time: Array, values: Array) -> Array:
+    """Derivative of signals (N, ...) at their own instants (N,), by a cubic spline through them."""
+    from scipy.interpolate import CubicSpline
 
-
-def _read_mat(path: Path) -> dict[str, Array]:
-    raw = path.read_bytes()
-    if is_level_5(raw):
-        return {name: column for name, column in numbers(raw).items() if column.size > 1}
-    from scipy.io import loadmat
-
-    content = loadmat(path)
-    columns: dict[str, Array] = {}
-    for name, value in content.items():
-        if not name.startswith("__") and np.issubdtype(np.asarray(value).dtype, np.number) and value.size > 1:
-            columns[name] = np.asarray(value, dtype=float).ravel()
-    return columns
-
-
-def _read_parquet(path: Path) -> dict[str, Array]:
-    from pyarrow import parquet
-
-    table = parquet.read_table(path)
-    return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}
+    return np.asarray(CubicSpline(time, values)(time, 1))

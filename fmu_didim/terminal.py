@@ -19,6 +19,11 @@ _SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code 
 """Control characters, by which a name in a file could write over other lines, colour them or turn them round."""
 
 
+def harmless(text: str) -> str:
+    """Text whose control characters are written out, so that it steers nothing."""
+    return text.translate(_SHOWN)
+
+
 class Printable:
     """A stream to which only text goes that it can show and that steers nothing.
 
@@ -34,7 +39,7 @@ class Printable:
 
     def write(self, text: str) -> int:
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        shown = text.translate(_SHOWN).encode(encoding, "replace").decode(encoding)
+        shown = harmless(text).encode(encoding, "replace").decode(encoding)
         self._try(lambda: self._stream.write(shown))
         return len(text)
 

@@ -6,12 +6,16 @@ value in base units = factor * value + offset, with the exponents of kg, m, s, A
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Exponents = tuple[int, ...]
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -101,3 +105,67 @@ def _symbol(name: str) -> UnitDefinition | None:
         base = _SYMBOLS[name[1:]]
         return UnitDefinition(base.exponents, _PREFIXES[name[0]] * base.factor)
     return None
+
+
+# Words of drives and loggers that a library of units does not know, or takes for something else: Nm is no nanometre,
+# U/min no enzyme unit a minute.
+_WORDS = {
+    "Nm": "N*m", "mNm": "mN*m", "kNm": "kN*m", "Ncm": "N*cm", "Nmm": "N*mm", "U/min": "rpm", "Umdr/min": "rpm",
+    "Umdr": "turn", "U": "turn", "rev": "turn", "revs": "turn", "Ohm": "ohm", "sec": "s", "msec": "ms", "usec": "us",
+    "Sek": "s", "Sekunden": "s", "kp": "kgf", "oz-in": "ozf*inch", "ozin": "ozf*inch", "lb-in": "lbf*inch",
+    "lb-ft": "lbf*ft", "lbft": "lbf*ft", "ft-lb": "lbf*ft", "in-lb": "lbf*inch",
+}  # fmt: skip
+_TWO_MEANINGS = frozenset({"grad", "Grad", "GRAD", "g", "in-oz"})
+"""Grad is a degree in German and a 400th of a turn elsewhere; g is a gram and a gravity."""
+_SHORT = re.compile(r"(?!.*\d\d\d)[A-Za-z0-9µμΩ°%‰^*/.()\- ]{1,30}")
+"""What may be a unit at all: a parser is not asked of long texts, nor of powers with three digits."""
+
+
+@cache
+def known_unit(text: str) -> UnitDefinition | None:
+    """What a unit in a file or a case means, as people write it: ``°``, ``Nm``, ``µm``, ``in``, ``U/min``, ``deg/s^2``.
+
+    As :func:`parse_unit`, and beyond it all units of ``pint``. None if it is not known or may mean two things.
+    """
+    text = text.strip().replace("²", "2").replace("³", "3").replace("·", ".").replace("⋅", ".")
+    if text in _TWO_MEANINGS or not _SHORT.fullmatch(text):
+        return None
+    return parse_unit(text) or _by_pint(_WORDS.get(text) or _pint_syntax(text))
+
+
+def _pint_syntax(text: str) -> str:
+    """FMI's exponents and products as pint writes them: ``W/(m2.K)`` -> ``W/(m**2*K)``."""
+    for word, meaning in _WORDS.items():
+        text = re.sub(rf"(?<![A-Za-z]){re.escape(word)}(?![A-Za-z])", f"({meaning})", text)
+    text = re.sub(r"(?<=[A-Za-zµ°])\^?(-?\d+)", r"**\1", text)
+    return re.sub(r"(?<=\D)\.(?=\D)", "*", text).replace("°C", "degC").replace("°", "deg")
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _by_pint(text: str) -> UnitDefinition | None:
+    registry = _registry()
+    try:
+        unit = registry.parse_units(text)
+        factor, base = registry.get_base_units(unit)
+    except Exception as error:  # noqa: BLE001  pint raises errors of many kinds, tokenize's and the parser's among them
+        _log.debug("%s is no unit: %s", text, error)
+        return None
+    powers = {str(name): power for name, power in base._units.items()}
+    exponents = [powers.pop(_PINT_BASE[name], 0) for name in BASE_UNITS]
+    if powers or any(power != int(power) for power in exponents):
+        return None
+    offset = (
+        0.0 if registry.Quantity(1, unit)._is_multiplicative else float(registry.Quantity(0, unit).to_base_units().m)
+    )
+    return UnitDefinition(tuple(int(power) for power in exponents), float(factor), offset)
+
+
+_PINT_BASE = dict(
+    zip(BASE_UNITS, ("kilogram", "meter", "second", "ampere", "kelvin", "mole", "candela", "radian"), strict=True)
+)

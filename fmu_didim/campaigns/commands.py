@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,16 @@ if TYPE_CHECKING:
     from fmu_didim.campaigns.runner import Progress
 
 Say = Callable[[str], None]
+EXAMPLES: Mapping[str, tuple[str, ...]] = {
+    "run": (
+        "fmu-didim campaign run campaign.yaml --dry-run",
+        "fmu-didim campaign run campaign.yaml --out results/study --workers 4",
+    ),
+    "retry": ("fmu-didim campaign retry results/study", "fmu-didim campaign retry results/study --only 3f2a"),
+    "status": ("fmu-didim campaign status results/study",),
+    "report": ("fmu-didim campaign report results/study",),
+    "show": ("fmu-didim campaign show results/study", "fmu-didim campaign show results/study 3f2a --files run"),
+}
 NOT_DONE = 3
 """Exit code where runs have failed or are open."""
 
@@ -22,7 +32,10 @@ def add_campaign(commands: Any, say: Say) -> None:
     tasks = parser.add_subparsers(required=True, metavar="run|status|report|retry|show")
 
     def task(name: str, run: Callable[[argparse.Namespace, Say], int], help_: str) -> argparse.ArgumentParser:
-        found: argparse.ArgumentParser = tasks.add_parser(name, help=help_, description=help_)
+        found: argparse.ArgumentParser = tasks.add_parser(
+            name, help=help_, description=help_, epilog="examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES[name]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
         found.set_defaults(run=lambda options: run(options, say))
         return found
 

@@ -11,10 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
 import pyarrow as pa
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 from pyarrow.csv import write_csv
 from pyarrow.parquet import write_table
 
@@ -24,14 +21,15 @@ from fmu_didim.campaigns.quality import USED
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
 from fmu_didim.campaigns.texts import shown
-from fmu_didim.report.figures import FRAME, MARGIN, WHITE, figure_json
+from fmu_didim.report.charts import SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
-from fmu_didim.report.tables import Table, table
+from fmu_didim.report.tables import Matrix, Table, matrix, table
 from fmu_didim.report.templates import write_page
 from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
+PANEL_HEIGHT = 220
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -102,7 +100,6 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
         left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
         show=f"fmu-didim campaign show {results.folder}",
-        plotly=Markup(get_plotlyjs()) if figures else None,
     )
 
 
@@ -198,51 +195,41 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     return table(heads, rows, words, is_aligned=False) if rows else None
 
 
-def _figures(results: Results) -> list[tuple[str, Markup]]:
+def _figures(results: Results) -> list[tuple[str, Chart | None, Matrix | None]]:
     """Bias and sigma over each field of numbers; over the others a map of the bias of each parameter."""
-    found = []
+    found: list[tuple[str, Chart | None, Matrix | None]] = []
     for path in results.paths:
         quality = results.by_parameter(path)
         if quality.empty or quality[path].nunique() < 2:
             continue
         quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)
-        is_number = all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path])
-        if not is_number and quality["bias_in_sigma"].isna().all():
-            continue
-        figure = _over_numbers(quality, path) if is_number else _over_names(quality, path)
-        found.append((path, figure_json(figure)))
+        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path]):
+            found.append((path, _over_numbers(quality, path, f"field-{len(found) + 1}"), None))
+        elif not quality["bias_in_sigma"].isna().all():
+            found.append((path, None, _over_names(quality, path)))
     return found
 
 
-def _over_numbers(quality: pd.DataFrame, path: str) -> go.Figure:
-    figure = go.Figure()
-    for name, group in quality.groupby("parameter", sort=False):
-        group = group.sort_values(path)
-        for what, values, dash in (("σ", group["sigma"], "solid"), ("|bias|", np.abs(group["bias"]), "dot")):
-            shown = values / group["size"]
-            figure.add_trace(go.Scatter(x=group[path], y=shown, name=f"{what} of {name}", line={"dash": dash}))
-    positive = bool((quality[path] > 0).all())
-    figure.update_layout(
-        **WHITE, margin=MARGIN, height=420, hovermode="closest",
-        xaxis={**FRAME, "title": path, "type": "log" if positive else "linear"},
-        yaxis={**FRAME, "title": "% of the true (else of the mean) value", "type": "log"},
-    )  # fmt: skip
-    return figure
+def _over_numbers(quality: pd.DataFrame, path: str, name: str) -> Chart:
+    panels = []
+    for head, column in (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias")):
+        series = [
+            Series(str(parameter), group[path].to_numpy(float), np.abs(group[column] / group["size"]).to_numpy(float),
+                   f"series{k % SERIES}")
+            for k, (parameter, group) in enumerate(quality.sort_values(path).groupby("parameter", sort=False))
+        ]  # fmt: skip
+        panels.append(Panel("% of the value", series, head, PANEL_HEIGHT, log=True))
+    title = f"σ and bias of each parameter over {path}, in percent of its true, else of its mean value"
+    return Chart(name, title, panels, path, log=bool((quality[path] > 0).all()))
 
 
-def _over_names(quality: pd.DataFrame, path: str) -> go.Figure:
+def _over_names(quality: pd.DataFrame, path: str) -> Matrix:
     cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
         index="shown", columns="parameter", values="bias_in_sigma", sort=False
     )
+    rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
     most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
-    figure = go.Figure(
-        go.Heatmap(
-            z=cross.to_numpy(), x=list(cross.columns), y=list(cross.index), zmin=-most, zmax=most, colorscale="RdBu_r",
-            texttemplate="%{z:.1f}", colorbar={"title": "bias / σ"},
-        )
-    )  # fmt: skip
-    figure.update_layout(**WHITE, margin={**MARGIN, "l": 220}, height=140 + 34 * len(cross))
-    return figure
+    return matrix(f"bias / σ over {path}", list(map(str, cross.columns)), rows, largest=most, digits=1)
 
 
 def _confusion(counts: pd.DataFrame) -> Table:

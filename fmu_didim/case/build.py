@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -18,6 +19,7 @@ from fmu_didim.case.loop import (
     communication_step,
     loop_of_archive,
     loop_of_components,
+    loop_of_parts,
     with_drive_gains,
     with_spliced_effects,
 )
@@ -28,6 +30,7 @@ from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Estimator
 from fmu_didim.files import is_file
 from fmu_didim.master import System
+from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
@@ -43,7 +46,7 @@ class Case:
     Attributes:
         document: what the file says; path: the file; folder: where it lies.
         parameters: what is identified of the plant; plant, controller: the components; no controller where an archive
-            gives the whole loop.
+            or a list of components gives the whole loop.
         base: that loop; step_size: communication step of the loop in s.
         estimator: with its options.
         signals: name of a file in the document -> the signals that are taken instead of reading it.
@@ -116,14 +119,27 @@ class Case:
             _ = changed.model  # what does not fit is found now
         return changed
 
+    @property
+    def needed(self) -> frozenset[str]:
+        """Columns of the reference that the loop takes: ``q1``, ``dq1``."""
+        if self.base is not None:
+            sources = (c.source.partition(".") for c in self.base.connections)
+            return frozenset(column for owner, _, column in sources if owner == REFERENCE)
+        assert self.controller is not None
+        return frozenset(
+            match[1] + match[2] for v in self.controller.inputs for match in re.finditer(r"(d{0,2}q)_ref(\d+)", v.name)
+        )
+
     def reference(self, label: str) -> Trajectory:
         """The reference of an experiment."""
         runs = self.document.runs
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         source = runs[label].reference
-        n = self.parameters.joint_count
-        return read_reference(source, self.folder, step=self.step_size, joint_count=n, signals=self.signals)
+        return read_reference(
+            source, self.folder, step=self.step_size, torque_units=self.parameters.torque_units, needed=self.needed,
+            signals=self.signals,
+        ).signals  # fmt: skip
 
     def system(self, reference: Trajectory) -> System:
         """The loop of the case along a reference."""
@@ -139,7 +155,7 @@ class Case:
     @property
     def plant_name(self) -> str:
         """Name of the plant in the loop."""
-        return self.document.plant.component if self.base is not None else "plant"
+        return self.document.plant_name
 
     def model_on(self, experiments: Mapping[str, Experiment]) -> LoopModel:
         """The loop of the case with data, those for the estimation first."""
@@ -192,8 +208,11 @@ def load_case(
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path))
         step = communication_step(document, controller)
     else:
-        base = loop_of_archive(document, folder)
-        plant, step = base.components[document.plant.component], base.step_size
+        if document.components is not None:
+            base = loop_of_parts(document, _parts(document, folder, model))
+        else:
+            base = loop_of_archive(document, folder)
+        plant, step = base.components[document.plant_name], base.step_size
     parameters = identified(document, model, plant)
     estimator = make_estimator(document.estimator)
     case = Case(
@@ -204,9 +223,18 @@ def load_case(
     return case
 
 
+def _parts(document: CaseDocument, folder: Path, model: RobotModel | None) -> dict[str, Component]:
+    """The components that a case lists; one without source is the robot if it is the plant."""
+    found = {}
+    for name, source in document.parts.items():
+        make = partial(plant_block, model) if name == document.plant_name else controller_block
+        found[name] = component_of(source, folder, make)
+    return found
+
+
 def _check_folder(document: CaseDocument, folder: Path) -> None:
     """Refuse a case in memory whose files are looked for in the wrong folder."""
-    sources = [document.plant.source, document.controller.source if document.controller is not None else None]
+    sources = [part.source for part in document.parts.values()]
     sources += [document.robot, document.system.source if document.system is not None else None]
     absent = [name for name in sources if name is not None and ":" not in name and not is_file(folder / name)]
     if absent:
@@ -224,8 +252,9 @@ def _with_data(case: Case) -> LoopModel:
             case.folder,
             step=case.step_size,
             drive_gains=document.loop.drive_gains,
-            joint_count=case.parameters.joint_count,
+            torque_units=case.parameters.torque_units,
             label=label,
+            needed=case.needed,
             signals=case.signals,
         )
         for label, run in document.runs.items()

@@ -15,6 +15,8 @@ class CaseChanges(TypedDict, total=False):
     identify: Mapping[str, Any] | None
     plant: Mapping[str, Any]
     controller: Mapping[str, Any] | None
+    components: Mapping[str, Any] | None
+    connections: Mapping[str, str]
     system: Mapping[str, Any] | str | None
     loop: Mapping[str, Any]
     experiments: Mapping[str, Any]

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from fmu_didim.case.file_checks import check_reference_rate, check_time_unit, torque_of_command
+from fmu_didim.case.file_checks import check_reference_rate, check_time_unit, check_within, torque_of_command
+from fmu_didim.case.reference import resampled, with_derivatives
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
+from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Excitation
 from fmu_didim.files import is_file
 from fmu_didim.master import decimated_times, grid_places, sample_operator
 from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.signals import Array, Trajectory, Variable, read_trajectory
+from fmu_didim.signals import Array, Trajectory
+from fmu_didim.tables import Selected, Table, TimeColumn, read_table, selected
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
 DATA_PREFIX = "data:"
 NONE_GIVEN: Mapping[str, Trajectory] = MappingProxyType({})
+TIME_IN_MEMORY = "time of signals in memory"
 
 
 def data_folder(folder: Path) -> Path:
@@ -53,14 +57,30 @@ def resolve(source: SignalFile, folder: Path) -> Path:
     return path
 
 
-def read_signals(source: SignalFile, folder: Path, signals: Mapping[str, Trajectory] = NONE_GIVEN) -> Trajectory:
-    """The signals of a file, or those given under its name, under the names of the case."""
-    found = signals.get(source.file)
-    if found is None:
-        found = read_trajectory(resolve(source, folder), time=source.time)
-    back: Mapping[str, str] = {column: name for name, column in source.columns.items()}
-    found.select(list(source.columns.values()))  # a missing column is an error before any work
-    return replace(found, variables=tuple(Variable(back.get(v.name, v.name), v.unit) for v in found.variables))
+def read_signals(
+    source: SignalFile,
+    folder: Path,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+    *,
+    torque_units: tuple[str, ...] = (),
+) -> Selected:
+    """The signals of a file, or those given under its name, under the names of the case and in SI units."""
+    given = signals.get(source.file)
+    table = read_table(resolve(source, folder), layout=source.csv) if given is None else _in_memory(given, source)
+    command = isinstance(source, TorqueFile) and source.quantity == "command"
+    time = source.time if given is None else TimeColumn(name=TIME_IN_MEMORY)
+    found = selected(table, time=time, columns=source.columns, torque_units=torque_units, is_command=command)
+    return replace(found, told=_of_file(found.told, source.file))
+
+
+def _of_file(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
+    """What is told of a file, under the name that the case gives it."""
+    return tuple(replace(diagnostic, place=file) for diagnostic in told)
+
+
+def _in_memory(given: Trajectory, source: SignalFile) -> Table:
+    columns = {name: given.values[:, i] for i, name in enumerate(given.names)}
+    return Table({TIME_IN_MEMORY: given.time, **columns}, source=given.source or source.file)
 
 
 def read_reference(
@@ -68,21 +88,47 @@ def read_reference(
     folder: Path,
     *,
     step: float,
-    joint_count: int,
+    torque_units: tuple[str, ...],
+    needed: frozenset[str] = frozenset(),
     signals: Mapping[str, Trajectory] = NONE_GIVEN,
-) -> Trajectory:
-    """The reference, one row a control period; a warm-up starts before t = 0."""
+) -> Selected:
+    """The reference, one row a control period; a warm-up starts before t = 0.
+
+    Velocities and accelerations that a file lacks and the loop needs are computed.
+
+    Args:
+        step: control period, s; torque_units: (n,) N.m or N of each joint; needed: columns that the loop takes.
+
+    Raises:
+        InputError: a file or column is missing, a unit is wrong, or the rows are not one control period apart.
+    """
+    joint_count = len(torque_units)
     if isinstance(source, Excitation):
         if source.joint_count != joint_count:
             raise InputError(
                 "The reference has another number of joints than the robot.", where="reference",
                 got=source.joint_count, valid=str(joint_count),
             )  # fmt: skip
-        return source.trajectory(1.0 / step)
-    found = read_signals(source, folder, signals)
+        return Selected(_of_two_rows(source.trajectory(1.0 / step), "reference"))
+    read = read_signals(source, folder, signals, torque_units=torque_units)
+    found, told = _of_two_rows(read.signals, source.file), [*read.told]
+    if source.resample:
+        found, of_rows = resampled(found, step)
+        told += _of_file(of_rows, source.file)
     check_reference_rate(found, step, source.file)
     if source.warm_up_s > 0 and source.period_s is not None:
-        return _with_warm_up(found, step, source.period_s, source.warm_up_s)
+        found = _with_warm_up(found, step, source.period_s, source.warm_up_s)
+    found, of_derivatives = with_derivatives(found, needed)
+    return Selected(found, (*told, *_of_file(of_derivatives, source.file)))
+
+
+def _of_two_rows(found: Trajectory, where: str) -> Trajectory:
+    """The signals, unless they are an instant and no motion."""
+    if found.time.size < 2:
+        raise InputError(
+            "One instant is no motion.", where=where, got=f"{found.time.size} rows", valid="two rows and more",
+            next_step="Give a longer one; look at its duration and at the rate of the loop.",
+        )  # fmt: skip
     return found
 
 
@@ -124,8 +170,9 @@ def read_experiment(
     *,
     step: float,
     drive_gains: tuple[float, ...] | None,
-    joint_count: int,
+    torque_units: tuple[str, ...],
     label: str,
+    needed: frozenset[str] = frozenset(),
     signals: Mapping[str, Trajectory] = NONE_GIVEN,
 ) -> Experiment:
     """The data of one run; signals in memory stand for the files of their names.
@@ -133,11 +180,15 @@ def read_experiment(
     Raises:
         InputError: a file or column is missing, or the log does not fit the reference.
     """
-    reference = read_reference(source.reference, folder, step=step, joint_count=joint_count, signals=signals)
+    motion = read_reference(
+        source.reference, folder, step=step, torque_units=torque_units, needed=needed, signals=signals
+    )
+    reference = motion.signals
     if source.torque is None:
         raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
-    log = read_signals(source.torque, folder, signals)
-    torque = log.select([f"tau{j}" for j in range(1, joint_count + 1)])
+    read = read_signals(source.torque, folder, signals, torque_units=torque_units)
+    log = _of_two_rows(read.signals, source.torque.file)
+    torque = log.select([f"tau{j}" for j in range(1, len(torque_units) + 1)])
     if source.torque.quantity == "command":
         torque = torque_of_command(torque, drive_gains, label)
     check_time_unit(log, reference, source.torque.file)
@@ -146,9 +197,17 @@ def read_experiment(
         times = decimated_times(log.time, source.torque.rate_hz, source.torque.phase_s)
         torque = _torque_at(log, torque, source.torque, times)
     times = times + source.torque.offset_s
+    check_within(times, reference, step, source)
     operator = sample_operator(
         times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
-    positions = read_signals(source.positions, folder, signals) if source.positions is not None else None
-    return Experiment(reference, times, torque, operator, positions, label, source.role, stamps=log.time)
+    told, positions = [*motion.told, *read.told], None
+    if source.positions is not None:
+        measured = read_signals(source.positions, folder, signals, torque_units=torque_units)
+        positions = measured.signals
+        told += measured.told
+    return Experiment(
+        reference, times, torque, operator, positions, label, source.role, stamps=log.time,
+        told=tuple(dict.fromkeys(told)),
+    )  # fmt: skip

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
@@ -20,11 +20,16 @@ from fmu_didim.case.sources import (
     SignalFile,
     SystemSource,
 )
-from fmu_didim.documents import Positive, Strict, read_document
+from fmu_didim.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.estimators import ESTIMATORS, Estimator
+from fmu_didim.master.system import REFERENCE
+from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
-"""Entries of the plant beside ``system``; all else is settled by the archive."""
+"""Entries of the plant beside ``system`` or ``components``; all else is settled there."""
+
+RESERVED = (REFERENCE, DELAY, LOG, BASE, "drive")
+"""Names that mean something else in a case."""
 
 
 def _check_labels(labels: tuple[str, ...]) -> None:
@@ -48,7 +53,11 @@ class CaseDocument(Strict):
         robot: robot description (``.yaml``); a plant without one needs ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
-        plant, controller: what runs in the loop.
+        plant, controller: what runs in the loop: the short form for two components.
+        components: name -> component, any number of them, instead; they are evaluated in this order. ``plant`` then
+            says which one takes the logged torque (``component``) and, if need be, what its variables are called there.
+        connections: input of a component (``motor.u``) -> what it gets: an output (``pd.u``), a column of the reference
+            (``reference.q1``), or a sum of such terms, ``reference.q1 - 0.5 * load.q``.
         system: an SSP archive with both and their wiring, instead; ``plant`` then says which component carries the
             parameters.
         loop: rate, order, delay and drive gains.
@@ -68,7 +77,9 @@ class CaseDocument(Strict):
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()
     controller: ComponentSource | None = None
-    system: SystemSource | None = None
+    components: Mapping[str, ComponentSource] | None = None
+    connections: Mapping[str, str] = Field(default_factory=dict)
+    system: Annotated[SystemSource, AlsoWritten(("string",))] | None = None
     loop: Loop = Loop()
     experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
     train: ExperimentSource | None = None
@@ -79,12 +90,46 @@ class CaseDocument(Strict):
     low_pass: LowPassSource | None = None
 
     @model_validator(mode="after")
+    def _which_is_the_plant(self) -> CaseDocument:
+        if self.components is None:
+            return self
+        names = ", ".join(self.components)
+        if self.plant.component not in self.components:
+            raise ValueError(
+                f"plant: {{component: ...}} must say which component takes the logged torque; valid: {names}"
+            )
+        reserved = RESERVED if self.plant.component == PLANT else (*RESERVED, PLANT)
+        if bad := [name for name in self.components if not re.fullmatch(r"[A-Za-z_]\w*", name) or name in reserved]:
+            raise ValueError(
+                f"components: {', '.join(bad)}: take letters, digits and '_', and none of {', '.join(reserved)}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _what_is_identified(self) -> CaseDocument:
         if self.robot is None and not self.identify:
             raise ValueError("give robot: (a description) or identify: (names of parameters of the plant)")
-        if self.robot is None and self.plant.source is None and self.system is None:
+        if self.robot is None and self.plant_source is None and self.system is None:
             raise ValueError("a plant without robot description needs a source")
         return self
+
+    @property
+    def parts(self) -> dict[str, ComponentSource]:
+        """Name in the loop -> component; those of an archive are not among them."""
+        if self.components is not None:
+            return dict(self.components)
+        named = {"controller": self.controller, "plant": self.plant}
+        return {name: source for name, source in named.items() if source is not None and self.system is None}
+
+    @property
+    def plant_name(self) -> str:
+        """Name in the loop of the component that takes the logged torque."""
+        return "plant" if self.components is None and self.system is None else self.plant.component
+
+    @property
+    def plant_source(self) -> str | None:
+        """Where it comes from; None where it is the robot, or of an archive."""
+        return self.parts.get(self.plant_name, self.plant).source
 
     @property
     def runs(self) -> dict[str, ExperimentSource]:
@@ -121,17 +166,23 @@ class CaseDocument(Strict):
 
     @model_validator(mode="after")
     def _where_the_loop_is_from(self) -> CaseDocument:
-        if self.system is None:
-            if self.controller is None:
-                raise ValueError("give controller: (beside plant:) or system: (an .ssp file)")
-            return self
+        given = [name for name in ("controller", "components", "system") if getattr(self, name) is not None]
+        if not given:
+            raise ValueError("give controller: (beside plant:), components: (any number) or system: (an .ssp file)")
+        if len(given) > 1:
+            raise ValueError(f"give {given[0]}: or {given[1]}:, not both: each says what runs in the loop")
+        if self.connections and self.components is None:
+            raise ValueError("connections: belongs to components:")
         if self.controller is not None:
-            raise ValueError("give controller: or system: (an .ssp file, which holds the controller), not both")
+            return self
         other = sorted(self.plant.model_fields_set - set(OF_A_SYSTEM))
         if other:
-            raise ValueError(f"beside system: the plant takes {', '.join(OF_A_SYSTEM)} only, not {', '.join(other)}")
+            raise ValueError(
+                f"beside {given[0]}: the plant takes {', '.join(OF_A_SYSTEM)} only, not {', '.join(other)}"
+            )
         if self.loop.injections:
-            raise ValueError("beside system: there are no injections; connect the test signal in the archive")
+            where = "in the archive" if self.system is not None else "under connections:"
+            raise ValueError(f"beside {given[0]}: there are no injections; connect the test signal {where}")
         return self
 
     @field_validator("estimator")

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from fmu_didim.case.sources import ExperimentSource, ReferenceFile
 from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.errors import InputError
+from fmu_didim.master import grid_places
 from fmu_didim.signals import Array, Trajectory
 
 REFERENCE_RATE = CATALOGUE(
     "reference-rate", PROBLEM, rank=0,
     meaning="The reference is not sampled at the control rate: it must have one row a control period.",
-    next_step="Resample the reference to the control rate, or correct the rate of the loop or of the controller.",
+    next_step="Correct the rate of the loop or of the controller; where only the stamps are rounded: reference: {time: "
+    "{name: ..., rate_hz: ...}}; to interpolate between the rows: reference: {resample: true}.",
 )  # fmt: skip
 TIME_UNIT = CATALOGUE(
     "time-unit", PROBLEM, rank=0,
     meaning="The stamps of a file are in milliseconds or microseconds, not in seconds.",
-    next_step="Convert the time column to seconds.",
+    next_step="Give its unit: time: {name: t, unit: ms}.",
 )  # fmt: skip
 COMMAND_WITHOUT_GAIN = CATALOGUE(
     "command-without-gain", PROBLEM, rank=0,
@@ -45,6 +49,8 @@ def check_reference_rate(reference: Trajectory, step: float, file: str) -> None:
         f"The reference is not sampled at the control rate: its rows are {uneven}{usual:.6g} s apart "
         f"({1 / usual:.6g} Hz), and the loop runs at {1 / step:.6g} Hz."
     )
+    if uneven:
+        text += f" {unevenness(reference.time)}"
     raise DiagnosedError([Diagnostic(REFERENCE_RATE, text, file, 1 / usual, 1 / step, "Hz")])
 
 
@@ -60,9 +66,40 @@ def check_time_unit(log: Trajectory, reference: Trajectory, file: str) -> None:
             raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, lasts, length, "s")])
 
 
+def unevenness(time: Array) -> str:
+    """How far instants (N,) are from even ones, in a sentence: scatter of the clock, and rows that lack."""
+    places = grid_places(time)
+    step, start = np.polyfit(places, time, 1)
+    off = time - start - places * step
+    lacking = int(places[-1]) + 1 - time.size
+    text = f"They lie {1000 * float(np.std(off)):.3g} ms (largest {1000 * float(np.ptp(off)) / 2:.3g} ms) off even ones"
+    return text + (f", and {lacking} rows are missing." if lacking else ".")
+
+
+def check_within(times: Array, reference: Trajectory, step: float, source: ExperimentSource) -> None:
+    """Raise InputError that names both files where the samples of a log at these times lie outside the reference."""
+    first, last = float(reference.time[0]), float(reference.time[-1]) + step
+    outside = times[(times < first - step) | (times > last + step)]
+    if outside.size == 0 or source.torque is None:
+        return
+    motion = source.reference.file if isinstance(source.reference, ReferenceFile) else "a formula of the case"
+    raise InputError(
+        f"The torque log {source.torque.file} reaches beyond its reference ({motion}).", where=source.torque.file,
+        got=f"{outside.size} samples, the first one at t = {outside[0]:g} s",
+        valid=f"t from {first:g} s to {last:g} s, which the reference covers",
+        next_step="Check the clock and the unit of time of both files (time: {unit: ...}, offset_s); cut the log or "
+        "give the whole reference.",
+    )  # fmt: skip
+
+
 def torque_of_command(command: Array, drive_gains: tuple[float, ...] | None, label: str) -> Array:
     """(N, n) torque of a log of the command; raises DiagnosedError without the gains of the drives."""
     if drive_gains is None:
         text = "The log shows the command, and the gains of the drives are not given."
         raise DiagnosedError([Diagnostic(COMMAND_WITHOUT_GAIN, text, f"{label}: torque.quantity")])
+    if len(drive_gains) != command.shape[1]:
+        raise InputError(
+            "One drive gain is needed for each joint.", where="loop.drive_gains", got=list(drive_gains),
+            valid=f"{command.shape[1]} numbers",
+        )  # fmt: skip
     return np.asarray(command * np.array(drive_gains))

@@ -29,7 +29,7 @@ DRIVE = "drive"
 
 def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter]:
     """The entries of ``identify`` that do not belong to the plant."""
-    return {name: entry for name, entry in (document.identify or {}).items() if entry.of != PLANT}
+    return {name: e for name, e in (document.identify or {}).items() if e.of not in (PLANT, document.plant_name)}
 
 
 def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> tuple[FreeParameter, ...]:
@@ -69,9 +69,8 @@ def _check_each_once(further: Mapping[str, FreeParameter], parameters: Parameter
 
 
 def _entry(name: str, entry: IdentifiedParameter, system: System, document: CaseDocument) -> FreeParameter:
-    plant = document.plant.component if document.system is not None else "plant"
     if entry.of == DELAY:
-        found = replace(delay_parameter(float(system.delays.get(plant, 0.0))), name=name)
+        found = replace(delay_parameter(float(system.delays.get(document.plant_name, 0.0))), name=name)
     elif entry.of == LOG:
         found = replace(log_shift_parameter(), name=name)
     else:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import logging
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.free import DRIVE, beside_the_plant
-from fmu_didim.components import Component, rename
+from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.effects import EFFECTS
 from fmu_didim.effects.drive_gain import DriveGain
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import System, closed_loop, splice_effect
+from fmu_didim.master import Connection, System, closed_loop, splice_effect
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.robot import RobotDescription
 from fmu_didim.ssp import read_ssp
 
+_log = logging.getLogger(__name__)
 TOLERANCE = 1e-6
 """Relative distance of two rates from a whole ratio that still counts as rounding of the numbers in the file."""
 
@@ -30,10 +33,19 @@ def communication_step(document: CaseDocument, controller: Component) -> float:
             return 1.0 / rate
     if controller.sample_time is None:
         raise InputError(
-            "The control rate is unknown.", where="loop",
-            next_step="Give loop: {rate_hz: ...}; this controller states none.",
+            "The control rate is unknown.", where="loop", next_step=_rate_to_give(controller),
         )  # fmt: skip
     return controller.sample_time
+
+
+def _rate_to_give(controller: Component) -> str:
+    suggested = controller.fmu.experiment.step if isinstance(controller, FmuComponent) else None
+    if not suggested:
+        return "Give loop: {rate_hz: ...}; this controller states none."
+    return (
+        f"If it is the {1 / suggested:.6g} Hz that the FMU suggests for its default experiment, "
+        f"give loop: {{rate_hz: {1 / suggested:.6g}}}."
+    )
 
 
 def delay_in_samples(document: CaseDocument, step: float) -> float:
@@ -71,8 +83,7 @@ def _with_timing(system: System, document: CaseDocument) -> System:
     """The loop with the rates of its components and the treatment of algebraic loops that the case asks for."""
     every: dict[str, int] = {}
     substeps: dict[str, int] = {}
-    assert document.controller is not None  # else the loop is that of an archive, with its own timing
-    sources = {"controller": document.controller, "plant": document.plant}
+    sources = document.parts
     for name, source in sources.items():
         if source.rate_hz is None:
             continue
@@ -112,24 +123,11 @@ def loop_of_archive(document: CaseDocument, folder: Path) -> System:
     loop, plant = document.loop, document.plant
     path = folder / document.system.source
     system = read_ssp(path, step_size=None if loop.rate_hz is None else 1.0 / loop.rate_hz)
-    if plant.component not in system.components:
-        raise UnknownNameError("component", plant.component, system.components, where=f"plant.component: {path}")
-    component = system.components[plant.component]
-    if plant.parameters:
-        component = component.with_parameters(plant.parameters)
-    component = name_parameters(component, plant.parameter_names)
-    component = rename(component, inputs=plant.inputs, outputs=plant.outputs)
-    new = {f"{plant.component}.{own}": f"{plant.component}.{role}" for role, own in plant.outputs.items()}
-    fed = {f"{plant.component}.{own}": f"{plant.component}.{role}" for role, own in plant.inputs.items()}
+    system = _with_plant(system, document, f"plant.component: {path}")
     columns = _columns(system, document.system.inputs, path)
     system = replace(
-        system,
-        components={**system.components, plant.component: component},
-        connections=tuple(
-            replace(c, source=columns.get(c.source, new.get(c.source, c.source)), target=fed.get(c.target, c.target))
-            for c in system.connections
-        ),
-    )
+        system, connections=tuple(replace(c, source=columns.get(c.source, c.source)) for c in system.connections)
+    )  # fmt: skip
     if loop.model_fields_set & {"delay_samples", "delay_s"}:
         system = system.with_delay(plant.component, delay_in_samples(document, system.step_size))
     if "algorithm" in loop.model_fields_set:
@@ -137,6 +135,98 @@ def loop_of_archive(document: CaseDocument, folder: Path) -> System:
     if "algebraic_loops" in loop.model_fields_set:
         system = replace(system, algebraic_loops=loop.algebraic_loops)
     return system
+
+
+def _with_plant(system: System, document: CaseDocument, where: str) -> System:
+    """The system with the plant's variables under the names of the case."""
+    plant = document.plant
+    if plant.component not in system.components:
+        raise UnknownNameError("component", plant.component, system.components, where=where)
+    component = system.components[plant.component]
+    if plant.parameters:
+        component = component.with_parameters(plant.parameters)
+    component = name_parameters(component, plant.parameter_names)
+    component = rename(component, inputs=plant.inputs, outputs=plant.outputs)
+    new = {f"{plant.component}.{own}": f"{plant.component}.{role}" for role, own in plant.outputs.items()}
+    fed = {f"{plant.component}.{own}": f"{plant.component}.{role}" for role, own in plant.inputs.items()}
+    return replace(
+        system,
+        components={**system.components, plant.component: component},
+        connections=tuple(
+            replace(c, source=new.get(c.source, c.source), target=fed.get(c.target, c.target))
+            for c in system.connections
+        ),
+    )
+
+
+def loop_of_parts(document: CaseDocument, parts: Mapping[str, Component]) -> System:
+    """The system of the components and connections of a case.
+
+    Raises:
+        InputError: a connection cannot be read, the rate is unknown, or nothing gives the plant its torque.
+        UnknownNameError: a connection names what does not exist.
+    """
+    loop, plant = document.loop, document.plant_name
+    step = 1.0 / loop.rate_hz if loop.rate_hz is not None else _shortest_period(parts)
+    links = [
+        Connection(source, target, gain)
+        for target, text in document.connections.items()
+        for gain, source in _terms(text, f"connections.{target}")
+    ]
+    delay = delay_in_samples(document, step)
+    system = System(
+        components=parts, connections=tuple(links), order=tuple(parts), step_size=step,
+        delays={plant: delay} if delay else {}, jacobi=loop.algorithm == "jacobi",
+    )  # fmt: skip
+    system = _with_plant(_with_timing(system, document), document, "plant.component")
+    _check_fed(system, plant)
+    return system
+
+
+def _shortest_period(parts: Mapping[str, Component]) -> float:
+    periods = [part.sample_time for part in parts.values() if part.sample_time is not None]
+    if not periods:
+        raise InputError(
+            "The control rate is unknown.", where="loop",
+            next_step="Give loop: {rate_hz: ...}; none of the components states one.",
+        )  # fmt: skip
+    return min(periods)
+
+
+_SUM = re.compile(r"\s+([+-])\s+")
+_TERM = re.compile(r"(?P<sign>-?)\s*(?:(?P<gain>\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*\*\s*)?(?P<name>[A-Za-z_]\w*\..+)")
+
+
+def _terms(text: str, where: str) -> list[tuple[float, str]]:
+    """Gains and sources of a sum such as ``reference.q1 - 0.5 * load.q``."""
+    pieces = _SUM.split(text.strip())
+    found = []
+    for sign, piece in zip(["+", *pieces[1::2]], pieces[::2], strict=True):
+        match = _TERM.fullmatch(piece.strip())
+        if match is None:
+            raise InputError(
+                "This connection cannot be read.", where=where, got=text,
+                valid="component.output, reference.column, and sums of them with gains: reference.q1 - 0.5 * load.q",
+            )  # fmt: skip
+        negative = (sign == "-") != (match["sign"] == "-")
+        found.append(((-1.0 if negative else 1.0) * float(match["gain"] or 1.0), match["name"].strip()))
+    return found
+
+
+def _check_fed(system: System, plant: str) -> None:
+    """Tell which inputs nothing is connected to; a torque of the plant among them is refused."""
+    fed = {c.target for c in system.connections}
+    loose = [
+        f"{n}.{v.name}" for n, part in system.components.items() for v in part.inputs if f"{n}.{v.name}" not in fed
+    ]
+    torques = [name for name in loose if re.fullmatch(rf"{plant}\.tau\d+", name)]
+    if torques:
+        raise InputError(
+            "Nothing is connected to a torque of the plant.", where="connections", got=", ".join(torques),
+            next_step="Connect it by its own name in the component, as: motor.tau: pd.u.",
+        )  # fmt: skip
+    if loose:
+        _log.warning("Nothing is connected to %s: they keep their start values.", ", ".join(loose))
 
 
 def _columns(system: System, inputs: Mapping[str, str], path: Path) -> dict[str, str]:

@@ -20,10 +20,11 @@ from fmu_didim.components import (
     wrap_control,
 )
 from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.export import build_fmu
+from fmu_didim.export import build_fmu, build_modelica
 from fmu_didim.imports import import_object, run_code
 from fmu_didim.prediction.free_parameter import PLANT
 from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
@@ -32,7 +33,8 @@ from fmu_didim.robot import RobotModel, read_robot
 
 def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
     """The base parameters of the robot, or the parameters of the plant that the case names."""
-    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of == PLANT}
+    own = (PLANT, document.plant_name)
+    chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of in own}
     if not chosen and model is not None:
         return RobotParameters(model, base_parameters(model))
     offered = {v.name: v for v in plant.parameters}
@@ -89,6 +91,11 @@ def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Pa
         if source.kind != "fmu":
             raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
         component: Component = _fmu(folder / named, source)
+    elif named is not None and named.endswith(".mo"):
+        if source.kind != "fmu":
+            raise InputError("A Modelica file becomes an FMU.", got=source.kind, where=named, valid="kind: fmu")
+        in_exchange = source.model_copy(update={"interface": source.interface or MODEL_EXCHANGE})
+        component = _fmu(build_modelica(folder / named, model=source.model), in_exchange)
     elif named is not None and ":" in named:
         if source.kind != "control":
             raise InputError("A Python object is of the kind control.", got=source.kind, where=named)

@@ -8,13 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
 
-from fmu_didim.documents import Positive, Strict
+from fmu_didim.documents import AlsoWritten, Positive, Strict
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import AnyExcitation
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.master.system import LoopTreatment
 from fmu_didim.prediction.experiment import Role
+from fmu_didim.tables import Column, CsvLayout, TimeColumn
 
 
 def _written(fmi: str) -> str:
@@ -28,8 +29,10 @@ class ComponentSource(Strict):
 
     Attributes:
         kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
-        source: a description (``.yaml``), an ``.fmu`` file, or ``package.module:name`` (``file.py:name``) of a
-            python-control system or of a function that returns one. A plant without source is the robot.
+        source: a description (``.yaml``), an ``.fmu`` file, a Modelica file (``.mo``, run in model exchange), or
+            ``package.module:name`` (``file.py:name``) of a python-control system or of a function that returns one. A
+            plant without source is the robot.
+        model: name of the model in a Modelica file; that of the file by default.
         inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
             ``q_ref1 - q1``) -> name in the component, where they differ.
         parameter_names: name here -> name in the component, where they differ: of the identified parameters
@@ -45,13 +48,15 @@ class ComponentSource(Strict):
         rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
             FMU that computes its command in the step.
-        isolated, time_limit_s: whether an FMU runs in a process of its own, and for how long a call may take.
+        isolated, time_limit_s: whether an FMU runs in a process of its own, by default until it has been seen to run
+            and to end as it should; and for how long a call may take there.
         rerun: how an FMU is run again; by default what a trial of it shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
     """
 
     kind: Literal["fmu", "model", "control"] = "fmu"
     source: str | None = None
+    model: str | None = None
     component: str = "plant"
     inputs: Mapping[str, str] = Field(default_factory=dict)
     outputs: Mapping[str, str] = Field(default_factory=dict)
@@ -64,7 +69,7 @@ class ComponentSource(Strict):
     solver: Literal["rk4", "cvode"] = "rk4"
     rate_hz: Positive | None = None
     outputs_after_step: bool = False
-    isolated: bool = False
+    isolated: bool | None = None
     time_limit_s: Positive = 10.0
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
     event_mode: bool = False
@@ -111,14 +116,17 @@ class SignalFile(Strict):
 
     Attributes:
         file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
-        columns: name here (``q1``, ``tau1``) -> column in the file, where they differ.
-        time: name of the time column.
+        columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
+            sign: -1, gear_ratio: ..., torque_constant: ...}``.
+        time: name of the time column, or ``{name: ..., unit: ms}``, or ``{rate_hz: ...}`` where there is none.
+        csv: how a CSV file is written, where that cannot be found out.
         obtain: where a user gets the file, shown when it is absent.
     """
 
     file: str
-    columns: Mapping[str, str] = Field(default_factory=dict)
-    time: str | None = None
+    columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+    time: Annotated[TimeColumn, AlsoWritten(("string", "integer"))] | None = None
+    csv: CsvLayout | None = None
     obtain: str = ""
 
 
@@ -126,12 +134,15 @@ class ReferenceFile(SignalFile):
     """A reference trajectory from a file, one row a control period.
 
     A log of a periodic motion seldom starts at rest: with ``period_s`` and ``warm_up_s`` the simulation
-    starts earlier, on the end of the period before.
+    starts earlier, on the end of the period before. Velocities and accelerations that the file lacks are computed.
 
     Attributes:
+        resample: whether rows at other instants, such as those of a jittered clock, are brought to the control rate by
+            a cubic spline through them; they are refused otherwise.
         period_s: length of a period of the motion; warm_up_s: how much earlier the simulation starts, at most a period.
     """
 
+    resample: bool = False
     period_s: Positive | None = None
     warm_up_s: Annotated[float, Field(ge=0)] = 0.0
 

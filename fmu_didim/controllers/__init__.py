@@ -10,8 +10,8 @@ from fmu_didim.controllers.computed_torque import ComputedTorque
 from fmu_didim.controllers.emps import Emps
 from fmu_didim.controllers.pd import PD
 from fmu_didim.controllers.pid import PID
-from fmu_didim.documents import load_yaml, validate
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.documents import TO_FILL_IN, Lines, load_yaml, validate
+from fmu_didim.errors import InputError, UnknownNameError
 
 LAWS: Mapping[str, type[ControlLaw]] = {
     "pd": PD,
@@ -29,11 +29,18 @@ def read_controller(path: Path | str) -> Block:
         InputError: the description has problems; UnknownNameError: there is no such law.
     """
     path = Path(path)
+    return read_law(path).block(folder=path.parent)
+
+
+def read_law(path: Path | str) -> ControlLaw:
+    """The law and its options in a YAML file; raises as :func:`read_controller`."""
     content = load_yaml(path)
     law = str(content.get("law", ""))
+    if law == TO_FILL_IN:
+        raise InputError("The control law is still to be filled in.", where=f"{path}, law", valid=LAWS)
     if law not in LAWS:
         raise UnknownNameError("control law", law, LAWS, where=str(path))
-    return validate(LAWS[law], content, where=str(path)).block(folder=path.parent)
+    return validate(LAWS[law], content, where=str(path), lines=Lines(Path(path)))
 
 
-__all__ = ["LAWS", "PD", "PID", "CascadePPI", "ComputedTorque", "ControlLaw", "Emps", "read_controller"]
+__all__ = ["LAWS", "PD", "PID", "CascadePPI", "ComputedTorque", "ControlLaw", "Emps", "read_controller", "read_law"]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Role
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import Array
+from fmu_didim.prediction.table import motion_at_samples, simulated_table
+from fmu_didim.signals import Array, Trajectory
 from fmu_didim.statistics import relative_error_percent
 
 
@@ -22,6 +24,8 @@ class Validation:
         time: (N,) s; measured, simulated: (N, n) N.m or N.
         total_percent, per_joint_percent: 100 |y - y_s| / |y|, (n,) for the joints.
         failure: why the simulation failed, or empty; the values are then NaN.
+        every: simulated torque ``tau<j>`` at every control period; None where the simulation failed.
+        motion: ``q<j>``, ``dq<j>`` -> (N,) simulated motion at the samples, as far as the plant gives it.
     """
 
     label: str
@@ -32,14 +36,21 @@ class Validation:
     total_percent: float
     per_joint_percent: Array
     failure: str = ""
+    every: Trajectory | None = None
+    motion: Mapping[str, Array] = field(default_factory=dict)
 
 
 def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques."""
     experiment, measured = model.experiments[label], model.measured_in(label)
+    every, motion = None, dict[str, Array]()
     try:
         simulated, failure = model.torque(values, label), ""
+        table = simulated_table(model, values, label)
+        every, motion = table.first(model.joint_count), motion_at_samples(model, values, label, table)
     except SimulationError as error:
         simulated, failure = np.full_like(measured, np.nan), str(error)
     total, per_joint = relative_error_percent(measured, simulated)
-    return Validation(label, experiment.role, experiment.time, measured, simulated, total, per_joint, failure)
+    return Validation(
+        label, experiment.role, experiment.time, measured, simulated, total, per_joint, failure, every, motion
+    )

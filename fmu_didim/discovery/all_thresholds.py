@@ -13,13 +13,14 @@ from fmu_didim.discovery.next_experiment import thresholds as next_experiment
 from fmu_didim.discovery.screening import thresholds as screening
 from fmu_didim.discovery.selection import thresholds as selection
 from fmu_didim.prediction import thresholds as prediction
+from fmu_didim.tables import thresholds as tables
 from fmu_didim.thresholds import recorded
 
 TABLES = tuple(
     module.TABLE
     for module in (
         statistics, prediction, diagnosis, data, discovery, augmentation, screening, selection, external_torques,
-        next_experiment, fmu,
+        next_experiment, fmu, tables,
     )
 )  # fmt: skip
 

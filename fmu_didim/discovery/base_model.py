@@ -16,8 +16,8 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.motion import joint_reference
 from fmu_didim.prediction.noise import Noise, pooled
-from fmu_didim.signals import Trajectory
 
 BASE_FIT = Stopping(exact=True)
 """The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
@@ -81,9 +81,9 @@ def with_nuisances(model: LoopModel) -> LoopModel:
     free_parameters = []
     for j in range(1, model.joint_count + 1):
         name = f"v0_{j}"
-        if name not in offered or not all(f"q{j}" in reference.names for reference in references):
+        if name not in offered:
             continue
-        speed = max(_largest_speed(reference, f"q{j}") for reference in references)
+        speed = max(float(np.abs(joint_reference(reference, j)[1]).max()) for reference in references)
         if speed <= 0:
             continue
         scale, value = limits.SMOOTHING_SCALE, offered[name].start  # what is known of the robot lies within the limits
@@ -92,7 +92,3 @@ def with_nuisances(model: LoopModel) -> LoopModel:
             FreeParameter(name, offered[name].unit, PLANT, name, value, scale * value, low, high, is_shape=True)
         )
     return model.with_free(free_parameters)
-
-
-def _largest_speed(reference: Trajectory, name: str) -> float:
-    return float(np.abs(np.gradient(reference.column(name), reference.step)).max())

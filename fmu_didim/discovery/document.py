@@ -25,6 +25,7 @@ from fmu_didim.discovery.findings import (
     ValueFound,
     WindowResult,
 )
+from fmu_didim.discovery.friction import friction_curves
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
@@ -99,6 +100,8 @@ def findings_document(
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         candidates=_candidates(discovery),
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
+        base_fit=values_found(discovery.base, lambda parameter: parameter.effect is None),
+        friction=friction_curves(builder, discovery.base, discovery.final),
         torque_unit=list(units),
         seconds=0.0,
         notes=[*about.notes, *(step.remark for step in discovery.steps if step.remark)],
@@ -109,10 +112,13 @@ def findings_document(
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
     """What became of each candidate, round by round."""
+    last = {t.effect_at: number for number, contest in enumerate(discovery.tried, start=1) for t in contest}
+    added = {step.effect_at for step in discovery.steps}
     return [
         CandidateResult(
             round=number, effect=t.effect_at.effect, joint=t.effect_at.joint, outcome=t.outcome.value,
-            delta_bic=t.delta_bic,
+            delta_bic=t.delta_bic, share_of_gap=t.share, parameters=t.cost, implausible=t.implausible,
+            accepted=t.effect_at in added and last[t.effect_at] == number,  # afterwards it is no candidate any more
         )
         for number, contest in enumerate(discovery.tried, start=1)
         for t in contest

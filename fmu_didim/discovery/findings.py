@@ -179,6 +179,28 @@ class CandidateResult(_Document):
     joint: int
     outcome: Literal["fitted", "left early", "cannot be simulated", "not tried"]
     delta_bic: Number = Field(description="over the model without it, of the point that its fit came to")
+    share_of_gap: Number = Field(
+        None, description="part of the squared gap that it closes; null where it was not fitted"
+    )
+    parameters: Number = Field(None, description="that it counts as; null where it was not fitted")
+    implausible: str = Field("", description="why its values say nothing or cannot be")
+    accepted: bool = Field(False, description="whether it was added in this round")
+
+
+class FrictionResult(_Document):
+    """The friction of a joint as a function of its velocity alone.
+
+    Attributes:
+        joint: from 1; velocity: over the range of the motion; unit: of it.
+        base, final: torque by the base and by the final model, in the unit of the torque of the joint.
+    """
+
+    joint: int
+    unit: str
+    velocity: list[float]
+    base: list[float]
+    final: list[float]
+    half_width: list[float] = Field(description="of the 95 % interval of the final model's")
 
 
 class FindingsDocument(_Document):
@@ -191,14 +213,15 @@ class FindingsDocument(_Document):
         noise: of the torque logs.
         regions: where the residual of the base model has a mean of its own.
         windows: intervals of time with a torque from outside.
-        base_parameters: the parameters of the base model in the final fit.
+        base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
+        friction: of the joints where an effect was found that depends on their velocity alone.
         torque_unit: FMI unit string of the torque of each joint.
         seconds: that the search took.
         notes: what is to be known of data and search.
         provenance: versions, digests of all files that were read, options, thresholds, catalogue and loop.
     """
 
-    schema_version: Literal[3] = 3
+    schema_version: Literal[4] = 4
     name: str
     answer: Answer = Field(description="what the model lacks")
     text: str = Field(description="the answer in words")
@@ -216,6 +239,8 @@ class FindingsDocument(_Document):
     refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")
     candidates: list[CandidateResult] = Field([], description="of each round")
     base_parameters: list[ValueFound]
+    base_fit: list[ValueFound] = Field([])
+    friction: list[FrictionResult] = Field([])
     torque_unit: list[str]
     seconds: float
     notes: list[str]

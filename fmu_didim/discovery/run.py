@@ -39,6 +39,14 @@ from fmu_didim.signals import Array
 NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
 )
+NO_MOTION = (
+    "The plant does not tell {0}: effects in its torque balance were left out, but for those whose parameters it has. "
+    "Map its velocity (plant: {{outputs: {{dq1: name in the plant}}}}) to have them tried."
+)
+INTEGRATED = (
+    "The plant does not tell {0}: it was taken from the integral of the velocity, from where the reference begins or "
+    "from zero. What depends on the position is therefore known but for where zero is."
+)
 
 Keep = Callable[[FindingsDocument], None]
 """Takes the best answer so far."""
@@ -134,7 +142,8 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         base = replace(base, noise=start.noise)
         builder = LoopModelBuilder(start.model, ask.description, effects)
     disagreement = _regions(builder, base)
-    own_notes = (*ask.notes, *prepared.notes, *(() if model.validation_labels else (NO_HELD_OUT,)))
+    held_out = () if model.validation_labels else (NO_HELD_OUT,)
+    own_notes = (*ask.notes, *prepared.notes, *_of_motion(builder), *held_out)
 
     def written(discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
         outside: list[FindingResult] = []
@@ -240,6 +249,18 @@ def _regions(builder: LoopModelBuilder, base: Fit) -> list[Region]:
             return []
         motions.append((motion, _nearest_ticks(model, label)))
     return regions(base.residual, motions, base.noise, model.parameters.torque_units)
+
+
+def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
+    """What discovery makes of a black box that does not tell its whole motion."""
+    if builder.description is not None:
+        return ()
+    given = {v.name for v in builder.base.plant.outputs}
+    joints = range(1, builder.base.joint_count + 1)
+    if dumb := [f"dq{j}" for j in joints if f"dq{j}" not in given]:
+        return (NO_MOTION.format(", ".join(dumb)),)
+    integrated = [f"q{j}" for j in joints if f"q{j}" not in given]
+    return (INTEGRATED.format(", ".join(integrated)),) if integrated else ()
 
 
 def _nearest_ticks(model: LoopModel, label: str) -> Array:

@@ -6,6 +6,17 @@
 from fmu_didim.export.build import compile_shared_library
 from fmu_didim.export.c_code import generate_c
 from fmu_didim.export.fmu import build_fmu
+from fmu_didim.export.modelica import build_modelica
+from fmu_didim.export.sources import compile_sources, source_compiler
 from fmu_didim.export.variables import Layout, layout
 
-__all__ = ["Layout", "build_fmu", "compile_shared_library", "generate_c", "layout"]
+__all__ = [
+    "Layout",
+    "build_fmu",
+    "build_modelica",
+    "compile_shared_library",
+    "compile_sources",
+    "generate_c",
+    "layout",
+    "source_compiler",
+]

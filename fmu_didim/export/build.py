@@ -148,7 +148,7 @@ def compile_shared_library(source_dir: Path, output: Path, *, main: str, compile
         _log.info("compiling %s (about %.0f s; the result is kept) ...", output.name, expected)
     if not chosen.lean or not _built_lean(chosen, source_dir, target, main, what):
         command = [*chosen.command, *chosen.flags, "-o", target, main, *chosen.libraries]
-        _run(command, cwd=source_dir, what=what)
+        run_compiler(command, cwd=source_dir, what=what)
     if not output.is_file():
         raise BuildError("The C compiler wrote no file.", where=target, next_step=_ADVICE)
     if expected > TOLD_FROM:
@@ -159,15 +159,17 @@ def _built_lean(chosen: Compiler, source_dir: Path, target: str, main: str, what
     """Whether the library could be linked without the compiler's own run-time library; the code itself must compile."""
     with tempfile.TemporaryDirectory(prefix="objects-", dir=source_dir) as name:
         objects = [f"{name}/main.o"]
-        _run([*chosen.command, *chosen.flags, "-c", "-o", objects[0], main], cwd=source_dir, what=what)
+        run_compiler([*chosen.command, *chosen.flags, "-c", "-o", objects[0], main], cwd=source_dir, what=what)
         if chosen.runtime:
             runtime = Path(name) / chosen.runtime
             runtime.write_text(wrapper_source(chosen.runtime), encoding="utf-8")
             objects.append(f"{name}/runtime.o")
-            _run([*chosen.command, *chosen.flags, "-c", "-o", objects[1], str(runtime)], cwd=source_dir, what=what)
+            run_compiler(
+                [*chosen.command, *chosen.flags, "-c", "-o", objects[1], str(runtime)], cwd=source_dir, what=what
+            )
         with suppress(BuildError):
             link = [*chosen.flags, *chosen.lean, "-o", target, *objects, *chosen.lean_libraries]
-            _run([*chosen.command, *link], cwd=source_dir, what=what)
+            run_compiler([*chosen.command, *link], cwd=source_dir, what=what)
             return True
     _log.info("compiling the run-time library of the platform of %s (minutes, once on this machine) ...", target)
     return False
@@ -181,10 +183,11 @@ def wrapper_source(name: str) -> str:
 @cache
 def _version_of(command: Sequence[str]) -> str:
     """What a compiler says about itself; asked once in a process."""
-    return _run([*command, "--version"], what="The C compiler of the environment variable CC does not run.")
+    return run_compiler([*command, "--version"], what="The C compiler of the environment variable CC does not run.")
 
 
-def _run(command: Sequence[str], *, what: str, cwd: Path | None = None) -> str:
+def run_compiler(command: Sequence[str], *, what: str, cwd: Path | None = None) -> str:
+    """The output of a compiler; raises BuildError with it where it fails."""
     environment = dict(os.environ)
     for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
         # Zig would otherwise write to the home folder and to the current one.

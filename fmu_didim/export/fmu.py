@@ -75,8 +75,11 @@ def build_fmu(
         lambda new: _build(block, fmi, content, compilers, new / file_name),
     )
     path = folder / file_name
-    if directory is None:
-        return path
+    return path if directory is None else copied(path, directory)
+
+
+def copied(path: Path, directory: Path) -> Path:
+    """A copy of an FMU in a folder, under its name."""
     directory.mkdir(parents=True, exist_ok=True)
     copy = directory / path.name
     with whole_file(copy) as temporary:
@@ -130,15 +133,16 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
         with ThreadPoolExecutor(os.cpu_count()) as workers:
             libraries = dict(zip(compilers, workers.map(compiled, compilers), strict=True))
         with zipfile.ZipFile(path, "w", compression=zipfile.ZIP_DEFLATED) as archive:
-            _add(archive, "modelDescription.xml", fmi.describe(block, guid, tool).encode())
+            add_member(archive, "modelDescription.xml", fmi.describe(block, guid, tool).encode())
             for folder, platform in sorted(fmi.folders(list(compilers), host_platform()).items()):
                 library = libraries[platform]
-                _add(archive, f"binaries/{folder}/{library.name}", library.read_bytes())
+                add_member(archive, f"binaries/{folder}/{library.name}", library.read_bytes())
             for file_name in sorted(sources):
-                _add(archive, f"sources/{file_name}", sources[file_name].encode())
+                add_member(archive, f"sources/{file_name}", sources[file_name].encode())
 
 
-def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+def add_member(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+    """Add a file to an FMU; the same content gives the same bytes."""
     entry = zipfile.ZipInfo(name, date_time=_ZIP_TIME)
     entry.compress_type = zipfile.ZIP_DEFLATED
     entry.external_attr = 0o644 << 16

@@ -33,7 +33,7 @@ from fmu_didim.prediction.free_parameter import BASE, PLANT
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
-from fmu_didim.statistics import relative_error_percent
+from fmu_didim.statistics import correlation, relative_error_percent
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:
@@ -110,6 +110,7 @@ def result_document(
         },
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
+        correlation=np.round(correlation(estimate.covariance), 4).tolist(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
         noise=[
@@ -126,6 +127,7 @@ def result_document(
         history=_history(estimate.names, estimate.iterations),
         loop=model.system(model.start).describe(),
         signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        simulated={v.label: f"simulated_{v.label}.csv" for v in validations if v.every is not None},
         checks=model.parameters.checks(),
         remarks=[*estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
@@ -135,6 +137,7 @@ def result_document(
 def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
     intervals = estimate.interval()
     standard = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
+    described = dict(zip(model.parameters.names, map(float, model.parameters.nominal()), strict=True))
     return {
         parameter.name: ParameterResult(
             value=float(estimate.value[i]),
@@ -145,6 +148,7 @@ def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResu
             standard=standard[parameter.key] if parameter.owner == BASE else "",
             of=PLANT if parameter.owner == BASE else parameter.owner,
             experiment=parameter.experiment,
+            described=described.get(parameter.key) if parameter.owner == BASE else None,
         )
         for i, parameter in enumerate(model.free_parameters)
     }

@@ -16,9 +16,18 @@ from fmu_didim.identification import thresholds as identification
 from fmu_didim.prediction import thresholds as prediction
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.tables import thresholds as tables
 from fmu_didim.thresholds import recorded
 
-TABLES = (statistics.TABLE, prediction.TABLE, diagnosis.TABLE, data.TABLE, identification.TABLE, fmu.TABLE)
+TABLES = (
+    statistics.TABLE,
+    prediction.TABLE,
+    diagnosis.TABLE,
+    data.TABLE,
+    identification.TABLE,
+    fmu.TABLE,
+    tables.TABLE,
+)
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 

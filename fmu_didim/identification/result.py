@@ -33,6 +33,10 @@ class ParameterResult(Saved):
     standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
     of: str = Field(default="plant", description="plant, delay, log, or the name of another component of the loop")
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
+    described: Number = Field(
+        default=None,
+        description="value by the robot description, regrouped likewise, such as from CAD; null where none",
+    )
 
 
 class UnconstrainedResult(Saved):
@@ -209,6 +213,7 @@ class ResultDocument(Saved):
     stages: dict[str, StageResult]
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
+    correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")
     condition_number: Number
     noise_std: list[Number] = Field(
         description="standard deviation of the torque residual of all fitted experiments, per joint"
@@ -231,6 +236,9 @@ class ResultDocument(Saved):
     history: list[IterationResult]
     loop: dict[str, Any]
     signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
+    simulated: dict[str, str] = Field(
+        default={}, description="label -> CSV file with the simulated torque of every control period"
+    )
     checks: list[str] = Field(default=[], description="what the values have been checked for")
     remarks: list[str]
     consistency: ConsistencyResult | None = Field(
@@ -252,7 +260,10 @@ def save_result(document: ResultDocument, validations: Sequence[Validation], dir
             joints = range(1, v.measured.shape[1] + 1)
             columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
             columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
+            columns |= v.motion
             write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label])
+        if v.label in document.simulated and v.every is not None:
+            write_csv(v.every, directory / document.simulated[v.label])
     path = directory / RESULT_FILE
     path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
     return path

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import time as clock
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +25,9 @@ from fmu_didim.master.running import CHECK_INTERVAL, Part, Run
 _DONE, _FAILED, _STOPPED = 0, 1, 2
 _STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
-"""Ticks in one call of the compiled loop; between two of them an interrupt is seen."""
+"""Ticks in one call of the compiled loop at most; between two of them an interrupt is seen."""
+CHUNK_SECONDS = 0.1
+"""About how long such a call may take where somebody waits for beats."""
 
 _void, _int32, _int64, _double = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
 
@@ -111,11 +114,17 @@ def run_compiled(run: Run, natives: list[Native]) -> None:
     keep: list[Any] = []
     parts = (_Part * len(run.parts))(*(_part(run, i, native, keep) for i, native in enumerate(natives)))
     loop = _loop(run, parts, keep)
-    for first in range(0, end, CHUNK):
-        last = min(first + CHUNK, end)
+    first, count = 0, CHUNK if run.beat is None else 1
+    while first < end:
+        last, began = min(first + count, end), clock.perf_counter()
         result = function(ctypes.byref(loop), first, last, last == end)
         if result != _DONE:
             raise _error(run, loop, result, natives)
+        first = last
+        if run.beat is not None:
+            run.beat()
+            took = clock.perf_counter() - began
+            count = min(4 * count, CHUNK) if took < CHUNK_SECONDS / 4 else max(count // 2, 1)
     run.finite = not loop.unsound
 
 

@@ -46,6 +46,8 @@ def run_interpreted(
         _record(run, k, count)
         if observe is not None and k >= lag and rows[k - lag] >= 0:
             observe(int(rows[k - lag]), instances)
+        if run.beat is not None:
+            run.beat()
         if careful or k % CHECK_INTERVAL == 0:
             _check_bounds(run, time)
         for part in parts:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
+from collections.abc import Hashable
 from typing import Any
 
 from fmu_didim.components import Component, Instance
@@ -26,7 +27,8 @@ class InstancePool:
     def __init__(self, *, size: int = 4) -> None:
         self._size = size
         self.failure: FmuDidimError | None = None
-        self._kept: dict[Any, list[Instance]] = {}
+        self._kept: dict[Any, list[Any]] = {}
+        self._noted: set[Hashable] = set()
         self._lock = threading.Lock()
         self._end = weakref.finalize(self, _close_all, self._kept)
 
@@ -34,9 +36,7 @@ class InstancePool:
         """An instance ready for its initialisation: one that was given back, or a new one."""
         key = component.pool_key()
         while True:
-            with self._lock:
-                waiting = self._kept.get(key, []) if key is not None else []
-                instance = waiting.pop() if waiting else None
+            instance: Instance | None = self.borrow(key) if key is not None else None
             if instance is None:
                 return component.instantiate()
             ready = False
@@ -50,13 +50,30 @@ class InstancePool:
 
     def give_back(self, component: Component, instance: Instance) -> None:
         """Keep an instance whose run is over."""
-        key = component.pool_key()
+        self.lay_back(component.pool_key(), instance)
+
+    def borrow(self, key: Hashable) -> Any:
+        """What was laid back under a key; None if there is nothing."""
+        with self._lock:
+            waiting = self._kept.get(key, [])
+            return waiting.pop() if waiting else None
+
+    def lay_back(self, key: Hashable | None, thing: Any) -> None:
+        """Keep something that has a method ``close``, or close it where there is no room or no key."""
         with self._lock:
             waiting = self._kept.setdefault(key, [])
             if key is not None and self._end.alive and len(waiting) < self._size:
-                waiting.append(instance)
+                waiting.append(thing)
                 return
-        instance.close()
+        thing.close()
+
+    def note(self, key: Hashable) -> None:
+        """Remember a key."""
+        self._noted.add(key)
+
+    def is_noted(self, key: Hashable) -> bool:
+        """Whether a key was noted."""
+        return key in self._noted
 
     def close(self) -> None:
         """Close all instances; the pool can be used on, but keeps nothing any more."""
@@ -71,7 +88,7 @@ class InstancePool:
         self.__init__(size=state["size"])  # type: ignore[misc]
 
 
-def _close_all(kept: dict[Any, list[Instance]]) -> None:
+def _close_all(kept: dict[Any, list[Any]]) -> None:
     for waiting in kept.values():
         while waiting:
             waiting.pop().close()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,6 +18,9 @@ from fmu_didim.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
 """Ticks between two looks for divergence: often enough to stop early, seldom enough to cost nothing."""
+
+Beat = Callable[[], None]
+"""Called while a run goes on, at every tick or every few."""
 
 
 class Wiring:
@@ -134,6 +137,7 @@ class Run:
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
         finite: whether all recorded signals are finite, None where nobody has looked.
         lowest, highest: bounds of the signals.
+        beat: see :data:`Beat`; None where nobody listens.
     """
 
     system: System
@@ -143,6 +147,7 @@ class Run:
     parts: list[Part]
     ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     finite: bool | None = None
+    beat: Beat | None = None
 
     def __post_init__(self) -> None:
         self.signals = self.values[: len(self.names)]
@@ -189,6 +194,7 @@ class Run:
         try:
             for part in self.parts:
                 part.instance.begin_initialisation(self.start)
+                self._goes_on()
             for _ in range(len(self.parts) + 1):
                 for part in self.parts:
                     part.gather(self.signals)
@@ -197,8 +203,13 @@ class Run:
             for part in self.parts:
                 part.instance.end_initialisation()
                 part.instance.get()
+                self._goes_on()
         except FmuDidimError as error:
             raise error.in_component(part.name, None) from error.__cause__
+
+    def _goes_on(self) -> None:
+        if self.beat is not None:
+            self.beat()
 
     def diverged(self, i: int, time: float) -> DivergedError:
         """The error for signal ``i`` that left its bounds, or is no number."""
@@ -234,7 +245,7 @@ class Run:
                 part.instance.close()
 
 
-def assemble(system: System, reference: Trajectory, pool: InstancePool | None) -> Run:
+def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> Run:
     """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
     names = [f"{REFERENCE}.{name}" for name in reference.names]
     places: dict[str, slice] = {}
@@ -247,7 +258,7 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None) -
         if connection.source not in index:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
     end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
-    run = Run(system, reference, names, np.zeros(size), [])
+    run = Run(system, reference, names, np.zeros(size), [], beat=beat)
     try:
         for name in system.order:
             component = system.components[name]
@@ -259,6 +270,8 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None) -
             run.values[given] = [v.start for v in component.inputs]
             run.parts.append(Part(name, system, instance, Wiring(entries), run.values, places[name], given))
             instance.bind(run.values[given], run.values[places[name]])
+            if beat is not None:
+                beat()
     except BaseException:
         run.close(None, reusable=False)
         raise

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.master import Indices, SampleOperator, grid_places
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.signals import Array, Trajectory
@@ -28,6 +29,7 @@ class Experiment:
         role: whether the parameters are fitted to it, or only judged by it.
         external_torques: torques from outside the model that are known to have acted.
         stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
+        told: what is to be told of how its files were read.
     """
 
     reference: Trajectory
@@ -39,6 +41,7 @@ class Experiment:
     role: Role = "estimation"
     external_torques: tuple[ExternalTorque, ...] = ()
     stamps: Array | None = None
+    told: tuple[Diagnostic, ...] = ()
 
     @property
     def rate_hz(self) -> float:

@@ -11,7 +11,7 @@ from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import following_links
-from fmu_didim.signals import Array
+from fmu_didim.signals import Array, Trajectory
 
 
 @dataclass(frozen=True)
@@ -72,18 +72,46 @@ def simulated_motion(
     return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
 
 
-def _from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
-    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack q or dq.
+def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
+    """Position and velocity (N,) of a joint, counted from 1, along a reference; what it does not tell follows from the
+    other, the position from zero on, and both are zero where it tells neither."""
+    q, dq, step = f"q{joint}", f"dq{joint}", reference.step
+    if q in reference.names:
+        position = reference.column(q)
+        return position, np.gradient(position, step)
+    velocity = reference.column(dq) if dq in reference.names else np.zeros(reference.time.size)
+    return _summed(velocity, step), velocity
 
-    Loads and payloads are unknown and given as zero.
+
+def _summed(velocity: Array, step: float) -> Array:
+    """Positions (N, ...) from velocities that hold over a step each."""
+    position = np.zeros_like(velocity)
+    np.cumsum(velocity[:-1] * step, axis=0, out=position[1:])
+    return position
+
+
+def _from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
+    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack dq.
+
+    A position that the plant does not tell is the integral of its velocity, from the reference's on. Loads and payloads
+    are unknown and given as zero.
     """
     joints = range(1, model.joint_count + 1)
     given = {v.name for v in model.plant.outputs}
-    if not {f"{name}{j}" for name in ("q", "dq") for j in joints} <= given:
+    if not {f"dq{j}" for j in joints} <= given:
         return None
     recording = model.record(values, label, all_ticks=True)
-    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+    dq = recording.table(model.joint_signals("dq"))
     step = float(recording.time[1] - recording.time[0])
+    reference = model.experiments[label].reference
+    q = np.column_stack(
+        [
+            recording.applied[f"{model.plant_name}.q{j}"]
+            if f"q{j}" in given
+            else joint_reference(reference, j)[0][0] + _summed(dq[:, j - 1], step)
+            for j in joints
+        ]
+    )
     links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
     return Motion(
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),

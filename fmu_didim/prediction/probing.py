@@ -27,7 +27,7 @@ CHANGE = 0.2
 
 
 class RegressorProbe:
-    """Observer of a simulation that fills ``columns`` (K, n, p).
+    """Observer of a simulation that fills ``columns`` (K, n, p); it can travel to another process.
 
     Args:
         plant: its name in the system.
@@ -35,7 +35,8 @@ class RegressorProbe:
     """
 
     def __init__(self, plant: str, parameters: Parameters, theta: Array, count: int) -> None:
-        self._plant, self._parameters, self._theta = plant, parameters, theta
+        self._plant, self._theta = plant, theta
+        self._names, self._own_names, self._joints = parameters.names, parameters.plant_names, parameters.joint_count
         self.columns = np.full((count, parameters.joint_count, parameters.count), np.nan)
         self.nonlinear: dict[str, float] = {}
         self._left = 0
@@ -65,10 +66,10 @@ class RegressorProbe:
             ) from error  # fmt: skip
 
     def _named(self, theta: Array) -> dict[str, float]:
-        return dict(zip(self._parameters.plant_names, map(float, theta), strict=True))
+        return dict(zip(self._own_names, map(float, theta), strict=True))
 
     def _places(self, instance: Instance) -> tuple[list[int], list[int]]:
-        joints = range(1, self._parameters.joint_count + 1)
+        joints = range(1, self._joints + 1)
         outputs, inputs = instance.output_names, instance.input_names
         return [outputs.index(f"ddq{j}") for j in joints], [inputs.index(f"tau{j}") for j in joints]
 
@@ -91,7 +92,7 @@ class RegressorProbe:
         instance.set()
         instance.get()
         size = np.abs(here).max(axis=0)
-        for i, name in enumerate(self._parameters.names):
+        for i, name in enumerate(self._names):
             if size[i] > 0:
                 change = float(np.abs(there[:, i] - here[:, i]).max() / size[i])
                 self.nonlinear[name] = max(self.nonlinear.get(name, 0.0), change)

@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.prediction.prediction import sampled_regressor
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.signals import Array, Trajectory, derivative
 from fmu_didim.statistics import least_squares
 
 Rows = Callable[[Array], tuple[Array, Array]]
@@ -100,13 +99,9 @@ def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.
     q = reference.select([f"q{j}" for j in joints])
     given = set(reference.names)
     has_velocity = all(f"dq{j}" in given for j in joints)
-    dq = (
-        reference.select([f"dq{j}" for j in joints])
-        if has_velocity
-        else CubicSpline(reference.time, q)(reference.time, 1)
-    )
+    dq = reference.select([f"dq{j}" for j in joints]) if has_velocity else derivative(reference.time, q)
     if all(f"ddq{j}" in given for j in joints):
         ddq = reference.select([f"ddq{j}" for j in joints])
     else:
-        ddq = CubicSpline(reference.time, dq)(reference.time, 1)
-    return q[ticks], np.asarray(dq)[ticks], np.asarray(ddq)[ticks]
+        ddq = derivative(reference.time, dq)
+    return q[ticks], dq[ticks], ddq[ticks]

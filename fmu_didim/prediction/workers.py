@@ -12,7 +12,6 @@ from typing import ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from fmu_didim.components import FmuComponent
-from fmu_didim.components.fmu.rerun import OWN_TOOL
 from fmu_didim.errors import InputError
 from fmu_didim.master import System
 
@@ -65,7 +64,7 @@ def may_run_side_by_side(system: System) -> bool:
     """Whether several runs of a system that compiled code runs may go on at once: not where an FMU of another tool
     takes part, whose instances may share memory."""
     forms = (component.compiled() for component in system.components.values())
-    return not any(isinstance(form, FmuComponent) and not form.fmu.tool.startswith(OWN_TOOL) for form in forms)
+    return not any(isinstance(form, FmuComponent) and not form.is_own for form in forms)
 
 
 def side_by_side(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]:

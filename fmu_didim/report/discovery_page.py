@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
-from fmu_didim.discovery.findings import FindingResult, FindingsDocument, ValueFound, load_findings
-from fmu_didim.report import discovery_figures as figures
+from fmu_didim.discovery.findings import CandidateResult, FindingResult, FindingsDocument, ValueFound, load_findings
 from fmu_didim.report import discovery_words as words
+from fmu_didim.report.charts import limited, points_per_trace
+from fmu_didim.report.diagram import loop_diagram
+from fmu_didim.report.discovery_charts import drawn_experiments, friction_charts
 from fmu_didim.report.discovery_regions import regions_by_joint
 from fmu_didim.report.discovery_verdict import verdict_of
-from fmu_didim.report.figures import Plots, points_per_trace, signals_note
-from fmu_didim.report.numbers import MISSING, at, joint_unit, pretty_unit, significant
+from fmu_didim.report.numbers import MISSING, at, joint_unit, loop_lines, pretty_unit, rounding, significant
 from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
-from fmu_didim.signals import read_trajectory
 
 DISCOVERY_FILE = "discovery.html"
 TEMPLATE = "discovery.html.j2"
-TRACES_PER_JOINT = 2
 
 
 def write_discovery_report(folder: Path | str) -> Path:
@@ -33,25 +32,66 @@ def write_discovery_report(folder: Path | str) -> Path:
     """
     folder = Path(folder)
     document = load_findings(folder)
+    found = drawn_experiments(document, folder)
+    points = points_per_trace([chart for part in found for chart in part.charts])
+    loop = document.provenance.get("loop", {})
     return write_page(
         folder / DISCOVERY_FILE,
         TEMPLATE,
         document=document,
         verdict=verdict_of(document),
         cards=_headline(document),
-        gap_figure=figures.gap_figure(document) if document.gap and document.torque_unit else None,
+        gaps=gap_bars(document),
         words=words,
         facts=partial(_facts, document),
         values=_values,
         link=_link,
         rounds=_rounds(document),
-        candidates=_candidates(document),
-        plots=_plots(document, folder),
+        contests=_contests(document),
+        parts=[part.limited(points) for part in found],
+        friction=[limited(chart, points) for chart in friction_charts(document)],
         places=regions_by_joint(document),
         regions=_regions(document),
         noise=_noise(document),
-        plotly=Markup(get_plotlyjs()),
+        parameters=_parameters(document),
+        diagram=loop_diagram(loop),
+        loop_summary=loop_lines(loop),
     )
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One gap: what it is of, its text, and its length in percent of the longest one; ``style``: base or final."""
+
+    name: str
+    model: str
+    text: str
+    length: float
+    style: str
+
+
+def gap_bars(document: FindingsDocument) -> list[tuple[str, list[Bar]]]:
+    """Title of each experiment -> gaps of base and final model, over all joints and of each one."""
+    several = len(document.torque_unit) > 1
+    heads = ["all joints", *(f"joint {j + 1}" for j in range(len(document.torque_unit)))] if several else ["joint 1"]
+    models = ("base model", "final model") if document.findings else ("base model",)
+    rows: dict[str, list[tuple[str, str, float | None]]] = {}
+    for label, pair in document.gap.items():
+        before = [*([pair.before] if several else []), *pair.before_per_joint] or [pair.before]
+        after = [*([pair.after] if several else []), *pair.after_per_joint] or [pair.after]
+        pairs = {"base model": before, "final model": after}
+        rows[label] = [(head, model, at(pairs[model], k)) for k, head in enumerate(heads) for model in models]
+    longest = max((v for row in rows.values() for *_, v in row if v is not None), default=0.0) or 1.0
+    return [
+        (
+            words.experiment_name(document, label),
+            [
+                Bar(head, model, words.gap_text(v), round(100 * (v or 0.0) / longest, 1), model.split()[0])
+                for head, model, v in row
+            ],
+        )
+        for label, row in rows.items()
+    ]
 
 
 def _headline(document: FindingsDocument) -> list[tuple[str, str]]:
@@ -85,6 +125,19 @@ def _values(values: list[ValueFound]) -> Table | None:
     return table(("parameter", "value", "± σ", "σ / |value| (%)", "95 % from", "to", "unit"), rows, (0, 6))
 
 
+def _parameters(document: FindingsDocument) -> Table | None:
+    """The parameters of the base model: fitted without the effects, and with them."""
+    former = {value.name: value for value in document.base_fit}
+    rows = []
+    for value in document.base_parameters:
+        text, old = words.value_text(value), former.get(value.name)
+        before = MISSING if old is None else rounding(old.value, old.std or 0.0).text(old.value)
+        moved = MISSING if old is None or not value.std else significant((value.value - old.value) / value.std, 2)
+        rows.append((text.name, before, text.value, text.std, *text.interval, moved, text.unit or MISSING))
+    heads = ("parameter", "base model", "final model", "± σ", "95 % from", "to", "moved by (σ)", "unit")
+    return table(heads, rows, (0, 7))
+
+
 def _rounds(document: FindingsDocument) -> Table | None:
     """Round by round, the gap of each experiment before and after; last, base against final model."""
     labels = list(document.gap)
@@ -107,39 +160,31 @@ def _rounds(document: FindingsDocument) -> Table | None:
     return table(heads, rows, (0, 1), is_aligned=False)
 
 
-def _candidates(document: FindingsDocument) -> Table | None:
-    rows = [
-        (
-            str(c.round),
-            words.placed(c.effect, c.joint),
-            c.outcome,
-            MISSING if c.delta_bic is None else significant(c.delta_bic),
-        )
-        for c in document.candidates
-    ]
-    return table(("round", "candidate", "outcome", "gain in BIC"), rows, (0, 1, 2))
+def _contests(document: FindingsDocument) -> list[tuple[int, Table, list[int]]]:
+    """Number of each round, its candidates with the best first, and the rows of those that were added."""
+    why = {(effect, joint): reason for effect, joint, reason in document.refused}
+    found = []
+    for number, group in groupby(document.candidates, key=lambda c: c.round):
+        ranked = sorted(group, key=lambda c: (not c.accepted, c.delta_bic is None, -(c.delta_bic or 0.0)))
+        is_last = number == document.candidates[-1].round
+        rows = [_candidate(c, ranked, why.get((c.effect, c.joint), "") if is_last else "") for c in ranked]
+        heads = ("candidate", "outcome", "gain in BIC", "behind", "parameters", "share of the gap", "remark")
+        made = table(heads, rows, (0, 1, 6))
+        if made is not None:
+            found.append((number, made, [k for k, c in enumerate(ranked) if c.accepted]))
+    return found
 
 
-def _plots(document: FindingsDocument, folder: Path) -> list[Plots]:
-    units = document.torque_unit
-    names = {key: name for key, name in document.files.items() if key.startswith(words.SIGNALS)}
-    limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(names))
-    plots: list[Plots] = []
-    for key, name in names.items():
-        signals = read_trajectory(folder / name)
-        joints = figures.drawn_joints(signals, len(units))
-        if not joints:
-            continue
-        over_time = figures.residual_figure(signals, units, document.noise.std, limit=limit)
-        panels = [
-            figures.binned_figure(signals, j, quantity, units[j - 1])
-            for j in (joints if not plots else ())  # once, for the data in which the regions were found
-            for quantity in figures.panel_quantities(document, signals, j)
-        ]
-        name = words.experiment_name(document, key.removeprefix(words.SIGNALS))
-        note = signals_note(signals.time, limit)
-        plots.append(Plots(name, note, over_time, panels))
-    return plots
+def _candidate(candidate: CandidateResult, ranked: Sequence[CandidateResult], reason: str) -> tuple[str, ...]:
+    best = max((c.delta_bic for c in ranked if c.delta_bic is not None), default=None)
+    gain = candidate.delta_bic
+    behind = MISSING if gain is None or best is None else significant(best - gain)
+    return (
+        words.placed(candidate.effect, candidate.joint), "added" if candidate.accepted else candidate.outcome,
+        MISSING if gain is None else significant(gain), behind,
+        MISSING if candidate.parameters is None else f"{candidate.parameters:g}",
+        words.share_text(candidate.share_of_gap), candidate.implausible or reason,
+    )  # fmt: skip
 
 
 def _regions(document: FindingsDocument) -> Table | None:

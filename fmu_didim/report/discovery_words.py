@@ -34,13 +34,17 @@ FILES = {
 }
 
 
-SIGNALS = "signals_"
-"""How the keys of the files begin that hold the torques of an experiment; its label follows."""
+SIGNALS, SIMULATED = "signals_", "simulated_"
+"""How the keys of the files begin that hold the torques of an experiment at its samples, and the simulated ones at
+every control period; its label follows."""
 
 
 def file_title(key: str) -> str:
     """What a file is."""
-    return f"torques, {key.removeprefix(SIGNALS)}" if key.startswith(SIGNALS) else FILES.get(key, key)
+    for begin, title in ((SIGNALS, "torques"), (SIMULATED, "simulated torques, every control period")):
+        if key.startswith(begin):
+            return f"{title}, {key.removeprefix(begin)}"
+    return FILES.get(key, key)
 
 
 def experiment_name(document: FindingsDocument, label: str) -> str:

@@ -185,8 +185,8 @@ def consistency_line(document: ResultDocument) -> str:
     return f"the plant differs from the robot description, by up to {worst} ({found.points} instants)"
 
 
-def component_line(name: str, described: Mapping[str, Any]) -> str:
-    """A component of the loop in a few words: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
+def component_words(described: Mapping[str, Any]) -> list[str]:
+    """A component of a loop in a few words each: its source, what it is, how it is run."""
     source = next((str(described[key]) for key in ("source", "origin", "file", "name") if described.get(key)), "")
     law = f" ({described['law']})" if described.get("law") else ""
     kinds = {"control": "python-control", "model": "CasADi model"}
@@ -197,8 +197,13 @@ def component_line(name: str, described: Mapping[str, Any]) -> str:
     if kind == "fmu":
         if described.get("solver"):
             parts.append(f"integrated by {described['solver']}")
-        parts.append(f"run again by {described['reset']}" if described.get("reset") != "auto" else "")
-    return f"{name}: {', '.join(part for part in parts if part)}"
+        parts.append(f"run again by {described['reset']}" if described.get("reset", "auto") != "auto" else "")
+    return [part for part in parts if part]
+
+
+def component_line(name: str, described: Mapping[str, Any]) -> str:
+    """A component of the loop on a line: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
+    return f"{name}: {', '.join(component_words(described))}"
 
 
 def loop_lines(loop: Mapping[str, Any]) -> list[str]:

@@ -3,26 +3,66 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
-from fmu_didim.identification.result import ResultDocument, load_result
+from fmu_didim.identification.result import ParameterResult, ResultDocument, load_result
 from fmu_didim.report import experiments, numbers, tables
-from fmu_didim.report.figures import Plots, figure_json, history_figure, points_per_trace, signals_note, torque_figure
+from fmu_didim.report.charts import Chart, limited, points_per_trace
+from fmu_didim.report.diagram import loop_diagram
+from fmu_didim.report.residual_charts import against_chart, colour_charts
 from fmu_didim.report.templates import write_page
+from fmu_didim.report.torque_charts import Simulated, history_chart, samples_text, torque_chart
 from fmu_didim.report.verdict import verdict
-from fmu_didim.signals import read_trajectory
+from fmu_didim.signals import Trajectory
+from fmu_didim.tables import read_trajectory
 
 REPORT_FILE = "report.html"
 TEMPLATE = "page.html.j2"
-TRACES_PER_JOINT = 3
 BAR_RANGE = (0.1, 100.0)
 """Percent that the bars of the relative standard deviation cover, logarithmically."""
 GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """Up to these relative standard deviations in percent; beyond, the parameter is poorly known."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The charts of an experiment: title, what to say of it, torque, residual against the motion, its colour."""
+
+    title: str
+    note: str
+    torque: Chart
+    against: Sequence[Chart] = ()
+    colour: Sequence[Chart] = ()
+
+    @property
+    def charts(self) -> list[Chart]:
+        """All of them."""
+        return [self.torque, *self.against, *self.colour]
+
+    def limited(self, points: int) -> Experiment:
+        """The same with at most so many points along a line."""
+        groups = ([limited(chart, points) for chart in group] for group in (self.against, self.colour))
+        against, colour = groups
+        return replace(self, torque=limited(self.torque, points), against=against, colour=colour)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter on the page.
+
+    Attributes:
+        bar: grade and length in percent of its relative standard deviation; beside: further values of it.
+        carrier: what carries it.
+    """
+
+    name: str
+    text: numbers.ParameterText
+    bar: tuple[str, float] | None
+    beside: tuple[str, ...]
+    carrier: str
 
 
 def write_report(directory: Path) -> Path:
@@ -32,36 +72,36 @@ def write_report(directory: Path) -> Path:
         InputError: there is no result, or a table of torques that it names is missing.
     """
     document = load_result(directory)
-    plots = _torque_plots(document, directory)
-    history = figure_json(history_figure(document.history)) if document.history else None
+    found = drawn_experiments(document, directory)
+    points = points_per_trace([chart for part in found for chart in part.charts])
+    found = [part.limited(points) for part in found]
+    beside = _beside(document)
     return write_page(
         directory / REPORT_FILE,
         TEMPLATE,
         document=document,
         verdict=verdict(document),
         cards=_cards(document),
-        parameters=_parameter_groups(document),
+        parameters=_parameter_groups(document, beside),
+        beside=list(beside),
         has_insignificant=any(p.interval[0] <= 0 <= p.interval[1] for p in document.parameters.values()),
         delay_lines=experiments.delay_lines(document),
         experiments=tables.experiment_table(document),
         errors=tables.error_table(document),
         noise=numbers.noise_text(document.noise_std, document.torque_unit),
-        plots=plots,
+        torques=found,
+        residuals=[part for part in found if part.against or part.colour],
         stages=tables.stage_table(document),
         history=tables.history_table(document),
         history_values=tables.history_values(document),
-        history_figure=history,
+        history_chart=history_chart(document.history),
+        correlation=tables.correlation_matrix(document),
         correlations=tables.correlation_table(document),
         loop_summary=numbers.loop_lines(document.loop),
+        diagram=loop_diagram(document.loop),
         consistency_line=numbers.consistency_line(document),
         plant_columns=tables.column_table(document),
-        wiring={k: document.loop.get(k) for k in _SHOWN_OF_LOOP},
-        other_loop={k: v for k, v in document.loop.items() if k not in _SHOWN_OF_LOOP},
-        plotly=Markup(get_plotlyjs()) if plots or history else None,
     )
-
-
-_SHOWN_OF_LOOP = ("order", "step_size_s", "delay_samples", "hold", "components", "connections")
 
 
 def _cards(document: ResultDocument) -> list[tuple[str, str]]:
@@ -80,18 +120,38 @@ def _cards(document: ResultDocument) -> list[tuple[str, str]]:
     return cards
 
 
+def _beside(document: ResultDocument) -> dict[str, dict[str, float | None]]:
+    """Head of each further column of the parameters -> values by name: start, and the robot description."""
+    columns: dict[str, dict[str, float | None]] = {}
+    begins = [k for k, it in enumerate(document.history) if k == 0 or document.history[k - 1].note]
+    if begins:
+        columns["start"] = dict(document.history[begins[-1]].parameters)
+    described = {name: p.described for name, p in document.parameters.items()}
+    if any(described.values()):
+        columns["by description"] = described
+    return columns
+
+
 def _parameter_groups(
-    document: ResultDocument,
-) -> list[tuple[str, list[tuple[str, numbers.ParameterText, tuple[str, float] | None, str]]]]:
-    """Head of each group -> name of each parameter, its texts, grade and length of its bar, and what carries it."""
+    document: ResultDocument, beside: dict[str, dict[str, float | None]]
+) -> list[tuple[str, list[Row]]]:
+    """Head of each group -> its parameters."""
     groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
     texts = numbers.aligned_parameters([experiments.shown_parameter(name, p) for name, p in listed])
+    columns = [
+        numbers.decimal_aligned([_value(p, values.get(name)) for name, p in listed]) for values in beside.values()
+    ]
     rows = iter([
-        (name, text, _bar(p.rel_std_percent), p.standard or p.of)
-        for (name, p), text in zip(listed, texts, strict=True)
+        Row(name, text, _bar(p.rel_std_percent), tuple(column[k] for column in columns), p.standard or p.of)
+        for k, ((name, p), text) in enumerate(zip(listed, texts, strict=True))
     ])  # fmt: skip
     return [(group.head, list(islice(rows, len(group.parameters)))) for group in groups]
+
+
+def _value(parameter: ParameterResult, value: float | None) -> str:
+    """Another value of a parameter, to the digits of what was identified."""
+    return numbers.MISSING if value is None else numbers.rounding(parameter.value, parameter.std).text(value)
 
 
 def _bar(percent: float | None) -> tuple[str, float] | None:
@@ -104,19 +164,40 @@ def _bar(percent: float | None) -> tuple[str, float] | None:
     return grade, round(max(length, 2.0), 1)
 
 
-def _torque_plots(document: ResultDocument, directory: Path) -> list[Plots]:
-    units = document.torque_unit
-    limit = points_per_trace(TRACES_PER_JOINT * len(units) * len(document.signals))
-    plots = []
-    for label, file in document.signals.items():
+def drawn_experiments(document: ResultDocument, directory: Path) -> list[Experiment]:
+    """The charts of each experiment whose torque was saved."""
+    found = []
+    for number, (label, file) in enumerate(document.signals.items(), start=1):
         signals = read_trajectory(directory / file)
-        joints = range(1, len(units) + 1)
-        measured, simulated = (signals.select([f"tau_{s}{j}" for j in joints]) for s in ("measured", "simulated"))
-        error = document.relative_error_percent.get(label)
-        figure = torque_figure(
-            signals.time, measured, {"simulated": simulated}, units,
-            percent=error.per_joint if error is not None else (), limit=limit,
-        )  # fmt: skip
-        note = signals_note(signals.time, limit)
-        plots.append(Plots(experiments.experiment_title(document, label), note, figure_json(figure)))
-    return plots
+        every = document.simulated.get(label)
+        dense = read_trajectory(directory / every) if every is not None else None
+        found.append(_experiment(document, label, number, signals, dense))
+    return found
+
+
+def _experiment(
+    document: ResultDocument, label: str, number: int, signals: Trajectory, dense: Trajectory | None
+) -> Experiment:
+    units = document.torque_unit
+    joints = range(1, len(units) + 1)
+    measured, simulated = (signals.select([f"tau_{s}{j}" for j in joints]) for s in ("measured", "simulated"))
+    model = Simulated(simulated, *((dense.time, dense.values) if dense is not None else (None, None)))
+    error = document.relative_error_percent.get(label)
+    title = experiments.experiment_title(document, label)
+    torque = torque_chart(
+        f"torque-{number}", f"Torque, {title}", signals.time, measured, {"simulated": model}, units,
+        percent=error.per_joint if error is not None else (), noise=document.noise_std,
+    )  # fmt: skip
+    residual = measured - simulated
+    against = [
+        against_chart(
+            f"{quantity}-{number}-{j}", j, quantity, units[j - 1], signals.column(f"{column}{j}"),
+            {"residual": ("residual", residual[:, j - 1])},
+        )
+        for j in joints
+        for quantity, column in (("velocity", "dq"), ("position", "q"))
+        if f"{column}{j}" in signals.names
+    ]  # fmt: skip
+    each = [{"residual": ("residual", residual[:, j - 1])} for j in joints]
+    colour = colour_charts(str(number), title, signals.time, each, units)
+    return Experiment(title, samples_text(signals.time), torque, against, colour)

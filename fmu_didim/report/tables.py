@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fmu_didim.identification.result import ResultDocument
@@ -11,6 +12,51 @@ from fmu_didim.report.numbers import MISSING, Rounding, at, decimal_aligned, pre
 
 FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
 MAIN_SIGMA = {"didim": "σ, corrected formula"}
+
+
+@dataclass(frozen=True)
+class MatrixCell:
+    """A value of a matrix: its text, its sign, and its colour in percent of the strongest."""
+
+    text: str
+    sign: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Values over two lists of names as a map of colours, two hues for two signs.
+
+    Attributes:
+        shows_values: whether there is room for the texts; else they show where the pointer is.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[MatrixCell, ...]], ...]
+    shows_values: bool
+
+
+MOST_VALUES = 14
+"""Columns of a matrix whose values still have room."""
+STRONGEST = 60
+"""Percent of its hue that the largest value gets: text on it stays legible."""
+
+
+def matrix(
+    title: str, columns: Sequence[str], rows: Mapping[str, Sequence[float | None]], *, largest: float, digits: int = 2
+) -> Matrix:
+    """A matrix whose colours reach their full strength at a magnitude ``largest``."""
+
+    def cell(value: float | None) -> MatrixCell:
+        if value is None or not math.isfinite(value):
+            return MatrixCell(MISSING, 1, 0)
+        size = min(round(STRONGEST * abs(value) / largest), STRONGEST)
+        text = f"{value:.{digits}f}"
+        return MatrixCell(text if float(text) else text.removeprefix("-"), 1 if value >= 0 else -1, size)
+
+    filled = tuple((name, tuple(cell(value) for value in values)) for name, values in rows.items())
+    return Matrix(title, tuple(columns), filled, len(columns) <= MOST_VALUES)
 
 
 @dataclass(frozen=True)
@@ -115,6 +161,14 @@ def correlation_table(document: ResultDocument) -> Table | None:
     """Pairs of parameters that are correlated, with their correlation."""
     rows = [(f"{a} – {b}", f"{value:+.3f}") for a, b, value in document.correlations]
     return table(("pair", "correlation"), rows, is_aligned=False)
+
+
+def correlation_matrix(document: ResultDocument) -> Matrix | None:
+    """The correlations of all parameters; None without any."""
+    names = list(document.parameters)
+    if len(document.correlation) != len(names) or len(names) < 2:
+        return None
+    return matrix("Correlations", names, dict(zip(names, document.correlation, strict=True)), largest=1.0)
 
 
 def column_table(document: ResultDocument) -> Table | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fmu_didim.report.charts import chart_json
 from fmu_didim.report.numbers import capitalised
 from fmu_didim.report.verdict import reason_text
 
@@ -29,6 +30,7 @@ def _environment() -> Environment:
         loader=PackageLoader("fmu_didim.report", "."), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
+    environment.filters["chart_json"] = chart_json
     environment.filters["capitalised"] = capitalised
     environment.filters["reason_text"] = reason_text
     return environment

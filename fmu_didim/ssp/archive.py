@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import posixpath
 import re
 import stat
@@ -18,8 +19,9 @@ from fmu_didim.cache import cached_folder, file_digest
 from fmu_didim.components.fmu.archive import MAXIMUM_RATIO, RATIO_FROM
 from fmu_didim.errors import InputError
 from fmu_didim.files import is_file
-from fmu_didim.ssp.document import STRUCTURE
+from fmu_didim.ssp.document import PREFIXES, STRUCTURE, VERSIONS
 
+_log = logging.getLogger(__name__)
 MAXIMUM_BYTES = 2 * 1024**3
 MAXIMUM_XML_BYTES = 64 * 1024**2
 MAXIMUM_ENTRIES = 10_000
@@ -93,7 +95,7 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
     entries: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
     for info in infos:
-        name = info.filename.rstrip("/") if info.is_dir() else info.filename
+        name = info.filename.rstrip("/")
         if not _is_safe(name) or "\\" in info.orig_filename or "\0" in info.orig_filename:
             raise refuse("An entry of the archive lies outside of it.", info)
         if stat.S_ISLNK(info.external_attr >> 16):
@@ -135,15 +137,27 @@ def parse_xml(data: bytes, *, where: str) -> ET.Element:
         text = data.decode(_ENCODINGS[encoding])
         if "<!DOCTYPE" in text:
             raise InputError("A document type declaration is not accepted.", where=where, got="<!DOCTYPE")
-        return ET.fromstring(text)
+        return ET.fromstring(_with_prefixes(text, where))
     except (UnicodeDecodeError, ET.ParseError) as error:
         raise InputError("The file is not well-formed XML.", where=where, got=str(error)) from error
 
 
+def _with_prefixes(text: str, where: str) -> str:
+    """The text with all prefixes declared at its root that it uses and declares nowhere: those of the standard as the
+    standard has them; others stand in annotations of other tools."""
+    used = dict.fromkeys(re.findall(r"<([A-Za-z_][\w.-]*):", text))
+    absent = [p for p in used if p != "xml" and not re.search(rf"xmlns:{re.escape(p)}\s*=", text)]
+    if not absent:
+        return text
+    _log.warning("%s uses prefixes that it does not declare: %s", where, ", ".join(absent))
+    declared = " ".join(f'xmlns:{p}="{PREFIXES.get(p, f"urn:undeclared:{p}")}"' for p in absent)
+    return re.sub(r"<([A-Za-z_][\w.:-]*)", rf"<\1 {declared}", text, count=1)
+
+
 def check_root(element: ET.Element, tag: str, *, where: str) -> None:
-    """Refuse another root element, or another version than 1.x."""
+    """Refuse another root element, or a version that is not read."""
     if element.tag != tag:
         raise InputError("This is not the expected kind of file.", where=where, got=element.tag, valid=tag)
     version = element.get("version", "")
-    if not version.startswith("1."):
-        raise InputError("This version of SSP is not supported.", where=where, got=version, valid="1.0")
+    if version.partition(".")[0] not in {known.partition(".")[0] for known in VERSIONS}:
+        raise InputError("This version of SSP is not supported.", where=where, got=version, valid=VERSIONS)

@@ -12,6 +12,14 @@ SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 SSM = "http://ssp-standard.org/SSP1/SystemStructureParameterMapping"
+PREFIXES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "ssm": SSM}
+"""Of the standard; some tools use one in an inline part without declaring it."""
+VERSIONS = ("1.0", "2.0")
+"""Versions of the standard that are read, with their bug fixes: version 2.0 kept the namespaces of 1.0."""
+NUMBERS = {"Real": "Real", "Float64": "Real", "Float32": "Real", "Integer": "Integer"} | {
+    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+"""Numeric types of connectors and values -> what they are here."""
 STRUCTURE = "SystemStructure.ssd"
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 INTERFACES = {"any": None, "CoSimulation": "co-simulation", "ModelExchange": "model-exchange"}
@@ -20,6 +28,9 @@ LOOP_TYPE = "org.fmu-didim.loop"
 LOOP = "urn:fmu-didim:loop:1"
 """Type of the annotation with what SSP cannot say, and the namespace of its content."""
 
+
+STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "initialStepSize"}
+"""Elements in annotations of other tools (Open Simulation Platform, OMSimulator) -> their attribute with the step."""
 
 Place = tuple[str, ...]
 """Names of the elements from the root system down; empty for the root system itself."""
@@ -130,11 +141,15 @@ class Structure:
     """A system structure description: its elements by place, its units, and the annotation of the loop if it has one.
 
     The components of a system come right after it, its inner systems after those.
+
+    Attributes:
+        step_size: communication step in s that another tool has noted; None if none has.
     """
 
     elements: Mapping[Place, Element]
     units: Mapping[str, Unit]
     loop: Loop | None
+    step_size: float | None = None
 
 
 def free_name(stem: str, suffix: str, taken: Iterable[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from fmu_didim.ssp.document import Binding, MappingEntry, Node, Place, Value
 from fmu_didim.ssp.parse import number
 from fmu_didim.ssp.transform import Affine, Unit, conversion
 from fmu_didim.ssp.wiring import Net
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,9 @@ class Bindings:
                 end, variable = wires[-1].end
                 unit = bound.unit if port.unit is None else None
                 found[end][variable] = self.net.transformation(wires, unit)(value)
-            if chains:
-                return
+            if not chains:
+                _log.warning("%s: the value of '%s' goes nowhere: nothing is connected there", where, entry.target)
+            return
         if self.strict:
             valid = sorted(_variables(self.fmus[path])) if path in self.fmus else self._names(path)
             raise UnknownNameError("parameter", name, valid, where=f"{where}, '{entry.target}'")

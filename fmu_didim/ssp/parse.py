@@ -17,9 +17,11 @@ from fmu_didim.ssp.document import (
     INTERFACES,
     LOOP,
     LOOP_TYPE,
+    NUMBERS,
     SSD,
     SSM,
     SSV,
+    STEPS,
     STRUCTURE,
     Binding,
     Connector,
@@ -48,7 +50,16 @@ def parse_structure(archive: Archive) -> Structure:
     if system is None:
         raise InputError("The description holds no System.", where=f"{archive.path}: {STRUCTURE}")
     reader = _Reader(archive, units)
-    return Structure(dict(reader.elements(system, ())), units, reader.loop(system))
+    return Structure(dict(reader.elements(system, ())), units, reader.loop(system), _noted_step(root, archive))
+
+
+def _noted_step(root: ET.Element, archive: Archive) -> float | None:
+    """The communication step in the annotation of another tool."""
+    for element in root.iterfind(".//{*}Annotation//*"):
+        key = STEPS.get(_local(element))
+        if key is not None and element.get(key):
+            return _number(element, key, math.nan, where=f"{archive.path}: {STRUCTURE}, {_local(element)}")
+    return None
 
 
 def read_units(root: ET.Element, *, where: str) -> dict[str, Unit]:
@@ -133,9 +144,15 @@ class _Reader:
             if name in found:
                 raise InputError("Two connectors have the same name.", where=where, got=name)
             kind = _required(own, "kind", where=f"{where}, Connector '{name}'")
-            types = [c for c in own if _local(c) in ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")]
+            types = [c for c in own if _local(c) in (*NUMBERS, "Boolean", "String", "Enumeration", "Binary", "Clock")]
             unit = _named_unit(types[0], self.units) if types else None
-            found[name] = Connector(kind, _local(types[0]) if types else "Real", unit)
+            stated = _local(types[0]) if types else "Real"
+            if own.find("{*}Dimension") is not None:
+                raise InputError(
+                    "Connectors of arrays are not supported.", where=where, got=name, valid="scalars",
+                    next_step="Export the FMU with a scalar variable for each element.",
+                )  # fmt: skip
+            found[name] = Connector(kind, NUMBERS.get(stated, stated), unit)
         return found
 
     def _wire(self, element: ET.Element, path: Place) -> Wire:
@@ -176,7 +193,8 @@ class _Reader:
             if len(content) != 1:
                 raise InputError("A parameter needs exactly one value.", where=where, got=name)
             text = _required(content[0], "value", where=f"{where}, Parameter '{name}'")
-            values.append(Value(name, _local(content[0]), text, _named_unit(content[0], units)))
+            stated = _local(content[0])
+            values.append(Value(name, NUMBERS.get(stated, stated), text, _named_unit(content[0], units)))
         doubled = sorted(name for name, count in Counter(v.name for v in values).items() if count > 1)
         if doubled:
             raise InputError("A parameter set gives values twice.", where=where, got=", ".join(doubled))

@@ -30,11 +30,13 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
       transformations act. A factor becomes the gain of the connection; an offset becomes a small component
       of its own directly before the one it feeds.
     * Later bindings win over earlier ones, those of systems over those of their elements. Values bound to
-      inputs are their start values.
+      inputs are their start values; one of a connector to which nothing is connected goes nowhere, which is logged.
+    * Prefixes of the standard that a file uses without declaring them are taken for the standard's, which is logged.
     * Order, delays and step are those of the annotation ``org.fmu-didim.loop``. Without it the order is
       that of appearance, but components fed by an input of the root system come first: the controller sees
-      the reference and acts before the plant moves. There is no delay, and the step is the step size
-      that the first component in that order states in its default experiment, if it states one.
+      the reference and acts before the plant moves. There is no delay, and the step is that of an annotation of
+      OMSimulator or the Open Simulation Platform, else the step size that the first component in that order states in
+      its default experiment, if it states one.
     * Connections to outputs of the root system are checked and then dropped: all outputs are recorded anyway.
 
     Args:
@@ -46,7 +48,7 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
         InputError: the archive is unsafe, incomplete, or says something that a System cannot express.
         FmuError: one of its FMUs cannot be loaded.
 
-    Source: "System Structure and Parameterization", version 1.0.
+    Source: "System Structure and Parameterization", versions 1.0 and 2.0, which share their namespaces.
     """
     archive = open_archive(Path(path))
     structure = parse_structure(archive)
@@ -157,7 +159,7 @@ def _system(
         inserted[name] = splice(total)
         before[owner].append(name)
         connections += [Connection(source, f"{name}.u"), Connection(f"{name}.y", target)]
-    loop = structure.loop or _guess(components, fed, steps)
+    loop = structure.loop or _guess(components, fed, steps, structure.step_size)
     _check_loop(loop, components, where)
     size = loop.step_size if step_size is None else step_size
     if not size > 0:
@@ -172,9 +174,9 @@ def _system(
     return _with_roles(system, loop, where)
 
 
-def _guess(components: Mapping[str, Component], fed: set[str], steps: Mapping[str, float]) -> Loop:
+def _guess(components: Mapping[str, Component], fed: set[str], steps: Mapping[str, float], noted: float | None) -> Loop:
     order = tuple(sorted(components, key=lambda name: name not in fed))
-    return Loop(next((steps[name] for name in order if name in steps), 0.0), order)
+    return Loop(noted or next((steps[name] for name in order if name in steps), 0.0), order)
 
 
 def _check_loop(loop: Loop, components: Mapping[str, Component], where: str) -> None:

@@ -21,9 +21,10 @@ from fmu_didim.export import build_fmu
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.table import motion_at_samples, simulated_table
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotDescription, RobotModel, write_robot
-from fmu_didim.signals import trajectory, write_csv
+from fmu_didim.signals import Array, trajectory, write_csv
 from fmu_didim.ssp import read_ssp, write_ssp
 
 ROBOT_FILE = "robot_augmented.yaml"
@@ -51,34 +52,28 @@ def write_augmented(
 
 
 def write_signals(found: Found, out: Path) -> dict[str, str]:
-    """Measured torque, that of the base and of the final model, and the motion, of each experiment, as CSV."""
-    files = {}
+    """As CSV, of each experiment: measured torque, that of the base and of the final model, and the motion at the
+    samples; and the torque of both models at every control period."""
+    files: dict[str, str] = {}
     base, final = found.discovery.base, found.discovery.final
     for label, experiment in final.model.experiments.items():
         joints, measured = range(1, final.model.joint_count + 1), final.model.measured_in(label)
         columns = {f"measured{j}": measured[:, j - 1] for j in joints}
+        every: dict[str, Array] = {}
         for name, fit in (("base", base), ("final", final)):
             torque = fit.model.torque(fit.values, label)
             columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
-        columns |= _motion(final.model, final.values, label)
-        path = out / f"signals_{label}.csv"
-        write_csv(trajectory(experiment.time, columns), path)
-        files[f"signals_{label}"] = path.name
+            table = simulated_table(fit.model, fit.values, label)
+            every |= {f"{name}{j}": table.column(f"tau{j}") for j in joints}
+        columns |= motion_at_samples(final.model, final.values, label, table)
+        files |= _written(out, f"signals_{label}", experiment.time, columns)
+        files |= _written(out, f"simulated_{label}", table.time, every)
     return files
 
 
-def _motion(model: LoopModel, values: np.ndarray, label: str) -> dict[str, np.ndarray]:
-    """Simulated positions and velocities at the tick before each sample."""
-    recording = model.record(values, label, all_ticks=True)
-    times = model.experiments[label].time - model.operator(values, label).lag * model.systems[label].step_size
-    place = np.clip(np.searchsorted(recording.time, times + 1e-9, side="right") - 1, 0, recording.time.size - 1)
-    result = {}
-    for name in ("q", "dq"):
-        for j in range(1, model.joint_count + 1):
-            signal = f"{model.plant_name}.{name}{j}"
-            if signal in recording.applied:
-                result[f"{name}{j}"] = recording.applied[signal][place]
-    return result
+def _written(out: Path, name: str, time: Array, columns: dict[str, Array]) -> dict[str, str]:
+    write_csv(trajectory(time, columns), out / f"{name}.csv")
+    return {name: f"{name}.csv"}
 
 
 def augmented_robot(builder: LoopModelBuilder, fit: Fit) -> RobotDescription:

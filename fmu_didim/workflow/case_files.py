@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
 
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case
 from fmu_didim.case.data import resolve
 from fmu_didim.case.sources import SignalFile
+
+NO_OPTIONS: Mapping[str, object] = {}
 
 
 def case_files(case: Case) -> dict[str, str]:
@@ -25,9 +29,8 @@ def _named(case: Case) -> dict[str, Path]:
     """Files under the names that the case gives them."""
     document = case.document
     named: dict[str, Path] = {}
-    controller = document.controller.source if document.controller is not None else None
     archive = document.system.source if document.system is not None else None
-    for source in (document.robot, document.plant.source, controller, archive):
+    for source in (document.robot, *(part.source for part in document.parts.values()), archive):
         if source is not None and ":" not in source:
             named[source] = case.folder / source
     for run in document.runs.values():
@@ -35,3 +38,20 @@ def _named(case: Case) -> dict[str, Path]:
             if isinstance(part, SignalFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
     return named
+
+
+def repeating(verb: str, case: Case, options: Mapping[str, object] = NO_OPTIONS) -> dict[str, str]:
+    """``command``: what repeats a run in the folder of its case; nothing for a case that is no file.
+
+    Args:
+        options: name of each option in Python -> its value; those that are empty are left out.
+    """
+    if not case.path.name:
+        return {}
+    words = ["fmu-didim", verb, case.path.name]
+    for name, value in options.items():
+        values = value if isinstance(value, list | tuple) else [value]
+        for each in values:
+            if each is not None:
+                words += [f"--{name.replace('_', '-')}", str(each)]
+    return {"command": shlex.join(words)}

@@ -140,7 +140,7 @@ def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
 
 def has_own_plant(case: Case) -> bool:
     """Whether the plant is given apart from the robot description, so that the two may differ."""
-    return case.document.plant.source is not None or case.base is not None
+    return case.document.plant_source is not None or case.base is not None
 
 
 def _of_the_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.discovery.findings import (
     Answer,
+    CandidateResult,
     FindingResult,
     FindingsDocument,
+    FrictionResult,
     GapPair,
     NoiseResult,
     RegionResult,
@@ -97,6 +99,21 @@ class Discovered:
         return self.document.base_parameters
 
     @property
+    def base_fit(self) -> list[ValueFound]:
+        """The same parameters in the fit without the effects."""
+        return self.document.base_fit
+
+    @property
+    def friction(self) -> list[FrictionResult]:
+        """The friction of the joints where an effect was found that depends on their velocity alone."""
+        return self.document.friction
+
+    @property
+    def candidates(self) -> list[CandidateResult]:
+        """The competition: what was worth a fit in each round, and what became of it."""
+        return self.document.candidates
+
+    @property
     def noise(self) -> NoiseResult:
         """The noise of the torque logs."""
         return self.document.noise
@@ -160,7 +177,8 @@ class Discovered:
         Raises:
             UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it.
         """
-        from fmu_didim.report.figures import torque_figure
+        from fmu_didim.report.figures import plotly_figure
+        from fmu_didim.report.torque_charts import Simulated, torque_chart
 
         base, final = self.found.discovery.base, self.found.discovery.final
         label = experiment or final.model.first
@@ -170,7 +188,8 @@ class Discovered:
         if self.findings:
             simulated["final model"] = final.model.torque(final.values, label)
         time, measured = final.model.experiments[label].time, final.model.measured_in(label)
-        return torque_figure(time, measured, simulated, self.document.torque_unit)
+        models = {name: Simulated(torque) for name, torque in simulated.items()}
+        return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 
     def __repr__(self) -> str:
         effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)

@@ -16,10 +16,9 @@ def described_loop(case: Case, loop: Mapping[str, Any]) -> dict[str, Any]:
         for described in components.values():
             described["archive"] = case.document.system.source
     else:
-        controller = case.document.controller.source if case.document.controller is not None else None
-        for name, source in (("controller", controller), ("plant", case.document.plant.source)):
-            described = {"source": source or case.document.robot}
-            if name == "controller" and controller is not None and controller.endswith((".yaml", ".yml")):
-                described["law"] = load_yaml(case.folder / controller).get("law")
+        for name, part in case.document.parts.items():
+            described = {"source": part.source or case.document.robot}
+            if name != case.document.plant_name and part.source is not None and part.source.endswith((".yaml", ".yml")):
+                described["law"] = load_yaml(case.folder / part.source).get("law")
             components[name] = {**described, **components[name]}
     return {**loop, "components": components}

@@ -116,12 +116,16 @@ class Outcome:
         Raises:
             UnknownNameError: there is no such experiment.
         """
-        from fmu_didim.report.figures import torque_figure
+        from fmu_didim.report.figures import plotly_figure
+        from fmu_didim.report.torque_charts import Simulated, torque_chart
 
         shown = self.validation(experiment or self.model.first)
-        simulated = {} if shown.failure else {"simulated": shown.simulated}
+        every = (None, None) if shown.every is None else (shown.every.time, shown.every.values)
+        models = {} if shown.failure else {"simulated": Simulated(shown.simulated, *every)}
         percent = [float(v) if np.isfinite(v) else None for v in shown.per_joint_percent]
-        return torque_figure(shown.time, shown.measured, simulated, self.document.torque_unit, percent=percent)
+        units = self.document.torque_unit
+        chart = torque_chart("torque", shown.label, shown.time, shown.measured, models, units, percent=percent)
+        return plotly_figure(chart)
 
     def __repr__(self) -> str:
         return f"Outcome({self.document.name!r}, {self.verdict}, {len(self.parameters)} parameters)"

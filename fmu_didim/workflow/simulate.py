@@ -14,7 +14,8 @@ from fmu_didim.master import sample_operator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import Array, Trajectory, Variable
+from fmu_didim.prediction.table import simulated_table
+from fmu_didim.signals import Array, Trajectory
 
 
 def simulate(
@@ -45,15 +46,7 @@ def simulate(
         raise InputError(
             f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {})
         )
-    recording = model.record(values, all_ticks=True)
-    joints = range(1, model.joint_count + 1)
-    columns = [model.logged_torque(recording, values)]
-    variables = [Variable(f"tau{j}") for j in joints]
-    for name in ("q", "dq", "ddq"):
-        if set(model.joint_signals(name)) <= set(recording.applied):
-            columns.append(recording.table(model.joint_signals(name)))
-            variables += [Variable(f"{name}{j}") for j in joints]
-    return Trajectory(recording.time, np.column_stack(columns), tuple(variables))
+    return simulated_table(model, values, motion=("q", "dq", "ddq"))
 
 
 def model_without_data(case: Case, label: str | None) -> LoopModel:

@@ -110,3 +110,17 @@ def awkward_fmu(folder: Path, *macros: str, **options: str) -> Path:
     """A slave of ``slave.c`` with these faults; options fill in its model description."""
     path = folder / ("_".join(macros) or "plain").lower()
     return pack(path.with_suffix(".fmu"), SLAVE.format(**{**DEFAULTS, **options}), library("slave", *macros))
+
+
+def by(tool: str, fmu: Path) -> Path:
+    """The same FMU, said to come from another tool."""
+    copy = fmu.with_name(f"{tool.split()[0].lower()}.fmu")
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(copy, "w", zipfile.ZIP_DEFLATED) as new:
+        for item in old.infolist():
+            content = old.read(item)
+            if item.filename == "modelDescription.xml":
+                before = content.decode("utf-8")
+                start = before.index('generationTool="') + len('generationTool="')
+                content = (before[:start] + tool + before[before.index('"', start) :]).encode("utf-8")
+            new.writestr(item, content)
+    return copy

@@ -35,8 +35,11 @@ static double shared_x;
 #define X(s) (s)->x
 #endif
 static int instances;
-#ifdef CRASH_AT_THIRD
+#if defined(CRASH_AT_THIRD) || defined(CRASH_AT_SECOND) || defined(HANG_AT_SECOND)
 static int ever;
+#endif
+#ifdef CHDIR_IN_STEP
+int chdir(const char *);
 #endif
 
 #ifdef CRASH_WHEN_LOADED
@@ -81,6 +84,13 @@ EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, c
 #endif
 #ifdef CRASH_AT_THIRD
     if (++ever > 2) abort();
+#endif
+#ifdef CRASH_AT_SECOND
+    if (++ever > 1) abort();
+#endif
+#ifdef HANG_AT_SECOND
+    volatile int for_ever = ++ever > 1;
+    while (for_ever) {}
 #endif
     Slave *s = calloc(1, sizeof(Slave));
     s->callbacks = callbacks;
@@ -213,10 +223,16 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
 #endif
 #ifdef ERROR_LATER
     static long ever_stepped;
-    if (++ever_stepped > 2000) return fail(s, ERROR, "the licence has run out");
+    if (++ever_stepped > 1200) return fail(s, ERROR, "the licence has run out");
 #endif
 #ifdef EXIT_IN_STEP
     if (s->steps >= 3) exit(7);
+#endif
+#ifdef EXIT_WELL_IN_STEP
+    if (s->steps >= 3) exit(0); /* as if all had gone well */
+#endif
+#ifdef CHDIR_IN_STEP
+    if (chdir("/")) return ERROR;
 #endif
 #ifdef HANG_IN_STEP
     volatile int forever = 1;
@@ -229,6 +245,9 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
 #ifdef TUNABLE_IGNORED
     s->a = s->acting_a; /* what was set after the initialisation is forgotten */
     s->d = s->acting_d;
+#endif
+#ifdef OTHER_AT_HALF_STEP
+    h = 0.01; /* whatever was asked for */
 #endif
     X(s) += h * (s->u - s->a * X(s));
     s->steps++;
@@ -255,6 +274,9 @@ EXPORT Status fmi2SetFMUstate(Component c, void *state) {
     return OK;
 }
 EXPORT Status fmi2FreeFMUstate(Component c, void **state) {
+#ifdef ABORT_IN_FREE_STATE
+    abort();
+#endif
     free(*state);
     *state = NULL;
     return OK;

@@ -14,7 +14,8 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_lines
-from fmu_didim.signals import read_trajectory, trajectory, write_csv
+from fmu_didim.signals import trajectory, write_csv
+from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import identify, simulate
 from tests.cases import SCARA, scara_case
 from tests.helpers import model_of
@@ -188,7 +189,7 @@ def test_log_beyond_the_reference_is_refused(tmp_path: Path) -> None:
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["train"]["torque"]["offset_s"] = 3.0
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    with pytest.raises(InputError, match="reaches beyond the reference"):
+    with pytest.raises(InputError, match=r"train_10hz\.csv reaches beyond its reference"):
         load_case(path)
 
 

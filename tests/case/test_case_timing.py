@@ -10,8 +10,11 @@ import pytest
 import yaml
 
 from fmu_didim.case.build import load_case
+from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError
+from fmu_didim.export import build_fmu
 from fmu_didim.master import Recording, simulate
+from tests.awkward.build import by
 from tests.helpers import ROOT
 
 
@@ -89,3 +92,20 @@ def test_wrong_timing_is_refused(tmp_path: Path, key: str, value: Any, problem: 
 def test_two_delays_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FmuDidimError, match="not both"):
         recorded(tmp_path, lambda d: d.setdefault("loop", {}).update(delay_s=0.01, delay_samples=1))
+
+
+@pytest.mark.parametrize("tool", ["", "Vendor 1.0"])
+def test_the_rate_of_a_controller_that_was_exported_here_is_known(tmp_path: Path, tool: str) -> None:
+    """What the FMU of another tool says of its default experiment is a suggestion, which the message repeats."""
+    law = build_fmu(read_controller(ROOT / "controllers/scara_pd.yaml"), directory=tmp_path)
+    law = by(tool, law) if tool else law
+
+    def change(document: Any) -> None:
+        document["controller"] = {"kind": "fmu", "source": str(law)}
+
+    if not tool:
+        assert recorded(tmp_path, change)[0].step_size == 0.005
+        return
+    with pytest.raises(FmuDidimError, match="200 Hz that the FMU suggests") as caught:
+        recorded(tmp_path, change)
+    assert "loop: {rate_hz: 200}" in str(caught.value)

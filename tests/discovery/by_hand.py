@@ -107,7 +107,9 @@ def contender_of(
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
     """An effect of the catalogue, as far as decisions look at it."""
-    known = dict(is_linear=True, shows_on_neighbours=False, is_proposed=True, pre_check=None, neutral={})
+    known = dict(
+        is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={}
+    )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
     return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
 
@@ -122,10 +124,14 @@ class Catalogue:
     def __init__(self, *effects: Any, costs: Mapping[str, float] | None = None, joints: int = 1) -> None:
         self.effects = {effect.name: effect for effect in effects}
         self.description: Any = None
+        self.identified: set[str] = set()
         self._costs, self._joints = dict(costs or {}), joints
 
     def effect(self, effect_at: EffectAtJoint) -> Any:
         return self.effects[effect_at.effect]
+
+    def is_identified(self, effect_at: EffectAtJoint) -> bool:
+        return effect_at.effect in self.identified
 
     def cost(self, effect_at: EffectAtJoint) -> float:
         return self._costs.get(effect_at.effect, 1.0)

@@ -20,7 +20,7 @@ from fmu_didim.discovery.findings import FindingsDocument, findings_schema, load
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.export import fmu, variational
 from fmu_didim.robot import read_robot
-from fmu_didim.signals import read_trajectory
+from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import TRUTH, arm_case
 

@@ -6,7 +6,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from zipfile import ZIP_DEFLATED, ZipFile
 
 import pytest
 import yaml
@@ -17,6 +16,7 @@ from fmu_didim.prediction import loop_model
 from fmu_didim.prediction.workers import VARIABLE
 from fmu_didim.workflow import discover
 from fmu_didim.workflow.discovered import Discovered
+from tests.awkward.build import by
 from tests.discovery.helpers import RATE, arm_case
 
 HIDDEN = {"stribeck": {"Fs": 1.5, "vs": 0.3}}
@@ -39,20 +39,6 @@ class Crowd:
         finally:
             with self._lock:
                 self.now -= 1
-
-
-def by(tool: str, fmu: Path) -> Path:
-    """The same FMU, said to come from another tool."""
-    copy = fmu.with_name(f"{tool.split()[0].lower()}.fmu")
-    with ZipFile(fmu) as old, ZipFile(copy, "w", ZIP_DEFLATED) as new:
-        for item in old.infolist():
-            content = old.read(item)
-            if item.filename == "modelDescription.xml":
-                before = content.decode("utf-8")
-                start = before.index('generationTool="') + len('generationTool="')
-                content = (before[:start] + tool + before[before.index('"', start) :]).encode("utf-8")
-            new.writestr(item, content)
-    return copy
 
 
 def discovered(folder: Path, tool: str, monkeypatch: pytest.MonkeyPatch, threads: int = 3) -> tuple[Discovered, Crowd]:

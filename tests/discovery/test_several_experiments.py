@@ -13,7 +13,7 @@ from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.signals import read_trajectory
+from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import discover
 from tests.discovery.helpers import TRUTH, Run, arm_experiments, base_of, sines
 

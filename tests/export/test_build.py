@@ -27,14 +27,14 @@ def compiled(folder: Path, code: str) -> ctypes.CDLL:
 def commands(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The commands that were run."""
     made: list[str] = []
-    real = build._run
+    real = build.run_compiler
 
     def counted(command: list[str], *, what: str, cwd: Path | None = None) -> str:
         made.append(" ".join(command))
         return real(command, what=what, cwd=cwd)
 
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(build, "_run", counted)
+    monkeypatch.setattr(build, "run_compiler", counted)
     return made
 
 

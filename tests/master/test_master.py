@@ -516,7 +516,7 @@ def test_missing_sources_and_steps_are_refused() -> None:
         wired(reference_names=("q1", "q2"))
     with pytest.raises(InputError, match="One drive gain is needed for each joint"):
         wired(drive_gains=[1.0])
-    fmu = component("fmu", scara_pd())  # does not say its sample time
+    fmu = dataclasses.replace(component("fmu", scara_pd()), sample_time=None)
     with pytest.raises(InputError, match=r"sample time of the loop is unknown[\s\S]*rate_hz"):
         closed_loop(ModelComponent(scara().block()), fmu, joint_count=2, reference_names=reference().names)
 

@@ -20,7 +20,8 @@ from fmu_didim.prediction.noise import (
     period_in_ticks,
 )
 from fmu_didim.prediction.thresholds import LARGEST_CORRELATION
-from fmu_didim.signals import Trajectory, read_trajectory, trajectory, write_csv
+from fmu_didim.signals import Trajectory, trajectory, write_csv
+from fmu_didim.tables import read_trajectory
 from tests.discovery.helpers import RATE, arm_model, coloured, data, sines, with_torque
 
 SAMPLES = 500

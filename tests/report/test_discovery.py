@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -14,12 +12,13 @@ import pytest
 from fmu_didim.diagnosis.judgement import DiagnosticResult
 from fmu_didim.discovery.findings import FindingsDocument, ValueFound, load_findings, save_findings
 from fmu_didim.errors import InputError
-from fmu_didim.report.discovery_figures import binned
-from fmu_didim.report.discovery_page import DISCOVERY_FILE, write_discovery_report
+from fmu_didim.report.discovery_page import DISCOVERY_FILE, gap_bars, write_discovery_report
 from fmu_didim.report.discovery_regions import strongest_regions
 from fmu_didim.report.discovery_table import discovery_table
 from fmu_didim.report.discovery_words import value_line, value_text
+from fmu_didim.report.residual_charts import binned
 from fmu_didim.signals import Array, trajectory, write_csv
+from tests.report.drawn import charts, line
 
 VERDICTS = {
     "nothing": ("good", "NOTHING MISSING", "nothing that matters is missing in the model"),
@@ -199,16 +198,11 @@ def saved(folder: Path, result: FindingsDocument, *, without: tuple[str, ...] = 
 
 
 def page_of(folder: Path) -> str:
-    """The page without plotly.js."""
+    """The page without its script."""
     path = write_discovery_report(folder)
     assert path.name == DISCOVERY_FILE
     text = path.read_text(encoding="utf-8")
     return text[: text.index("</main>")]
-
-
-def figures(page: str) -> dict[str, Any]:
-    found = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', page, re.S)
-    return {name: json.loads(text) for name, text in found}
 
 
 GOLDEN = """\
@@ -286,8 +280,8 @@ def test_text_and_page_begin_with_the_answer(tmp_path: Path, answer: str) -> Non
     page = page_of(saved(tmp_path, result))
     assert f'<div class="banner {grade}"><b>{head}</b>' in page
     assert ("Findings</h2>" in page) == bool(result.findings)
-    names = {trace["name"] for trace in figures(page)["residual-1"]["data"]}
-    assert names == ({"base model", "final model"} if result.findings else {"base model"})
+    names = {series["name"] for series in charts(page)["torque-1"]["panels"][0]["series"]}
+    assert names - {"measured"} == ({"base model", "final model"} if result.findings else {"base model"})
 
 
 @pytest.mark.parametrize(("answer", "head"), [("nothing", "NOTHING FOUND"), ("named", "NAMED, WITH DOUBTS")])
@@ -353,38 +347,73 @@ def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path)
     }  # fmt: skip
 
 
-def test_figures_show_the_saved_gap_and_residual(tmp_path: Path) -> None:
-    folder = saved(tmp_path, document(), count=300)
-    drawn = figures(page_of(folder))
-    bars = drawn["gap-figure"]["data"]
-    assert [bar["y"] for bar in bars] == [
-        [2.104, 2.451, 1.683], [0.384, 0.402, 0.365], [2.047, 2.380, 1.650], [0.436, 0.447, 0.424]
+def test_bars_show_the_saved_gap(tmp_path: Path) -> None:
+    shown = {
+        title: [(bar.name, bar.style, bar.text, bar.length) for bar in bars] for title, bars in gap_bars(document())
+    }
+    assert shown["estimation"] == [
+        ("all joints", "base", "2.10", 85.8), ("all joints", "final", "0.38", 15.7), ("joint 1", "base", "2.45", 100.0),
+        ("joint 1", "final", "0.40", 16.4), ("joint 2", "base", "1.68", 68.7), ("joint 2", "final", "0.36", 14.9),
     ]  # fmt: skip
+    assert [bar[2] for bar in shown["validation"]] == ["2.05", "0.44", "2.38", "0.45", "1.65", "0.42"]
+    page = page_of(saved(tmp_path, document(), count=300))
+    assert page.count('<i class="base"') == page.count('<i class="final"') == 6
+
+
+def test_charts_show_the_saved_torque_and_residual(tmp_path: Path) -> None:
     columns = motion(2, count=300, seed=0)
-    residual = drawn["residual-1"]
-    for j in (1, 2):
-        for trace, model in zip(residual["data"][2 * j - 2 : 2 * j], ("base", "final"), strict=True):
-            expected = columns[f"measured{j}"] - columns[f"{model}{j}"]
-            np.testing.assert_allclose(values_of(trace["y"]), expected, atol=1e-6)
-    bands = [(s["y0"], s["y1"]) for s in residual["layout"]["shapes"]]
-    np.testing.assert_allclose(bands, [(-0.3424, 0.3424), (-0.01302, 0.01302)])
+    chart = charts(page_of(saved(tmp_path, document(), count=300)))["torque-1"]
+    for j, sigma in ((1, 0.1712), (2, 0.00651)):
+        torque, residual = 2 * j - 2, 2 * j - 1
+        for name, column in (("measured", "measured"), ("base model", "base"), ("final model", "final")):
+            time, drawn = line(chart, torque, name)
+            np.testing.assert_allclose(time, columns["t"], atol=1e-9)
+            np.testing.assert_allclose(drawn, columns[f"{column}{j}"], atol=1e-4 * np.ptp(columns[f"{column}{j}"]))
+        for name, column in (("base model", "base"), ("final model", "final")):
+            expected = columns[f"measured{j}"] - columns[f"{column}{j}"]
+            np.testing.assert_allclose(line(chart, residual, name)[1], expected, atol=1e-4 * np.ptp(expected))
+        np.testing.assert_allclose(chart["panels"][residual]["range"], (-2 * sigma, 2 * sigma))
 
 
-def values_of(field: Any) -> Array:
-    """Numbers of a trace, whether plotly wrote them as a list or as base64."""
-    if isinstance(field, dict):
-        return np.frombuffer(base64.b64decode(field["bdata"]), dtype=field["dtype"])
-    return np.asarray(field, dtype=float)
+def test_torque_of_every_control_period_is_drawn_where_it_was_saved(tmp_path: Path) -> None:
+    folder = saved(tmp_path, document(), count=300)
+    time = np.arange(2400) / 800
+    dense = {f"{model}{j}": np.sin(time + j) for model in ("base", "final") for j in (1, 2)}
+    write_csv(trajectory(time, dense), folder / "dense.csv")
+    found = load_findings(folder)
+    save_findings(found.model_copy(update={"files": {**found.files, "simulated_estimation": "dense.csv"}}), folder)
+    drawn, values = line(charts(page_of(folder))["torque-1"], 2, "final model")
+    inside = time <= 2.99  # the log ends there
+    np.testing.assert_allclose(drawn, time[inside], atol=1e-9)
+    np.testing.assert_allclose(values, np.sin(time[inside] + 2), atol=1e-4)
 
 
 def test_strongest_quantity_is_drawn_first(tmp_path: Path) -> None:
-    drawn = figures(page_of(saved(tmp_path, document())))
-    titles = [drawn[f"binned-1-{k}"]["layout"]["xaxis"]["title"]["text"] for k in (1, 2, 3, 4)]
-    assert titles == ["velocity (rad/s)", "position (rad)", "position (rad)", "velocity (rad/s)"]
+    drawn = [name for name in charts(page_of(saved(tmp_path, document()))) if name.startswith("binned")]
+    assert drawn == ["binned-1-1-velocity", "binned-1-1-position", "binned-1-2-position", "binned-1-2-velocity"]
     by_torque = document(regions=[region(1, "torque", "N.m", -1, 1, 0.3, 0.7)])
     (tmp_path / "other").mkdir()
-    drawn = figures(page_of(saved(tmp_path / "other", by_torque)))
-    assert drawn["binned-1-1"]["layout"]["xaxis"]["title"]["text"].startswith("simulated torque")
+    drawn = list(charts(page_of(saved(tmp_path / "other", by_torque))))
+    assert "binned-1-1-torque" in drawn
+
+
+def test_competition_of_each_round_with_the_best_first(tmp_path: Path) -> None:
+    tried = [
+        {"round": 1, "effect": "backlash", "joint": 2, "outcome": "fitted", "delta_bic": 120.0, "share_of_gap": 0.2,
+         "parameters": 2.0, "implausible": "", "accepted": False},
+        {"round": 1, "effect": "stribeck", "joint": 1, "outcome": "fitted", "delta_bic": 412.3, "share_of_gap": 0.617,
+         "parameters": 2.0, "implausible": "", "accepted": True},
+        {"round": 2, "effect": "dead_zone", "joint": 2, "outcome": "left early", "delta_bic": 3.1},
+    ]  # fmt: skip
+    page = page_of(saved(tmp_path, document(candidates=tried), count=300))
+    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", page[page.index('id="competition"') : page.index('id="refused"')], re.S)
+    texts = [[text.strip() for text in re.findall(r"<td[^>]*>(.*?)</td>", row)] for row in rows]
+    assert [row[:6] for row in texts if row] == [
+        ["stribeck, joint 1", "added", "412", "0", "2", "62 %"],
+        ["backlash, joint 2", "fitted", "120", "292", "2", "20 %"],
+        ["dead zone, joint 2", "left early", "3.10", "0", "–", "–"],
+    ]
+    assert "BIC difference 3.1 below 10" in " ".join(texts[-1])
 
 
 def test_bins_hold_mean_and_standard_error() -> None:
@@ -400,17 +429,17 @@ def test_bins_hold_mean_and_standard_error() -> None:
 @pytest.mark.parametrize(
     ("without", "present", "absent"),
     [
-        (("q", "dq"), ("residual-1",), ("binned-1-1",)),
-        (("q",), ("residual-1", "binned-1-2"), ("binned-1-3",)),
-        (("final",), ("residual-1", "binned-1-1"), ()),
-        (("measured",), ("gap-figure",), ("residual-1", "binned-1-1")),
-        (("base", "final"), ("gap-figure",), ("residual-1",)),
+        (("q", "dq"), ("torque-1",), ("binned-1-1-velocity",)),
+        (("q",), ("torque-1", "binned-1-2-velocity"), ("binned-1-2-position",)),
+        (("final",), ("torque-1", "binned-1-1-velocity"), ()),
+        (("measured",), (), ("torque-1", "binned-1-1-velocity")),
+        (("base", "final"), (), ("torque-1",)),
     ],
 )
 def test_missing_columns_leave_their_figure_out(
     tmp_path: Path, without: tuple[str, ...], present: tuple[str, ...], absent: tuple[str, ...]
 ) -> None:
-    drawn = figures(page_of(saved(tmp_path, document(), without=without)))
+    drawn = charts(page_of(saved(tmp_path, document(), without=without)))
     assert all(name in drawn for name in present)
     assert not any(name in drawn for name in absent)
 
@@ -448,7 +477,7 @@ def test_what_is_unknown_is_a_dash(tmp_path: Path) -> None:
     page = page_of(saved(tmp_path, result))
     for shown in (text, re.sub(r"<script.*?</script>", "", page, flags=re.S)):
         assert not re.search(r"\b(nan|inf|None|NaN)\b", shown)
-    assert figures(page)["gap-figure"]["data"][3]["y"] == [None, None, None]
+    assert [bar.text for _, bars in gap_bars(result) for bar in bars][7::2] == ["–", "–", "–"]
 
 
 @pytest.mark.parametrize("joints", [1, 6])
@@ -456,12 +485,10 @@ def test_any_number_of_joints(tmp_path: Path, joints: int) -> None:
     result = many(joints)
     lines = discovery_table(result).splitlines()
     assert sum(line.startswith("   joint ") for line in lines) == (joints if joints > 1 else 0)
-    drawn = figures(page_of(saved(tmp_path, result, count=400)))
-    assert len(drawn["residual-1"]["data"]) == 2 * joints
-    assert len(drawn["gap-figure"]["data"][0]["x"]) == (joints + 1 if joints > 1 else 1)
-    assert f"binned-1-{2 * joints}" in drawn
-    if joints > 1:
-        assert drawn["binned-1-4"]["layout"]["xaxis"]["title"]["text"] == "position (m)"
+    drawn = charts(page_of(saved(tmp_path, result, count=400)))
+    assert len(drawn["torque-1"]["panels"]) == 2 * joints
+    assert len(gap_bars(result)[0][1]) == 2 * (joints + 1 if joints > 1 else 1)
+    assert drawn[f"binned-1-{joints}-position"]["label"] == ("position (m)" if joints > 1 else "position (rad)")
 
 
 @pytest.mark.parametrize(
@@ -506,7 +533,7 @@ def test_only_files_beside_the_page_are_links(tmp_path: Path) -> None:
 
 
 def test_long_signals_do_not_swell_the_page(tmp_path: Path) -> None:
-    assert write_discovery_report(saved(tmp_path, document(), count=40_000)).stat().st_size < 8e6
+    assert write_discovery_report(saved(tmp_path, document(), count=40_000)).stat().st_size < 2e6
 
 
 def test_saved_findings_are_read_again(tmp_path: Path) -> None:

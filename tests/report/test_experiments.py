@@ -99,7 +99,7 @@ def test_page_shows_experiments_and_warnings(folder: Path, outcome: Outcome, unl
     shown = ["own to payload", "the loop", "ZZ1R, ZZ2, MX2", "torque error, all fitted", ">samples<", ">controller<"]
     for text in (*shown, "<h3>Payload (estimation)</h3>", "<h3>Check (validation)</h3>", '<h2 id="experiments">'):
         assert text in page, text
-    assert page.count('class="plot" data-figure="torque-') == 3
+    assert len(re.findall(r'id="chart-torque-\d"', page)) == 3
     assert "does not agree" not in page
     (folder / "unlike").mkdir()
     (folder / "unlike" / "result.json").write_text(

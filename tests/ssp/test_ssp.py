@@ -522,8 +522,8 @@ REFUSED: dict[str, tuple[dict[str, Any], type[FmuDidimError], tuple[str, ...]]] 
         {**good(), "SystemStructure.ssd": ssd().replace("SSP1", "SSP9")}, InputError, ("expected kind",),
     ),
     "other version": (
-        {**good(), "SystemStructure.ssd": ssd().replace('version="1.0" name', 'version="2.0" name')}, InputError,
-        ("version of SSP", "2.0"),
+        {**good(), "SystemStructure.ssd": ssd().replace('version="1.0" name', 'version="3.0" name')}, InputError,
+        ("version of SSP", "3.0", "1.0, 2.0"),
     ),
     "missing FMU": (
         {k: v for k, v in good().items() if k != "resources/law.fmu"}, InputError,
@@ -572,6 +572,10 @@ REFUSED: dict[str, tuple[dict[str, Any], type[FmuDidimError], tuple[str, ...]]] 
         bound('<ssv:Parameter name="plant.ZZ1"><ssv:String value="a"/></ssv:Parameter>'), InputError,
         ("Only numbers", "plant.ZZ1"),
     ),
+    "an array of version 2.0": (
+        structure(ports=connectors("q1 q2 dq1 dq2", "input").replace("/></ssd", '/><ssc:Dimension size="2"/></ssd')),
+        InputError, ("arrays", "scalar"),
+    ),
     "infinite value": (bound(real("plant.ZZ1", math.inf)), InputError, ("finite", "plant.ZZ1")),
     "binding without content": (
         structure(bindings="<ssd:ParameterBinding/>"), InputError, ("Give either", "ParameterBinding 1"),
@@ -598,6 +602,47 @@ def test_wrong_archives_are_refused(case: str, tmp_path: Path) -> None:
 def test_unmatched_names_are_ignored_when_that_is_wanted(tmp_path: Path) -> None:
     path = pack(tmp_path / "x.ssp", bound(real("plant.ZZ9", 1.0) + real("plant.ZZ1", 3.6)))
     assert read_ssp(path, strict=False).components["plant"].parameter_values()["ZZ1"] == 3.6
+
+
+def test_version_2_is_read_by_its_namespace(tmp_path: Path) -> None:
+    """Its types are those of FMI 3.0, and a connector of the system may be named with an empty element."""
+    text = ssd(elements=element("plant", "plant", PLANT_PORTS, started()) + element("law", "law", LAW_PORTS))
+    text = text.replace('version="1.0"', 'version="2.0"').replace("ssc:Real", "ssc:Float64")
+    text = text.replace("ssv:Real", "ssv:Float64")
+    text = text.replace('Connection startConnector="q1"', 'Connection startElement="" startConnector="q1"')
+    assert 'startElement=""' in text
+    assert "Float64" in text
+    system = read_ssp(by_hand(tmp_path, text))
+    assert_equal_torque(system, equivalent(start_values()), motion(), motion())
+
+
+ANNOTATION = (
+    '<ssd:Annotations><ssc:Annotation type="other.tool"><{0}:Algorithm><{0}:{1} {2}="0.0025"/></{0}:Algorithm>'
+    "</ssc:Annotation></ssd:Annotations>"
+)
+
+
+@pytest.mark.parametrize(
+    ("element_name", "key"), [("FixedStepAlgorithm", "baseStepSize"), ("FixedStepMaster", "initialStepSize")]
+)
+def test_prefixes_that_are_not_declared_and_the_step_of_another_tool(
+    element_name: str, key: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = ssd(annotations=ANNOTATION.format("osp", element_name, key)).replace(f' xmlns:ssc="{SSP}Common"', "")
+    assert "xmlns:osp" not in text
+    system = read_ssp(by_hand(tmp_path, text))
+    assert system.step_size == 0.0025
+    assert "does not declare" in caplog.text
+    assert "ssc" in caplog.text
+    assert "osp" in caplog.text
+
+
+def test_a_value_of_a_connector_that_leads_nowhere_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ports = connectors("q1 dq1 q2 dq2 spare", "input")
+    text = ssd(ports=ports, bindings=inline(real("spare", 2.0) + real("plant.ZZ1", 3.6)))
+    system = read_ssp(by_hand(tmp_path, text))
+    assert system.components["plant"].parameter_values()["ZZ1"] == 3.6
+    assert "'spare' goes nowhere" in caplog.text
 
 
 def test_a_step_that_nobody_states_is_asked_for(tmp_path: Path) -> None:

@@ -85,7 +85,9 @@ def test_figure_of_each_experiment(outcome: Outcome) -> None:
     assert [trace.name for trace in figure.data] == ["measured", "simulated", "residual"] * 2
     shown = outcome.validation("payload")
     np.testing.assert_allclose(figure.data[0].y, shown.measured[:, 0], rtol=1e-6)
-    np.testing.assert_allclose(figure.data[1].y, shown.simulated[:, 0], rtol=1e-6)
+    drawn = np.interp(shown.time, figure.data[1].x, figure.data[1].y)  # every control period, the samples among them
+    assert figure.data[1].x.size > 4 * shown.time.size
+    np.testing.assert_allclose(drawn, shown.simulated[:, 0], rtol=1e-6)
     first = outcome.plot()
     np.testing.assert_allclose(first.data[0].y, outcome.validation("light").measured[:, 0], rtol=1e-6)
     with pytest.raises(UnknownNameError):

@@ -13,8 +13,9 @@ from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolate import IsolatedInstance
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.rerun import find_rerun, known_rerun, tell_isolation
-from fmu_didim.components.fmu.settings import AUTO, DEFAULT_SUBSTEPS, STATE, FmuSettings, Rerun
+from fmu_didim.components.fmu.proof import is_proven, runs_here
+from fmu_didim.components.fmu.rerun import OWN_TOOL, find_rerun, known_rerun, tell_isolation
+from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PROCESS, STATE, FmuSettings, Rerun
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME
 from fmu_didim.signals import Variable
 
@@ -60,12 +61,40 @@ class FmuComponent(FmuSettings):
     def instantiate(self) -> Instance:
         rerun = known_rerun(self)
         keep = rerun is not None and rerun.strategy == STATE
-        found_to_need_it = rerun is not None and rerun.isolated and self.rerun == AUTO
-        if rerun is not None and found_to_need_it and not self.isolated:
-            tell_isolation(self, rerun)
-        if self.isolated or (rerun is not None and rerun.isolated):
+        if self._must_be_apart(rerun):
+            if self.isolated is None and self.rerun == AUTO and rerun is not None:
+                tell_isolation(self, rerun)
             return IsolatedInstance(replace(self, isolated=False, block=None), self.time_limit_s, keep_new_state=keep)
+        runs_here(self)
         return self.instantiate_here(keep_new_state=keep)
+
+    def _must_be_apart(self, rerun: Rerun | None) -> bool:
+        if self.isolated is not None:
+            return self.isolated
+        return rerun is not None and rerun.isolated
+
+    def runs_apart(self, instances: int = 1) -> bool:
+        """Whether so many instances of it may take their process with them, so that loops with them run in a process
+        of their own."""
+        rerun = known_rerun(self)
+        if self._must_be_apart(rerun):
+            return True
+        return self.isolated is None and not self.is_own and not is_proven(self, instances)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this package has exported it."""
+        return self.fmu.tool.startswith(OWN_TOOL)
+
+    def apart(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
+        """The FMU as it goes to a process of loops, where it is run again as has been found here; and how that is.
+
+        Args:
+            run_before: whether it has run there before, so that the way to run it again matters; else it is not asked.
+        """
+        rerun = self.find_rerun() if run_before else known_rerun(self)
+        way = AUTO if rerun is None else AGAIN if rerun.strategy == PROCESS else rerun.strategy
+        return replace(self, isolated=False, rerun=way), rerun
 
     def instantiate_here(self, *, keep_new_state: bool = False) -> FmuInstance:
         if self.interface.kind == MODEL_EXCHANGE:
@@ -126,4 +155,4 @@ class FmuComponent(FmuSettings):
             described["solver"] = self.solver
             if self.solver == "rk4":
                 described["substeps"] = self.substeps or DEFAULT_SUBSTEPS
-        return described | ({"isolated": True} if self.isolated or rerun.isolated else {})
+        return described | ({"isolated": True} if self._must_be_apart(rerun) else {})

@@ -10,6 +10,7 @@ import numpy as np
 
 from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.fmu.process import START_LIMIT, Worker
+from fmu_didim.components.fmu.proof import prove
 from fmu_didim.components.fmu.settings import PROCESS, STATE, FmuSettings
 from fmu_didim.signals import Array
 
@@ -21,6 +22,7 @@ def _hold(there: Any, component: FmuSettings) -> None:
 
 def _instantiate(there: Any, keep_new_state: bool) -> None:
     there.instance, there.states = there.component.instantiate_here(keep_new_state=keep_new_state), []
+    there.closing = [there.instance]
 
 
 def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
@@ -29,6 +31,7 @@ def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
     if not there.instance.restart_by(strategy, component):
         there.instance.close()
         there.instance = component.instantiate_here(keep_new_state=strategy == STATE)
+        there.closing = [there.instance]
 
 
 def _call(there: Any, name: str, inputs: bytes | None, arguments: tuple[Any, ...]) -> Any:
@@ -50,6 +53,7 @@ class IsolatedInstance(Instance):
     """The proxy of an FMU that runs in a process of its own."""
 
     def __init__(self, component: FmuSettings, time_limit: float, *, keep_new_state: bool = False) -> None:
+        self._component, self._stepped = component, False
         self._take(component)
         self._worker = Worker(str(component.path), time_limit)
         try:
@@ -74,10 +78,10 @@ class IsolatedInstance(Instance):
         self._take(own)
         return True
 
-    def _call(self, name: str, *arguments: Any) -> Any:
+    def _call(self, name: str, *arguments: Any, when: str = "") -> Any:
         inputs = self.inputs.tobytes() if self._changed else None
         self._changed = False
-        return self._worker.request(name, _call, name, inputs, arguments)
+        return self._worker.request(name + when, _call, name, inputs, arguments)
 
     def begin_initialisation(self, time: float) -> None:
         self._call("begin_initialisation", time)
@@ -92,7 +96,8 @@ class IsolatedInstance(Instance):
         self.outputs[:] = np.frombuffer(self._call("get"))
 
     def step(self, time: float, size: float) -> None:
-        self._call("step", time, size)
+        self._call("step", time, size, when=f" at t = {time:.6g} s")
+        self._stepped = True
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         self._call("set_parameters", dict(values))
@@ -112,3 +117,5 @@ class IsolatedInstance(Instance):
 
     def close(self) -> None:
         self._worker.close()
+        if self._stepped and self._worker.ended_well:
+            prove(self._component)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import re
 import threading
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
+from fmu_didim.cache import cached_folder
+from fmu_didim.components.fmu.archive import DESCRIPTION, check_description
 from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import FmiVersion
-from fmu_didim.errors import FmuError
+from fmu_didim.errors import BuildError, FmuError
+from fmu_didim.export import compile_sources, source_compiler
 from fmu_didim.files import is_file
 
 
@@ -19,7 +24,8 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     """The library of an interface for this machine.
 
     Raises:
-        FmuError: there is no binary for this platform, or its name is not the model identifier.
+        FmuError: there is no binary for this platform and no sources that compile, or its name is not the model
+            identifier.
     """
     import fmpy
 
@@ -45,6 +51,8 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
             valid=f"{interface.identifier}{suffix}, after the modelIdentifier",
             next_step="Rename the file in the FMU, or correct the modelIdentifier in its modelDescription.xml.",
         )
+    if names := source_files(description.folder, interface):
+        return _compiled(description, interface, *names, suffix=suffix)
     missing = "" if description.interface(CO_SIMULATION) else " The FMU has no co-simulation interface either."
     raise FmuError(
         f"The FMU cannot be loaded: it holds no binary for this platform.{missing}",
@@ -53,6 +61,67 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
         valid=folders,
         next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
     )
+
+
+_INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
+LONGEST_SOURCE = 2**20
+"""Bytes of a file in which is looked for what it includes."""
+
+
+def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[str]] | None:
+    """C files that an interface is made of, and definitions of the preprocessor; None if it holds none."""
+    sources = folder / "sources"
+    names: list[str] = []
+    definitions: list[str] = []
+    for file in (sources / "buildDescription.xml", folder / DESCRIPTION):
+        if names or not file.is_file():
+            continue
+        check_description(file.read_bytes(), file)
+        for element in ET.parse(file).getroot().iter():
+            if element.get("modelIdentifier") == interface.identifier:
+                names += [e.get("name", "") for e in (*element.iter("SourceFile"), *element.iter("File"))]
+                found = element.iter("PreprocessorDefinition")
+                definitions += ["=".join(filter(None, (e.get("name"), e.get("value")))) for e in found]
+    listed = [name for name in dict.fromkeys(names) if name.endswith(".c") and (sources / name).is_file()]
+    return (listed or _main_files(sources), definitions) if listed or any(sources.glob("*.c")) else None
+
+
+def _main_files(sources: Path) -> list[str]:
+    """The C files of a folder that no other file of it includes."""
+    included: set[str] = set()
+    for file in (*sources.glob("*.c"), *sources.glob("*.h")):
+        included |= set(_INCLUDED.findall(file.read_bytes()[:LONGEST_SOURCE].decode("utf-8", "replace")))
+    return sorted(path.name for path in sources.glob("*.c") if path.name not in included)
+
+
+def _first_error(text: str) -> str:
+    """The first error that a compiler tells of."""
+    lines = [line for line in text.splitlines() if "error" in line]
+    return (lines or text.splitlines() or [""])[0][:500]
+
+
+def _compiled(
+    description: FmuDescription, interface: Interface, names: list[str], definitions: list[str], *, suffix: str
+) -> Path:
+    """The library of an FMU that holds sources, compiled once on a machine."""
+    where = f"{description.path}, {interface.kind}"
+    try:
+        compiler = source_compiler()
+        how = repr((interface.identifier, names, definitions, compiler.flags, compiler.version))
+        key = f"{description.digest}-{hashlib.sha256(how.encode()).hexdigest()[:16]}"
+        library = f"{interface.identifier}{suffix}"
+
+        def fill(folder: Path) -> None:
+            sources = description.folder / "sources"
+            compile_sources(sources, names, folder / library, definitions=definitions, compiler=compiler)
+
+        return cached_folder("compiled", key, fill) / library
+    except BuildError as error:
+        raise FmuError(
+            "The FMU holds no binary for this platform, and its sources could not be compiled.", where=where,
+            got=f"binaries for {', '.join(description.platforms) or 'no platform'}; {_first_error(str(error.got))}",
+            next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
+        ) from error  # fmt: skip
 
 
 def load_library(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Library:
@@ -89,7 +158,9 @@ def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Libr
         os.chdir(here)
     found: dict[str, Function] = {}
     for name, (arguments, result) in fmi.signatures(interface.kind).items():
-        function = getattr(dll, fmi.symbol(name, interface.identifier), None)
+        symbol = fmi.symbol(name, interface.identifier)
+        # Functions of sources may carry the model's name, as for static linking.
+        function = getattr(dll, symbol, None) or getattr(dll, f"{interface.identifier}_{symbol}", None)
         if function is not None:
             function.argtypes, function.restype = arguments, result
             found[name] = function

@@ -18,6 +18,7 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
+from fmu_didim.components.fmu.rerun import OWN_TOOL
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
@@ -35,7 +36,7 @@ def load_fmu(
     solver: str = "rk4",
     substeps: int | None = None,
     si_units: bool = True,
-    isolated: bool = False,
+    isolated: bool | None = None,
     time_limit_s: float = DEFAULT_TIME_LIMIT,
     rerun: str = AUTO,
     event_mode: bool = False,
@@ -49,7 +50,8 @@ def load_fmu(
         solver: of model exchange: ``rk4`` with equal substeps, or ``cvode`` (SUNDIALS, variable step).
         substeps: of ``rk4`` in a communication step, 10 by default.
         si_units: show values in SI where the FMU has multiples of SI units, such as deg, mm or rpm.
-        isolated: run it in a process of its own, which a crash or an endless loop of the FMU ends, and not this one.
+        isolated: run loops with it in a process of their own, which a crash or an endless loop of the FMU ends, and not
+            this one. By default so for FMUs of other tools until one such process has come to a good end.
         time_limit_s: for each call of an isolated FMU.
         rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
             ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.
@@ -84,9 +86,14 @@ def load_fmu(
         time_limit_s=float(time_limit_s),
         rerun=rerun,
         event_mode=event_mode or clocked,
-        sample_time=clock_period(fmu) if clocked else None,
+        sample_time=clock_period(fmu) if clocked else _own_period(fmu),
     )
     return component if substeps is None else component.with_substeps(substeps) or component
+
+
+def _own_period(fmu: FmuDescription) -> float | None:
+    """The sample time in s that an FMU exported here states; what other tools state there is a suggestion."""
+    return fmu.experiment.step if fmu.tool.startswith(OWN_TOOL) else None
 
 
 def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:

@@ -1,12 +1,15 @@
 """How an FMU behaves: can it be run again, do instances get in each other's way, what acts on what.
 
-Every question is put in a process of its own, so that an FMU that crashes or hangs there answers with just that.
+The questions are put in other processes, so that an FMU that crashes or hangs there answers with just that: the first
+ones, which tell what instances do to each other, in one each; the others in one that they share, where instances do no
+harm to those after them.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,12 +19,24 @@ import numpy as np
 from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
-from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
+from fmu_didim.components.fmu.process import ProcessEndedError, Reused
 from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
-from fmu_didim.components.fmu.rerun import ask_facts, choose, keep, read_kept, remember_rerun, said, step_of, trial_name
+from fmu_didim.components.fmu.rerun import (
+    Facts,
+    ask_facts,
+    choose,
+    keep,
+    read_kept,
+    remember_rerun,
+    said,
+    step_of,
+    trial_name,
+)
 from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
+from fmu_didim.components.fmu.thresholds import HALF_STEP
+from fmu_didim.errors import SimulationError
 
-_FORMAT = 4
+_FORMAT = 5
 
 
 @dataclass(frozen=True)
@@ -31,6 +46,7 @@ class FmuProbe:
     Attributes:
         file, digest, interface: what was probed; step_size: in s.
         failure: why the FMU does not run at all; empty if it does. Then nothing else was probed.
+        single: a second instance in one process, after the first, is fatal or hangs.
         deterministic: two new instances, one after the other in one process, give the same trajectory.
         reproducible: so do two new processes.
         independent: two instances side by side run as if alone; None if it allows only one.
@@ -40,7 +56,11 @@ class FmuProbe:
         response: output -> when it first follows a change of the inputs: ``at once`` (between set and get),
             ``after a step``, ``later`` or ``never`` (within the probe).
         not_finite: outputs that became NaN or infinite.
-        acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) before the run did.
+        half_step: the output that half the step changes most, and by which fraction of its largest value; None where
+            that could not be tried; half_step_said: why.
+        outputs: their number; with none, nothing can be seen of a parameter.
+        acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) before the run did; left: those
+            that were not tried, because the time was up.
         idle_in_a_run, refused_in_a_run: tunable parameters that act, but not when they are changed in a run, and those
             whose change is refused then.
         strategy: how to run it again: ``reset``, ``state``, ``re-instantiate`` or ``fresh process``; reason: why.
@@ -59,11 +79,16 @@ class FmuProbe:
     state: str = ""
     response: tuple[tuple[str, str], ...] = ()
     not_finite: tuple[str, ...] = ()
+    half_step: tuple[str, float] | None = None
+    half_step_said: str = ""
+    outputs: int = 0
+    single: bool = False
     acting: tuple[str, ...] = ()
     without_effect: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     idle_in_a_run: tuple[str, ...] = ()
     refused_in_a_run: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
     strategy: str = PROCESS
     reason: str = ""
 
@@ -73,16 +98,21 @@ class FmuProbe:
         if self.failure:
             return (head, f"does not run: {self.failure}", f"run it again by: {self.strategy} ({self.reason})")
         side = {True: "run as if alone", False: "DISTURB each other", None: "not allowed by the FMU"}[self.independent]
-        alike = "the same" if self.deterministic else "DIFFERENT"
+        alike = "FATAL" if self.single else "the same trajectories" if self.deterministic else "DIFFERENT trajectories"
         found = [
             head,
-            f"new instances one after the other: {alike} trajectories",
+            f"new instances one after the other: {alike}",
             f"new processes: {'the same' if self.reproducible else 'DIFFERENT'} trajectories",
-            f"instances side by side: {side}",
+            f"instances side by side: {'FATAL' if self.single else side}",
             f"reset: {self.reset}",
             f"state of a new instance: {self.new_state}",
             f"saved state: {self.state}",
+            f"half the step: {self._half_step()}",
         ]
+        if not self.outputs:
+            found.append("nothing to observe: the FMU has no outputs that are numbers")
+        if self.single:
+            found.append("parameters: not tried, as a process bears one instance only")
         for when in (AT_ONCE, AFTER_A_STEP, LATER, NEVER):
             names = [name for name, answer in self.response if answer == when]
             if names:
@@ -94,13 +124,28 @@ class FmuProbe:
             ("parameters whose change is refused", self.refused),
             ("tunable parameters WITHOUT EFFECT in a run", self.idle_in_a_run),
             ("tunable parameters whose change is refused in a run", self.refused_in_a_run),
+            ("parameters NOT TRIED, the time was up", self.left),
         )
         found += [f"{title}: {', '.join(names)}" for title, names in groups if names]
         return (*found, f"run it again by: {self.strategy} ({self.reason})")
 
+    def _half_step(self) -> str:
+        if self.half_step is None:
+            return self.half_step_said or "not tried"
+        name, change = self.half_step
+        if change > HALF_STEP:
+            return f"ANOTHER RESULT, {name} by {100 * change:.2g} %: keep the step that its maker states"
+        return f"outputs change by {100 * change:.2g} % at most" if name else "nothing to observe"
+
 
 def probe_fmu(
-    component: FmuComponent, *, step_size: float | None = None, time_limit_s: float = 60.0, fresh: bool = False
+    component: FmuComponent,
+    *,
+    step_size: float | None = None,
+    time_limit_s: float = 60.0,
+    whole_s: float = 120.0,
+    fresh: bool = False,
+    say: Callable[[str], None] = lambda text: None,
 ) -> FmuProbe:
     """Try out how an FMU behaves, by runs of 50 steps with pseudo-random held inputs.
 
@@ -108,8 +153,9 @@ def probe_fmu(
 
     Args:
         step_size: in s; default: sample time of the component, step of the FMU's default experiment, or 1 ms.
-        time_limit_s: for each of the questions.
+        time_limit_s: for each of the questions; whole_s: for all of them: what is left then is not asked, and said so.
         fresh: ask again even if the answer is known.
+        say: called with each question before it is put.
     """
     component = replace(component, isolated=False)
     h = step_size or step_of(component)
@@ -117,7 +163,7 @@ def probe_fmu(
     known = None if fresh else read_kept(path, _frozen)
     if known is not None:
         return replace(known, file=component.path.name)
-    found, may_be_kept = _probe(component, h, time_limit_s)
+    found, may_be_kept = _probe(component, h, _Asking(component, h, time_limit_s, whole_s, say))
     if may_be_kept:
         keep(path, found)
     return found
@@ -135,54 +181,116 @@ def _frozen(response: Any = (), **known: Any) -> FmuProbe:
     return FmuProbe(response=tuple(tuple(pair) for pair in response), **rest)
 
 
-def _probe(component: FmuComponent, h: float, limit: float) -> tuple[FmuProbe, bool]:
-    """What was found, and whether all of it was measured to its end."""
-    ended: list[str] = []
-    unfinished: list[str] = []
+class _Asking:
+    """Puts the questions, all within a time.
 
-    def ask(question: Callable[..., Any]) -> Any:
+    Attributes:
+        ended, unfinished: the questions in which the FMU ended its process, and that did not come to their end.
+        fresh: whether each question gets a process of its own.
+    """
+
+    def __init__(
+        self, component: FmuComponent, h: float, limit: float, whole: float, say: Callable[[str], None]
+    ) -> None:
+        self._component, self._h, self._limit, self._say = component, h, limit, say
+        self._ends = clock.monotonic() + whole
+        self._process = Reused(str(component.path))
+        self.ended: list[str] = []
+        self.unfinished: list[str] = []
+        self.fresh = False
+
+    @property
+    def left_s(self) -> float:
+        """Seconds for the next question."""
+        return min(self._limit, self._ends - clock.monotonic())
+
+    def facts(self) -> Facts:
+        """How it is run again."""
+        self._say("whether it can be run again")
+        return ask_facts(self._component, self._h, self._limit)
+
+    def __call__(self, question: Callable[..., Any], *arguments: Any) -> Any:
+        name = trial_name(question)
+        if self.left_s <= 0:
+            self.unfinished.append(name)
+            raise SimulationError("Not asked: the time was up.")
+        self._say(name)
+        if self.fresh:
+            self._process.close()
         try:
-            return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
+            return self._process.run(question, self._component, self._h, *arguments, time_limit=self.left_s)
         except ProcessEndedError as error:
-            (ended if error.by_fmu else unfinished).append(trial_name(question))
+            (self.ended if error.by_fmu else self.unfinished).append(name)
             raise
 
-    facts = ask_facts(component, h, limit)
+    def close(self) -> None:
+        self._process.close()
+
+
+def _probe(component: FmuComponent, h: float, ask: _Asking) -> tuple[FmuProbe, bool]:
+    """What was found, and whether all of it was measured to its end."""
+    facts = ask.facts()
     blank = FmuProbe(component.path.name, component.digest, component.interface.kind, h)
     rerun = choose(facts)
     if facts.first is None:
         remember_rerun(component, rerun, facts)
         return replace(blank, failure=facts.failure, strategy=rerun.strategy, reason=rerun.reason), False
-    once = component.interface.once_per_process
+    try:
+        found = _answers(component, replace(blank, single=facts.single), facts, ask)
+    finally:
+        ask.close()
+    of_a_run = {name for name in (*ask.ended, *ask.unfinished) if name in _OF_A_RUN}
+    facts = replace(facts, crashed=facts.crashed | of_a_run, unfinished=(*facts.unfinished, *ask.unfinished))
+    rerun = remember_rerun(component, choose(facts), facts)
+    alone = found.independent is False and not facts.single and rerun.strategy in (RESET, STATE)
+    reason = rerun.reason + ("; only one instance of it at a time in a process" if alone else "")
+    return replace(found, strategy=rerun.strategy, reason=reason), facts.may_be_kept and not found.left
+
+
+_OF_A_RUN = {trial_name(question) for question in (questions.side_by_side, questions.response)} | {
+    trial_name(question) for question in (questions.parameters, questions.tunable)
+}
+"""Questions that do what runs do; no run asks for a saved state or for half the step."""
+
+
+def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Asking) -> FmuProbe:
+    assert facts.first is not None
+    ask.fresh = not facts.deterministic
+    once = component.interface.once_per_process or facts.single
     side_by_side = None if once else said(ask, questions.side_by_side)
-    nothing: tuple[tuple[str, ...], ...] = ((), (), ())
-    acting, idle, refused = _three(said(ask, questions.parameters)) if facts.deterministic else nothing
-    in_a_run = _three(said(ask, questions.tunable)) if facts.deterministic else nothing
-    response = said(ask, questions.response)
+    seen = facts.deterministic and bool(component.outputs)
+    nothing: tuple[tuple[str, ...], ...] = ((), (), (), ())
+    acting, idle, refused, left = _four(said(_with_time(ask), questions.parameters)) if seen else nothing
+    in_a_run = _four(said(_with_time(ask), questions.tunable)) if seen else nothing
+    response = () if facts.single else said(ask, questions.response)
+    half = None if facts.single else said(ask, questions.half_step)
     finite = [bool(np.isfinite(column).all()) for column in facts.first.T]
-    found = replace(
+    return replace(
         blank,
         deterministic=facts.deterministic,
         reproducible=facts.reproducible,
-        independent=None if once else side_by_side is True,
+        independent=None if component.interface.once_per_process else side_by_side is True,
         reset=facts.reset,
         new_state=facts.new_state,
         state=said(ask, questions.state),
         response=response if isinstance(response, tuple) else (),
+        half_step=half if isinstance(half, tuple) else None,
+        half_step_said=half if isinstance(half, str) else "",
+        outputs=len(component.outputs),
         not_finite=tuple(v.name for v, fine in zip(component.outputs, finite, strict=True) if not fine),
         acting=acting,
         without_effect=idle,
         refused=refused,
         idle_in_a_run=tuple(name for name in in_a_run[1] if name in acting),
         refused_in_a_run=in_a_run[2],
+        left=tuple(dict.fromkeys((*left, *in_a_run[3]))),
     )
-    of_a_run = {name for name in (*ended, *unfinished) if name != questions.state.__name__}  # that no run asks for
-    facts = replace(facts, crashed=facts.crashed | of_a_run, unfinished=(*facts.unfinished, *unfinished))
-    rerun = remember_rerun(component, choose(facts), facts)
-    alone = found.independent is False and rerun.strategy in (RESET, STATE)
-    reason = rerun.reason + ("; only one instance of it at a time in a process" if alone else "")
-    return replace(found, strategy=rerun.strategy, reason=reason), facts.may_be_kept
 
 
-def _three(answer: Any) -> tuple[tuple[str, ...], ...]:
-    return answer if isinstance(answer, tuple) else ((), (), (answer,))
+def _with_time(ask: _Asking) -> Callable[..., Any]:
+    """Questions that end by themselves when half of their time is over."""
+    return lambda question: ask(question, ask.left_s / 2)
+
+
+def _four(answer: Any) -> tuple[tuple[str, ...], ...]:
+    return answer if isinstance(answer, tuple) else ((), (), (answer,), ())

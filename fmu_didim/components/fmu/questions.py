@@ -5,6 +5,8 @@ A question is a function (component, step size in s) -> answer; it raises what t
 
 from __future__ import annotations
 
+import math
+import time as clock
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
@@ -119,10 +121,15 @@ def runs_again(component: FmuSettings, h: float) -> tuple[Array, Array, str, str
     return first, second, found[0], found[1]
 
 
-def restarted(component: FmuSettings, h: float, strategy: str) -> str:
+def restarted(component: FmuSettings, h: float, strategy: str, wanted: Array | None = None) -> str:
     """Whether an instance that was reset, or got back the state saved before anything was set, runs as a new one,
-    although all parameters had other values before."""
-    u, wanted = _inputs(component), once(component, h)
+    although all parameters had other values before.
+
+    Args:
+        wanted: the trajectory of a new one, where there is none beside this in the process.
+    """
+    u = _inputs(component)
+    wanted = once(component, h) if wanted is None else wanted
     values = {**component.start_values, **component.parameter_values()}
     changed = component.with_parameters({name: _other(value) for name, value in values.items()})
     for before in (changed, component):
@@ -138,6 +145,20 @@ def restarted(component: FmuSettings, h: float, strategy: str) -> str:
             _begin(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
     return DIFFERS
+
+
+def half_step(component: FmuSettings, h: float) -> tuple[str, float]:
+    """The output that half the step changes most, with the same held inputs, and by which fraction of its largest
+    value; an empty name where there are no outputs."""
+    u = _inputs(component)
+    whole, half = _run(component, u, h), _run(component, np.repeat(u, 2, axis=0), h / 2)[1::2]
+    if not whole.size:
+        return "", 0.0
+    apart = np.nan_to_num(np.abs(whole - half)).max(axis=0)
+    size = np.nan_to_num(np.maximum(np.abs(whole), np.abs(half))).max(axis=0)
+    change = apart / np.where(size > 0, size, 1.0)
+    worst = int(np.argmax(change))
+    return component.outputs[worst].name, float(change[worst])
 
 
 def _other(value: float) -> float:
@@ -185,11 +206,14 @@ def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
     return tuple((v.name, answer(i)) for i, v in enumerate(component.outputs))
 
 
-def parameters(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
-    """Parameters that act, that do not, and that refuse another value."""
-    base = once(component, h)
-    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": []}
+def parameters(component: FmuSettings, h: float, seconds: float = math.inf) -> tuple[tuple[str, ...], ...]:
+    """Parameters that act, that do not, that refuse another value, and those not tried when this time was up."""
+    begin, base = clock.monotonic(), once(component, h)
+    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": [], "left": []}
     for name, value in component.parameter_values().items():
+        if clock.monotonic() - begin > seconds:
+            groups["left"].append(name)
+            continue
         changed = component.with_parameters({name: _other(value)})
         try:
             equal = np.array_equal(base, once(changed, h), equal_nan=True)
@@ -199,13 +223,17 @@ def parameters(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names) for names in groups.values())
 
 
-def tunable(component: FmuSettings, h: float) -> tuple[tuple[str, ...], ...]:
-    """Tunable parameters that act when they are changed in a run, that do not, and whose change is refused then."""
-    u, half = _inputs(component), STEPS // 2
+def tunable(component: FmuSettings, h: float, seconds: float = math.inf) -> tuple[tuple[str, ...], ...]:
+    """Tunable parameters that act when they are changed in a run, that do not, whose change is refused then, and those
+    not tried when this time was up."""
+    begin, u, half = clock.monotonic(), _inputs(component), STEPS // 2
     base = once(component, h)[half:]
-    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": []}
+    groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": [], "left": []}
     for name, value in component.parameter_values().items():
         if name in component.fixed:
+            continue
+        if clock.monotonic() - begin > seconds:
+            groups["left"].append(name)
             continue
         try:
             with _begun(component) as instance:

@@ -12,6 +12,7 @@ import hashlib
 import json
 import logging
 import threading
+import time as clock
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -21,6 +22,7 @@ from typing import Any, TypeVar
 
 from fmu_didim.cache import cache_directory, whole_file
 from fmu_didim.components.fmu import questions
+from fmu_didim.components.fmu import thresholds as limits
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import RESTORES
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
@@ -34,7 +36,9 @@ TIME_LIMIT = 30.0
 Kept = TypeVar("Kept")
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
-_FORMAT = 3
+ONE_AFTER_THE_OTHER = "one instance after the other in one process"
+"""The same, where a process bears a single one."""
+_FORMAT = 4
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
@@ -50,6 +54,8 @@ class Facts:
         first, second: trajectories of two new instances in one process.
         reproducible: whether a new process gives the same as the first.
         reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
+        took_s: time that a single instance took.
+        single: whether a second instance in its process, one after the other, was fatal or hung.
         unfinished: the trials that did not come to their end: they took too long, or their process was killed or did
             not start. A busy machine may be the reason, so what follows from them is not kept for later runs.
     """
@@ -62,6 +68,8 @@ class Facts:
     reproducible: bool = False
     reset: str = ""
     new_state: str = ""
+    single: bool = False
+    took_s: float = 0.0
     unfinished: tuple[str, ...] = ()
 
     @property
@@ -150,7 +158,10 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
                 unfinished[trial_name(question)] = None
             raise
 
-    return replace(_asked(ask), unfinished=tuple(unfinished))
+    facts = _asked(ask)
+    if facts.single and facts.took_s < limits.QUICK * limit:
+        unfinished = {}  # alone it is quick: it hung, and no busy machine was to blame
+    return replace(facts, unfinished=tuple(unfinished))
 
 
 def trial_name(question: Callable[..., Any]) -> str:
@@ -167,8 +178,8 @@ def _asked(ask: Callable[..., Any]) -> Facts:
     except ProcessEndedError:
         try:
             first, second = ask(questions.two_in_turn)
-        except FmuDidimError as error:
-            return Facts(failure=" ".join(str(error).split()), crashed=frozenset({"runs"}))
+        except FmuDidimError:
+            return _asked_alone(ask)
         ended: list[str] = []
         reset, state = (_said_alone(ask, way, ended) for way in (RESET, STATE))
         crashed = frozenset(ended or [TOGETHER])
@@ -180,6 +191,20 @@ def _asked(ask: Callable[..., Any]) -> Facts:
     except FmuDidimError:
         reproducible = False
     return Facts("", crashed, first, second, alike, reproducible, reset, state)
+
+
+def _asked_alone(ask: Callable[..., Any]) -> Facts:
+    """What can be asked where a process bears one instance only."""
+    begin = clock.monotonic()
+    try:
+        first = ask(questions.once)
+    except FmuDidimError as error:
+        return Facts(failure=" ".join(str(error).split()), crashed=frozenset({"runs"}))
+    took = clock.monotonic() - begin
+    reproducible = questions.same(first, ask(questions.once))
+    reset, state = (said(ask, partial(questions.restarted, strategy=way, wanted=first)) for way in (RESET, STATE))
+    crashed = frozenset({ONE_AFTER_THE_OTHER})
+    return Facts("", crashed, first, first, False, reproducible, reset, state, single=True, took_s=took)
 
 
 def _said_alone(ask: Callable[..., Any], way: str, ended: list[str]) -> Any:
@@ -204,6 +229,8 @@ def choose(facts: Facts) -> Rerun:
         if facts.crashed:
             return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
         return Rerun(AGAIN, "it could not be tried: it does not run here")
+    if facts.single:
+        return _choose_single(facts)
     apart = bool(facts.crashed - {RESET, STATE})  # one of these that crashed is not taken
     alone = f"; it crashed or hung when it was tried: {', '.join(sorted(facts.crashed))}" if apart else ""
     if not facts.deterministic:
@@ -219,15 +246,36 @@ def choose(facts: Facts) -> Rerun:
     return Rerun(AGAIN, reason, apart)
 
 
+def _choose_single(facts: Facts) -> Rerun:
+    """Of an FMU of which a process bears one instance."""
+    why = "a second instance in one process is fatal or hangs"
+    for way, answer in ((RESET, facts.reset), (STATE, facts.new_state)):
+        if facts.reproducible and answer == RESTORES:
+            return Rerun(way, f"{why}, but the one runs as new after '{way}'", isolated=True)
+    return Rerun(PROCESS, f"{why}, and neither reset nor state makes the one as new", isolated=True)
+
+
 def tell_isolation(component: FmuSettings, rerun: Rerun) -> None:
     """Log, once in a process, that an FMU was found to need a process of its own, what that costs, and the remedy."""
-    path = _path(component)
-    if path in _told:
-        return
-    _told.add(path)
-    cost = "a new process, some seconds, for each run" if rerun.strategy == PROCESS else "a message for each step"
-    _log.warning(
-        "%s runs in a process of its own, by '%s': %s. That costs %s, which can make it tens of times slower. "
-        "If you know better, say how to run it again: 'rerun' of the source in the case, or of load_fmu.",
-        component.path.name, rerun.strategy, rerun.reason, cost,
+    cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
+    _tell(
+        component, logging.WARNING,
+        f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
+        "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again.",
     )  # fmt: skip
+
+
+def tell_unproven(component: FmuSettings) -> None:
+    """Log, once in a process, that an FMU runs apart because nothing is known of it."""
+    _tell(
+        component, logging.INFO,
+        "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
+        "second to start ('isolated: false' beside its source, if you trust it).",
+    )  # fmt: skip
+
+
+def _tell(component: FmuSettings, level: int, text: str) -> None:
+    path = _path(component)
+    if path not in _told:
+        _told.add(path)
+        _log.log(level, "%s %s", component.path.name, text)

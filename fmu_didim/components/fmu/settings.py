@@ -67,7 +67,8 @@ class FmuSettings(Component):
             -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
-        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``.
+        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where nothing
+            is said of it.
     """
 
     fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
@@ -93,7 +94,7 @@ class FmuSettings(Component):
     has_derivatives: bool = False
     solver: str = "rk4"
     substeps: int | None = None
-    isolated: bool = False
+    isolated: bool | None = None
     time_limit_s: float = DEFAULT_TIME_LIMIT
     rerun: str = AUTO
     event_mode: bool = False

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import pickle
 import sys
 import threading
 import time as clock
 from types import SimpleNamespace
 from typing import IO
 
-from fmu_didim.components.fmu.process import as_message, receive, send
+from fmu_didim.components.fmu.process import ANSWER, BEAT, ERROR, WELL, not_carried, pack, receive, send, unpack
+from fmu_didim.errors import FmuDidimError, SimulationError
 
 
 def _end_with_parent(parent: int) -> None:
@@ -20,24 +20,52 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
+class Kept(SimpleNamespace):
+    """What the functions that are called have kept for one another, and how they tell that they go on.
+
+    Attributes:
+        closing: what is closed at the end, in reverse order.
+        beat_every: s between two beats at least.
+    """
+
+    def __init__(self, answers: IO[bytes]) -> None:
+        super().__init__(closing=[], beat_every=0.2, constants=[])
+        self._answers, self._last = answers, clock.monotonic()
+
+    def beat(self) -> None:
+        """Tell the other process that the call goes on."""
+        if clock.monotonic() - self._last > self.beat_every:
+            send(self._answers, pack((BEAT, None)))
+            self._last = clock.monotonic()
+
+
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     """Call what is asked for, one function after the other, each with what those before it have kept."""
-    kept = SimpleNamespace(instance=None)
+    kept = Kept(answers)
     while True:
         try:
-            function, *arguments = receive(requests)
-        except (EOFError, pickle.UnpicklingError):
+            data = receive(requests)
+        except EOFError:
             break
         try:
-            reply = ("answer", function(kept, *arguments))
-        except Exception as error:  # noqa: BLE001 - whatever it is, the other process has to know
-            reply = ("error", as_message(error))
-        try:
-            send(answers, reply)
+            send(answers, _reply(kept, data))
         except OSError:
             break
-    if kept.instance is not None:
-        kept.instance.close()
+    while kept.closing:
+        kept.closing.pop().close()
+
+
+def _reply(kept: Kept, data: bytes) -> bytes:
+    try:
+        function, *arguments = unpack(data, kept.constants)
+    except Exception as error:  # noqa: BLE001 - such as a module that is not found here
+        return pack((ERROR, not_carried(error)))
+    try:
+        return pack((ANSWER, function(kept, *arguments)))
+    except FmuDidimError as error:
+        return pack((ERROR, error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other process has to know
+        return pack((ERROR, SimulationError(f"{type(error).__name__}: {error}")))
 
 
 def main() -> None:
@@ -50,3 +78,4 @@ def main() -> None:
     if hasattr(os, "getppid") and sys.platform != "win32":
         threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     _serve(requests, answers)
+    sys.exit(WELL)

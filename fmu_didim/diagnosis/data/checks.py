@@ -39,6 +39,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
+        found += experiment.told
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
         given = expected(model, label)
         found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)

@@ -5,13 +5,14 @@ own joint and on time alone, the same is reached from outside:
 
     y = u - tau_e(q, dq, t, z; parameters),    dz/dt = rates(q, dq, t, z)
 
-with the command u, position q and velocity dq of the plant, its outputs. The torque is held over a communication step,
-so that steep friction needs shorter steps than the control period: the tick of such a loop is a part of it.
+with the command u, position q and velocity dq of the plant, its outputs; a plant that tells no position has it from the
+integral of its velocity. The torque is held over a communication step, so that steep friction needs shorter steps than
+the control period: the tick of such a loop is a part of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
@@ -32,6 +33,7 @@ from fmu_didim.effects import (
     Surroundings,
     TorqueEffect,
 )
+from fmu_didim.effects.joint import JointUnits
 from fmu_didim.effects.spliced import SplicedEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Connection, System
@@ -39,7 +41,7 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot.rate import EXPLICIT
 from fmu_didim.signals import Array, Variable
 
-START_TIME = "t_start"
+START_TIME, START_POSITION = "t_start", "q_start"
 
 
 class TorquePart(SplicedEffect):
@@ -47,13 +49,14 @@ class TorquePart(SplicedEffect):
 
     Args:
         effect: one that :func:`acts_on_own_joint`.
+        integrates: whether it has no input ``q`` and takes the integral of ``dq`` for it.
     """
 
     place = "drive"
     rank = 1000
 
-    def __init__(self, effect: TorqueEffect) -> None:
-        self.effect = effect
+    def __init__(self, effect: TorqueEffect, *, integrates: bool = False) -> None:
+        self.effect, self.integrates = effect, integrates
         for name in ("name", "title", "equation", "class_name", "confounded_with", "signature", "experiment", "source"):
             setattr(self, name, getattr(effect, name))
         setattr(self, "neutral", {v.name: 0.0 for v in effect.parameters("revolute")})  # noqa: B010 - a class variable
@@ -76,13 +79,19 @@ class TorquePart(SplicedEffect):
         amplitudes, shapes = effect.parameters(joint_type), effect.shapes(joint_type)
         states = effect.states(joint_type)
         has_time = "time" in effect.needs
-        u, z, p = ca.SX.sym("u", 3), ca.SX.sym("z", len(states) + has_time), ca.SX.sym("p", len(amplitudes + shapes))
-        begin = ca.SX.sym("t0", int(has_time))
+        own_motion = ("position", "clock") if has_time else ("position",)
+        added = [name for name in own_motion if name == "clock" or self.integrates]
+        signals = ("u", "dq") if self.integrates else ("u", "q", "dq")
+        inputs = dict(zip(signals, ca.vertsplit(u := ca.SX.sym("u", len(signals))), strict=True))
+        z = ca.SX.sym("z", len(states) + len(added))
+        p = ca.SX.sym("p", len(amplitudes + shapes))
+        begin = ca.SX.sym("begin", len(added))
+        further = {name: z[len(states) + i] for i, name in enumerate(added)}
         parameters = ca.vertcat(p, begin)
         values = {v.name: p[i] for i, v in enumerate((*amplitudes, *shapes))}
         at = Surroundings(
-            joint=0, joint_type=joint_type, all_q=u[1], all_dq=u[2], all_ddq=ca.SX(0),
-            time=z[-1] if has_time else ca.SX(0), state=tuple(z[i] for i in range(len(states))),
+            joint=0, joint_type=joint_type, all_q=further.get("position", inputs.get("q")), all_dq=inputs["dq"],
+            all_ddq=ca.SX(0), time=further.get("clock", ca.SX(0)), state=tuple(z[i] for i in range(len(states))),
         )  # fmt: skip
         own = {v.name: values[v.name] for v in shapes}
         torque = sum(
@@ -92,8 +101,9 @@ class TorquePart(SplicedEffect):
             ),
             ca.SX(0),
         )
-        rates = [*effect.rates(at, own), *([ca.SX(1)] if has_time else [])]
-        first = [*(ca.SX(v.start) for v in states), *([begin] if has_time else [])]
+        slopes = {"position": inputs["dq"], "clock": ca.SX(1)}
+        rates = [*effect.rates(at, own), *(slopes[name] for name in added)]
+        first = [*(ca.SX(v.start) for v in states), *ca.vertsplit(begin)] if added else [ca.SX(v.start) for v in states]
         within = OperatingRange(NOMINAL_SPEED[joint_type], NOMINAL_ACCELERATION[joint_type], ca.SX(0))
         settled = EXPLICIT.relaxing * effect.relaxation(own, within)
         rate = ca.fmax(effect.own_rate(own, within), settled) if states else ca.SX(0)
@@ -101,33 +111,43 @@ class TorquePart(SplicedEffect):
         return Block(
             name=effect.name,
             description=f"{effect.title}: u - ({effect.equation})",
-            inputs=(
-                Variable("u", units.torque, "input", 0.0, "torque of the drive"),
-                Variable("q", units.position, "input", 0.0, "position of the joint"),
-                Variable("dq", units.velocity, "input", 0.0, "velocity of the joint"),
-            ),
+            inputs=tuple(_INPUTS[name](units) for name in signals),
             outputs=(Variable("y", units.torque, "output", 0.0, "torque that is left for the plant"),),
-            states=(*states, *((Variable("clock", "s", "local"),) if has_time else ())),
+            states=(*states, *(Variable(name, _begin(name, units).unit, "local") for name in added)),
             parameters=(
                 *(
                     replace(v, causality="parameter", start=neutral.get(v.name, v.start))
                     for v in (*amplitudes, *shapes)
                 ),
-                *((Variable(START_TIME, "s", "parameter", 0.0, "time at the start"),) if has_time else ()),
+                *(_begin(name, units) for name in added),
             ),
             update=ca.Function(
                 "update", [z, u, parameters], [ca.densify(ca.vertcat(*rates)) if rates else ca.SX(0, 1)]
             ),
-            output=ca.Function("output", [z, u, parameters], [ca.densify(u[0] - torque)]),
+            output=ca.Function("output", [z, u, parameters], [ca.densify(inputs["u"] - torque)]),
             start=ca.Function("start", [u, parameters], [ca.densify(ca.vertcat(*first)) if first else ca.SX(0, 1)]),
             rate_bound=ca.Function("rate", [z, parameters], [ca.densify(rate)]),
         )
 
 
+_INPUTS: Mapping[str, Callable[[JointUnits], Variable]] = {
+    "u": lambda units: Variable("u", units.torque, "input", 0.0, "torque of the drive"),
+    "q": lambda units: Variable("q", units.position, "input", 0.0, "position of the joint"),
+    "dq": lambda units: Variable("dq", units.velocity, "input", 0.0, "velocity of the joint"),
+}
+
+
+def _begin(state: str, units: JointUnits) -> Variable:
+    """The parameter with which the position or the clock starts."""
+    if state == "clock":
+        return Variable(START_TIME, "s", "parameter", 0.0, "time at the start")
+    return Variable(START_POSITION, units.position, "parameter", 0.0, "position at the start")
+
+
 @lru_cache(maxsize=128)
-def torque_part(effect: TorqueEffect) -> TorquePart:
+def torque_part(effect: TorqueEffect, *, integrates: bool = False) -> TorquePart:
     """The component of an effect, one for all joints."""
-    return TorquePart(effect)
+    return TorquePart(effect, integrates=integrates)
 
 
 @lru_cache(maxsize=256)
@@ -151,24 +171,27 @@ def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
 
 
 def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
-    """Whether an effect can be put before a plant that is a black box: it gives q and dq of the joint."""
-    given = {v.name for v in model.plant.outputs}
-    return {f"q{joint}", f"dq{joint}"} <= given and acts_on_own_joint(effect, joint_type)
+    """Whether an effect can be put before a plant that is a black box: it gives dq of the joint."""
+    return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
 
 
 def splice_part(
-    system: System, effect: TorqueEffect, joint: int, joint_type: JointType, *, start_time: float, plant: str
+    system: System, part: TorquePart, joint: int, joint_type: JointType, *, starts: Mapping[str, float], plant: str
 ) -> System:
-    """The system with the component of an effect right before the plant, named ``<effect><joint>``."""
-    name, at = f"{effect.name}{joint}", f"{plant}.tau{joint}"
-    component = spliced_component(torque_part(effect), joint_type, system.step_size)
-    if any(v.name == START_TIME for v in component.parameters):
-        component = component.with_parameters({START_TIME: start_time})
+    """The system with the component of an effect right before the plant, named ``<effect><joint>``.
+
+    Args:
+        starts: time and position of the joint at the start, by the names of the parameters for them.
+    """
+    name, at = f"{part.name}{joint}", f"{plant}.tau{joint}"
+    component = spliced_component(part, joint_type, system.step_size)
+    offered = {v.name for v in component.parameters}
+    component = component.with_parameters({key: value for key, value in starts.items() if key in offered})
     place = system.order.index(plant)
     own = (
         *(replace(c, target=f"{name}.u") if c.target == at else c for c in system.connections),
         Connection(f"{name}.y", at),
-        *(Connection(f"{plant}.{signal}{joint}", f"{name}.{signal}") for signal in ("q", "dq")),
+        *(Connection(f"{plant}.{v.name}{joint}", f"{name}.{v.name}") for v in component.inputs if v.name != "u"),
     )
     return replace(
         system,

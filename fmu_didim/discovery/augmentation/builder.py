@@ -17,15 +17,24 @@ from fmu_didim.block import Block
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation import thresholds as limits
-from fmu_didim.discovery.augmentation.black_box import TorquePart, can_be_added, splice_part, subdivision, torque_part
+from fmu_didim.discovery.augmentation.black_box import (
+    START_POSITION,
+    START_TIME,
+    TorquePart,
+    can_be_added,
+    splice_part,
+    subdivision,
+    torque_part,
+)
 from fmu_didim.discovery.augmentation.ranges import travelled
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.master import System, splice_effect
-from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
+from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.motion import joint_reference
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
@@ -60,6 +69,7 @@ class LoopModelBuilder:
     ) -> None:
         self.base, self.description, self.effects = base, description, effects
         self._substeps = _chosen_substeps(base.plant)
+        self._offered = {v.name for v in base.plant.parameters}
         self._plants: dict[tuple[EffectAtJoint, ...], Component] = {}
         self._searches: dict[EffectAtJoint, dict[str, Search]] = {}
         self._ticks: int | None = None
@@ -94,9 +104,11 @@ class LoopModelBuilder:
             effect, kind = self.effect(effect_at), self.joint_type(effect_at.joint)
             units = {v.name: v.unit for v in (*effect.parameters(kind), *effect.shapes(kind))}
             within = self._ranges[effect_at.joint - 1]
-            self._searches[effect_at] = {
-                name: within.adapted(s, units[name]) for name, s in effect.search(kind).items()
-            }
+            grids = effect.search(kind)
+            if self.is_own(effect_at):  # with the shapes that the plant has
+                joint = effect_at.joint
+                grids = {n: s for n, s in grids.items() if joint_parameter(n, joint, is_shape=True) in self._offered}
+            self._searches[effect_at] = {name: within.adapted(s, units[name]) for name, s in grids.items()}
         return self._searches[effect_at]
 
     def parameters_of(self, effect_at: EffectAtJoint) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
@@ -172,8 +184,10 @@ class LoopModelBuilder:
     def _with_part(self, label: str, system: System, part: SplicedEffect, joint: int) -> System:
         kind, plant = self.joint_type(joint), self.base.plant_name
         if isinstance(part, TorquePart):
+            position, _ = joint_reference(self.base.experiments[label].reference, joint)
             begin = float(self.base.experiments[label].reference.time[0])
-            return splice_part(system, part.effect, joint, kind, start_time=begin, plant=plant)
+            starts = {START_TIME: begin, START_POSITION: float(position[0])}
+            return splice_part(system, part, joint, kind, starts=starts, plant=plant)
         return splice_effect(system, part, joint, kind, plant=plant)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
@@ -232,9 +246,32 @@ class LoopModelBuilder:
         return free_parameters
 
     def can_add(self, effect_at: EffectAtJoint) -> bool:
-        """Whether an effect can be added to this plant: to a black box only what its wiring can take."""
+        """Whether an effect can be added to this plant: to a black box what it has itself, and what its wiring can
+        take; at an encoder where the controller sees it."""
+        if self.effect(effect_at).place == "sensor":
+            position = f"{self.base.plant_name}.q{effect_at.joint}"
+            return any(c.source == position for c in self.base.systems[self.base.first].connections)
         anywhere = self.description is not None or self.is_of_log(effect_at.effect)
-        return anywhere or self.part(effect_at) is not None
+        return anywhere or self.is_own(effect_at) or self.part(effect_at) is not None
+
+    def is_own(self, effect_at: EffectAtJoint) -> bool:
+        """Whether a plant that is a black box has an effect already: parameters with the names of its amplitudes, such
+        as ``Fc1``, none of which is identified."""
+        effect = self.effect(effect_at)
+        if self.description is not None or not isinstance(effect, TorqueEffect):
+            return False
+        return self._has(effect_at, self._offered - set(self.base.parameters.plant_names))
+
+    def is_identified(self, effect_at: EffectAtJoint) -> bool:
+        """Whether the base model identifies the parameters of an effect that a black box has."""
+        is_torque = isinstance(self.effect(effect_at), TorqueEffect)
+        return self.description is None and is_torque and self._has(effect_at, set(self.base.parameters.plant_names))
+
+    def _has(self, effect_at: EffectAtJoint, names: set[str]) -> bool:
+        """Whether the names of all amplitudes of an effect in a plant are among these."""
+        amplitudes = self.effect(effect_at).parameters(self.joint_type(effect_at.joint))
+        own = {joint_parameter(v.name, effect_at.joint, is_shape=False) for v in amplitudes}
+        return bool(own) and own <= names
 
     def is_spliced(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect is a component of its own in the wiring."""
@@ -249,8 +286,9 @@ class LoopModelBuilder:
         effect = self.effect(effect_at)
         if isinstance(effect, TorqueEffect) and self.description is None:
             kind = self.joint_type(effect_at.joint)
-            if can_be_added(self.base, effect, effect_at.joint, kind):
-                return torque_part(effect)
+            if not self.is_own(effect_at) and can_be_added(self.base, effect, effect_at.joint, kind):
+                given = {v.name for v in self.base.plant.outputs}
+                return torque_part(effect, integrates=f"q{effect_at.joint}" not in given)
         return effect if isinstance(effect, SplicedEffect) else None
 
     def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], *, watch: Watch, workers: int) -> None:
@@ -278,7 +316,7 @@ class LoopModelBuilder:
 
     def _inner(self, added_effects: Sequence[EffectAtJoint]) -> tuple[EffectAtJoint, ...]:
         """Those effects that belong into the equations of the plant."""
-        return tuple(a for a in added_effects if not self.is_spliced(a) and not self.is_of_log(a.effect))
+        return tuple(a for a in added_effects if not (self.is_spliced(a) or self.is_own(a) or self.is_of_log(a.effect)))
 
     def _block(self, inner: Sequence[EffectAtJoint]) -> Block:
         if self.description is None:

@@ -9,6 +9,7 @@ import numpy as np
 from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.effects import Search
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.motion import joint_reference
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,9 @@ def travelled(base: LoopModel, joint: int) -> Range:
     positions, speeds, ends = [], [], []
     for label in base.estimation_labels:
         reference = base.experiments[label].reference
-        name = f"q{joint}"
-        q = reference.column(name) if name in reference.names else np.zeros(reference.time.size)
+        q, dq = joint_reference(reference, joint)
         positions.append(q)
-        speeds.append(np.abs(np.gradient(q, reference.step)))
+        speeds.append(np.abs(dq))
         ends.append((float(reference.time[0]), float(reference.time[-1])))
     q, speed = np.concatenate(positions), np.concatenate(speeds)
     way = float(np.sqrt(np.mean(speed**2))) * reference.step

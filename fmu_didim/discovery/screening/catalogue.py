@@ -16,10 +16,11 @@ from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import Effect, Search, TorqueEffect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.free_parameter import joint_parameter
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
-from fmu_didim.prediction.sensitivity import by_variation
+from fmu_didim.prediction.sensitivity import by_variation, sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array, Variable
 
@@ -94,7 +95,9 @@ class SignatureCatalogue:
         effect = self.builder.effect(effect_at)
         if not self.builder.can_add(effect_at):
             return
-        if not isinstance(effect, TorqueEffect):
+        if self.builder.is_own(effect_at):
+            yield self._of_the_plant(effect_at)
+        elif not isinstance(effect, TorqueEffect):
             yield from self._by_simulation(effect_at, effect)
         elif self._along[0].motion is not None:
             yield from self._by_regressor(effect_at, effect)
@@ -123,6 +126,19 @@ class SignatureCatalogue:
                 ]
                 for shapes, answer in zip(kept, zip(*answers, strict=True), strict=True):
                     yield Signature(effect_at, shapes, names, np.concatenate(answer), {})
+
+    def _of_the_plant(self, effect_at: EffectAtJoint) -> Signature:
+        """Derivatives by the parameters of an effect that a black box has, at the values that it has."""
+        joint, fit = effect_at.joint, self.fit
+        present = {v.name: v.start for v in fit.model.plant.parameters}
+        amplitudes = [v.name for v in self.builder.parameters_of(effect_at)[0]]
+        own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
+        size = limits.TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
+        model = self.builder.build(fit.model, [Proposal(effect_at, own, dict.fromkeys(amplitudes, size))])
+        first = len(fit.model.free_parameters)
+        places = [i for i in range(first, len(model.free_parameters)) if not model.free_parameters[i].is_shape]
+        columns = sensitivity(model, model.start, fit.torque, only=places)
+        return Signature(effect_at, {}, tuple(amplitudes), columns, own)
 
     def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""

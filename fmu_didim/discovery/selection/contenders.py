@@ -291,7 +291,9 @@ class Competition:
 def _tried(effect_at: EffectAtJoint, result: Contender | Outcome) -> Tried:
     if isinstance(result, Outcome):
         return Tried(effect_at, result)
-    return Tried(effect_at, Outcome.LEFT_EARLY if result.fit.given_up else Outcome.FITTED, result.delta_bic)
+    if result.fit.given_up:
+        return Tried(effect_at, Outcome.LEFT_EARLY, result.delta_bic)
+    return Tried(effect_at, Outcome.FITTED, result.delta_bic, result.share, result.cost, result.implausible)
 
 
 def _coefficients(columns: Array, residual: Array) -> Array:

@@ -73,11 +73,15 @@ class Tried:
 
     Attributes:
         delta_bic: over the model without it, of the point that its fit came to; None without one.
+        share, cost, implausible: as of :class:`Contender`, where it was fitted.
     """
 
     effect_at: EffectAtJoint
     outcome: Outcome
     delta_bic: float | None = None
+    share: float | None = None
+    cost: float | None = None
+    implausible: str = ""
 
 
 @dataclass(frozen=True)

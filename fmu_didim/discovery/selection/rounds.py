@@ -148,16 +148,22 @@ def _shifts_log(fit: Fit) -> bool:
 
 
 def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    names = [name for name, effect in builder.effects.items() if effect.is_proposed and name not in options.forbid]
-    present = _present(builder)
-    return [EffectAtJoint(name, j) for name in names for j in builder.joints(name) if (name, j) not in present]
+    """What is tried: of a black box nobody knows that it has what belongs to every robot, so that is tried too."""
+    anything = builder.description is None
+    names = [
+        name
+        for name, effect in builder.effects.items()
+        if (effect.is_proposed or (anything and effect.is_base)) and name not in options.forbid
+    ]
+    candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
+    return [a for a in candidates if not _is_present(builder, a)]
 
 
-def _present(builder: LoopModelBuilder) -> set[tuple[str, int]]:
-    """Effects that the base model has already."""
+def _is_present(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
+    """Whether the base model has an effect already."""
     if builder.description is None:
-        return set()
-    return {(e, j) for j, joint in enumerate(builder.description.joints, start=1) for e in joint.effects}
+        return builder.is_identified(effect_at)
+    return effect_at.effect in builder.description.joints[effect_at.joint - 1].effects
 
 
 def _backward(

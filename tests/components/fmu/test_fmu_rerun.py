@@ -23,6 +23,8 @@ from fmu_didim.components.fmu.process import ProcessEndedError
 from fmu_didim.components.fmu.rerun import TOGETHER, Facts, choose
 from fmu_didim.errors import FmuError, InputError, SimulationError
 from fmu_didim.export.versions import VERSIONS
+from fmu_didim.master import Connection, InstancePool, System, simulate
+from fmu_didim.signals import trajectory
 from tests.awkward.build import awkward_fmu, library
 from tests.awkward.versions import fmi_1
 from tests.components.fmu.helpers import H, exported, slave_outputs
@@ -66,8 +68,8 @@ def pid_of(instance: Instance) -> int:
         (("PARAMETERS_UNREADABLE",), "reset"),
     ],
 )
-@pytest.mark.parametrize("isolated", [False, True])
-def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy: str, isolated: bool) -> None:
+@pytest.mark.parametrize("isolated", [None, True])
+def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy: str, isolated: bool | None) -> None:
     """Parameters changed before, but not in the new component, are back at their start values."""
     made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=isolated)
     assert made.describe()["reset"] == "auto"
@@ -183,6 +185,10 @@ GOOD, BAD = "restores", "does not restore"
         (Facts(first=ANY, second=ANY, crashed=frozenset({"reset"})), "re-instantiate", False),
         (Facts(failure="why", crashed=frozenset({"runs"})), "fresh process", True),
         (Facts(failure="why"), "re-instantiate", False),
+        (Facts(first=ANY, single=True, reproducible=True, reset=GOOD, new_state=GOOD), "reset", True),
+        (Facts(first=ANY, single=True, reproducible=True, reset=BAD, new_state=GOOD), "state", True),
+        (Facts(first=ANY, single=True, reproducible=True, reset=BAD, new_state=BAD), "fresh process", True),
+        (Facts(first=ANY, single=True, reset=GOOD, new_state=GOOD), "fresh process", True),
     ],
 )  # fmt: skip
 def test_what_is_chosen(facts: Facts, strategy: str, isolated: bool) -> None:
@@ -194,6 +200,28 @@ def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_STEP"))
     assert made.find_rerun().strategy == "fresh process"
     assert isinstance(made.instantiate(), IsolatedInstance)
+
+
+@pytest.mark.parametrize("macro", ["CRASH_AT_SECOND", "HANG_AT_SECOND"])
+@pytest.mark.parametrize(
+    ("further", "strategy"), [((), "reset"), (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "fresh process")]
+)
+def test_one_instance_a_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, macro: str, further: tuple[str, ...], strategy: str
+) -> None:
+    """It is run in processes of its own, told as what it is, and not called faulty."""
+    monkeypatch.setattr(rerun_module, "TIME_LIMIT", 15.0)
+    made = load_fmu(awkward_fmu(tmp_path, macro, *further))
+    found = made.find_rerun()
+    assert (found.strategy, found.isolated) == (strategy, True)
+    assert "a second instance in one process is fatal or hangs" in found.reason
+    assert kept(tmp_path) == ["reruns"]  # alone it is quick: no busy machine was to blame
+    system = System({"slave": made}, (Connection("reference.u", "slave.u"),), ("slave",), H)
+    pool, along = InstancePool(), trajectory(np.arange(len(U)) * H, {"u": U[:, 0]})
+    for values in ({}, {"a": 1.0}, {}):
+        got = simulate(system.replace("slave", made.with_parameters(values)), along, pool=pool)
+        np.testing.assert_allclose(got.applied["slave.y"][:, None], slave_outputs(U, **values), rtol=0, atol=1e-13)
+    pool.close()
 
 
 def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,8 +259,15 @@ def failing(monkeypatch: pytest.MonkeyPatch, question: str, *, by_fmu: bool) -> 
             raise error
         return real(asked, *arguments, **options)
 
-    for module in (rerun_module, probe_module):
-        monkeypatch.setattr(module, "run_in_fresh_process", run_in_fresh_process)
+    shared = process_module.Reused.run
+
+    def run(self: Any, asked: Any, *arguments: Any, **options: Any) -> Any:
+        if getattr(asked, "__name__", "") == question:
+            return run_in_fresh_process(asked)
+        return shared(self, asked, *arguments, **options)
+
+    monkeypatch.setattr(rerun_module, "run_in_fresh_process", run_in_fresh_process)
+    monkeypatch.setattr(process_module.Reused, "run", run)
 
 
 def kept(tmp_path: Path) -> list[str]:
@@ -303,6 +338,37 @@ def test_a_process_that_does_not_start(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(ProcessEndedError, match=r"could not be started|last words: gone") as caught:
         load_fmu(awkward_fmu(tmp_path), isolated=True).instantiate()
     assert not caught.value.by_fmu
+
+
+def test_a_probe_of_one_instance_a_process(tmp_path: Path) -> None:
+    lines = probe_fmu(load_fmu(awkward_fmu(tmp_path, "CRASH_AT_SECOND")), fresh=True).lines()
+    assert "new instances one after the other: FATAL" in lines
+    assert "reset: restores" in lines
+    assert "parameters: not tried, as a process bears one instance only" in lines
+    assert lines[-1].startswith("run it again by: reset (a second instance in one process is fatal or hangs")
+
+
+def test_a_probe_within_its_time(tmp_path: Path) -> None:
+    """What is left when the time is up is said, and asked the next time."""
+    made, told = load_fmu(awkward_fmu(tmp_path)), []
+    found = probe_fmu(made, whole_s=0.0, say=told.append)
+    assert told == ["whether it can be run again"]
+    assert found.reset == "restores"
+    assert "half the step: Not asked: the time was up" in found.lines()
+    again = probe_fmu(made, say=told.append)
+    assert "half step" in told
+    assert again.acting == ("a", "d")
+
+
+@pytest.mark.parametrize(
+    ("macro", "line"),
+    [("", "outputs change by"), ("OTHER_AT_HALF_STEP", "ANOTHER RESULT, y by"), ("REFUSED_STEP", "Discard")],
+)
+def test_half_the_step(tmp_path: Path, macro: str, line: str) -> None:
+    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
+    (said,) = [text for text in found.lines() if text.startswith("half the step: ")]
+    assert line in said
+    assert found.strategy == "reset"
 
 
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -314,7 +314,7 @@ def test_a_case_takes_the_saved_reference(tmp_path: Path) -> None:
         assert experiment.reference is not None
         path = experiment.save(tmp_path / "next.yaml")
         source = ExperimentSource.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-        again = read_reference(source.reference, tmp_path, step=PERIOD, joint_count=2)
+        again = read_reference(source.reference, tmp_path, step=PERIOD, torque_units=("N.m", "N.m")).signals
         np.testing.assert_allclose(again.values, experiment.reference.values, atol=1e-7)
     with pytest.raises(InputError, match=r"\.csv, \.yaml"):
         table.save(tmp_path / "next.txt")

@@ -271,6 +271,17 @@ def test_what_the_robot_has_already_is_no_candidate() -> None:
     assert [f"{c.effect}{c.joint}" for c in found] == ["a2", "b1", "shift1"]
 
 
+@pytest.mark.parametrize(("described", "wanted"), [(True, ["a1"]), (False, ["a1", "coulomb1"])])
+def test_what_every_robot_has_is_a_candidate_for_a_black_box(described: bool, wanted: list[str]) -> None:
+    """Unless its parameters are identified: then the base model has it."""
+    known = effect_of("viscous", is_proposed=False, is_base=True)
+    builder = Catalogue(effect_of("a"), effect_of("coulomb", is_proposed=False, is_base=True), known)
+    builder.identified = {"viscous"}
+    if described:
+        builder.description = SimpleNamespace(joints=[SimpleNamespace(effects=[])])
+    assert [f"{c.effect}{c.joint}" for c in _candidates(builder, Options())] == wanted
+
+
 class Removable(Catalogue):
     """A builder that takes effects out of table models."""
 

@@ -1,0 +1,146 @@
+"""References as files have them, made fit for the loop: rows brought to the control rate, derivatives computed.
+
+Both by a cubic spline through the rows. White noise of the deviation s in a position sampled every h becomes, by the
+frequency response of the spline's derivative,
+
+    s_dq = s g_1 / h,    s_ddq = s g_2 / h^2,    g_n^2 = mean over w in (0, pi) of |3 sin w / (2 + cos w)|^(2n)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fmu_didim.case.file_checks import unevenness
+from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.errors import InputError
+from fmu_didim.master import grid_places
+from fmu_didim.signals import Array, Trajectory, Variable, derivative
+from fmu_didim.tables import thresholds as limits
+
+REFERENCE_DERIVED = CATALOGUE(
+    "reference-derived", REMARK, rank=93,
+    meaning="The reference lacks velocities or accelerations; they were computed from its positions by a cubic spline.",
+    next_step="Nothing if the controller is fed with the derivatives of its positions; else give the columns.",
+)  # fmt: skip
+REFERENCE_ROUGH = CATALOGUE(
+    "reference-derived-from-noise", DOUBT, rank=4,
+    meaning="Derivatives of the reference were computed from positions that are noisy or coarsely rounded, such as "
+    "measured ones; the controller of the model then gets what that of the machine never got.",
+    next_step="Give the planned positions, or the columns dq<j> that the controller got.",
+)  # fmt: skip
+REFERENCE_RESAMPLED = CATALOGUE(
+    "reference-resampled", REMARK, rank=93,
+    meaning="The rows of the reference were brought to the control rate by a cubic spline through them, as asked for.",
+    next_step="Nothing if the stamps tell when a row held; if they are only rounded: time: {name: ..., rate_hz: ...}.",
+)  # fmt: skip
+REFERENCE_GAPS = CATALOGUE(
+    "reference-gaps", DOUBT, rank=4,
+    meaning="Rows of the reference are missing, and what it did there was filled in by a spline.",
+    next_step="Log the reference without gaps, or take a part of the run that has none.",
+)  # fmt: skip
+REFERENCE_COARSE = CATALOGUE(
+    "reference-coarse", DOUBT, rank=4,
+    meaning="Between the rows of the reference the motion is not known well: a spline through every second row misses "
+    "the others.",
+    next_step="Log the reference at the control rate, or describe it by its formula (kind: ...).",
+)  # fmt: skip
+_WAVE = np.linspace(0.0, math.pi, 2001)
+_GAIN = 3 * np.sin(_WAVE) / (2 + np.cos(_WAVE))
+_NOISE_GAINS = {order: float(np.sqrt(np.mean(_GAIN ** (2 * order)))) for order in (1, 2)}
+_FOURTH = math.sqrt(70.0)
+"""Deviation of the fourth difference of white noise of deviation one: 1 + 16 + 36 + 16 + 1."""
+
+
+def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Trajectory, list[Diagnostic]]:
+    """The reference with the derivatives that it lacks and that are used; what a file gives stays.
+
+    Args:
+        needed: columns that the loop takes from the reference. Velocities are computed as well where the motion has
+            begun at the first row, because the plant starts with them.
+    """
+    made: dict[str, Array] = {}
+    worst, worst_name = 0.0, ""
+    for position in [name for name in found.names if name[:1] == "q" and name[1:].isdigit()]:
+        given, order = position, 0
+        for name in (f"d{position}", f"dd{position}"):
+            if name in found.names:
+                given, order = name, 0
+                continue
+            if found.time.size < limits.FEWEST_ROWS:
+                break
+            order += 1
+            rate = derivative(found.time, made.get(name[1:], found.column(given)))
+            if not {name, f"d{name}"} & needed and (name[:2] == "dd" or not _is_moving(rate)):
+                break
+            made[name] = rate
+            scatter = _scatter(found.column(given), rate, found.step, order) if name in needed else 0.0
+            worst, worst_name = max((worst, worst_name), (scatter, name))
+    if not made:
+        return found, []
+    text = f"Computed by cubic splines, because the reference lacks them: {', '.join(made)}."
+    told = [Diagnostic(REFERENCE_DERIVED, text, found.source)]
+    if worst > limits.DIFFERENTIATED_NOISE:
+        text = (
+            f"{worst_name} of the reference was computed from a noisy or rounded column: {100 * worst:.2g} % of it is "
+        )
+        told.append(Diagnostic(REFERENCE_ROUGH, f"{text}noise.", found.source, worst, limits.DIFFERENTIATED_NOISE, "1"))
+    variables = (*found.variables, *(Variable(name) for name in made))
+    return replace(found, variables=variables, values=np.column_stack([found.values, *made.values()])), told
+
+
+def _is_moving(rate: Array) -> bool:
+    return bool(abs(rate[0]) > limits.STARTS_MOVING * rate.std())
+
+
+def _scatter(given: Array, rate: Array, step: float, order: int) -> float:
+    """Noise of a derivative of some order that was computed from a column (N,), of the derivative's own deviation.
+
+    The noise of the column is the median of its fourth differences, which a smooth motion hardly has.
+    """
+    fourth = np.abs(np.diff(given, 4))
+    moving = fourth[np.abs(np.diff(given)[3:]) > 0]  # at rest a rounded column shows no noise
+    size = float(rate.std())
+    if not moving.size or not size:
+        return 0.0
+    noise = float(np.median(moving)) / (0.6745 * _FOURTH)
+    return noise * _NOISE_GAINS[order] / step**order / size
+
+
+def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnostic]]:
+    """The reference at t_0 + k step, by cubic splines through its rows; what is to be told of it.
+
+    Args:
+        step: control period, s.
+
+    Raises:
+        InputError: it has too few rows.
+    """
+    if found.time.size < limits.FEWEST_ROWS:
+        raise InputError(
+            "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows"
+        )
+    start, count = float(found.time[0]), int((found.time[-1] - found.time[0]) / step + 1e-6) + 1
+    time = start + np.arange(count, dtype=np.float64) * step
+    values = CubicSpline(found.time, found.values)(np.minimum(time, found.time[-1]))
+    usual = float(np.median(np.diff(found.time)))
+    text = f"The rows of the reference, usually {1000 * usual:.6g} ms apart, were brought to {1 / step:.6g} Hz."
+    told = [Diagnostic(REFERENCE_RESAMPLED, f"{text} {unevenness(found.time)}", found.source)]
+    places = grid_places(found.time)
+    lacking = int(places[-1]) + 1 - found.time.size
+    if lacking:
+        longest = float(np.diff(found.time).max())
+        text = (
+            f"{lacking} rows of the reference are missing, up to {1000 * longest:.4g} ms in a row; a spline fills in."
+        )
+        told.append(Diagnostic(REFERENCE_GAPS, text, found.source, float(lacking), 0.0, "rows"))
+    between = CubicSpline(found.time[::2], found.values[::2])(found.time[1:-1:2]) - found.values[1:-1:2]
+    size = np.maximum(np.ptp(found.values, axis=0), np.finfo(float).tiny)
+    missed = float((np.abs(between[1:-1]).max(axis=0) / size).max())
+    if missed > limits.BETWEEN_ROWS:
+        text = f"A spline through every second row misses the others by {100 * missed:.2g} % of its range."
+        told.append(Diagnostic(REFERENCE_COARSE, text, found.source, missed, limits.BETWEEN_ROWS, "1"))
+    return replace(found, time=time, values=np.asarray(values)), told

@@ -1,0 +1,86 @@
+"""Modelica models as FMUs, by the compiler rumoca where the extra ``modelica`` is installed."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import zipfile
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from fmu_didim.cache import cached_folder
+from fmu_didim.errors import BuildError, InputError
+from fmu_didim.export.fmu import add_member, copied
+from fmu_didim.export.platforms import host_platform
+from fmu_didim.export.sources import compile_sources, source_compiler
+from fmu_didim.export.versions import written_version
+
+FMI = "2.0"
+
+
+def build_modelica(path: Path, *, model: str | None = None, directory: Path | None = None) -> Path:
+    """An FMU of a model in a Modelica file, for model exchange, with its binary for this machine and its sources.
+
+    What rumoca writes for co-simulation integrates by ten explicit Euler steps a communication step, so it is to be run
+    in model exchange. The file is kept in the cache under the content of all Modelica files of its folder.
+
+    Args:
+        model: its name; by default that of the file.
+        directory: also copy the FMU there.
+
+    Raises:
+        InputError: there is no such file.
+        BuildError: rumoca is not installed, refuses the model, or its C code cannot be compiled.
+    """
+    if not path.is_file():
+        raise InputError("The Modelica file does not exist.", where=str(path), next_step="Check the path.")
+    name = model or path.stem
+    try:
+        release = version("rumoca")
+    except PackageNotFoundError as error:
+        raise BuildError(
+            "A Modelica file needs a Modelica compiler.", where=str(path), got="rumoca is not installed",
+            next_step="pip install 'fmu-didim[modelica]'; or export an FMU from OpenModelica or Dymola, as "
+            "docs/howto/modelica.md says.",
+        ) from error  # fmt: skip
+    compiler = source_compiler()
+    state = hashlib.sha256(repr((release, name, compiler.flags, compiler.version)).encode())
+    for file in sorted(path.parent.glob("*.mo")):
+        state.update(file.name.encode() + file.read_bytes())
+    key = state.hexdigest()[:32]
+    built = cached_folder("exported", key, lambda folder: _build(path, name, folder / f"{name}.fmu")) / f"{name}.fmu"
+    return built if directory is None else copied(built, directory)
+
+
+def _build(path: Path, name: str, output: Path) -> None:
+    with tempfile.TemporaryDirectory(prefix="fmu_didim-") as temporary:
+        folder, host = Path(temporary), host_platform()
+        files = _generated(path, name)
+        sources = [file for file in files if file.startswith("sources/") and file.endswith(".c")]
+        for file, content in files.items():
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_text(content, encoding="utf-8")
+        library = folder / f"{name}{host.suffix}"
+        compile_sources(folder / "sources", [Path(source).name for source in sources], library)
+        with zipfile.ZipFile(output, "w", compression=zipfile.ZIP_DEFLATED) as archive:
+            for file, content in files.items():
+                if file == "modelDescription.xml" or file.startswith("sources/"):
+                    add_member(archive, file, content.encode())
+            for place in written_version(FMI).folders([host], host):
+                add_member(archive, f"binaries/{place}/{library.name}", library.read_bytes())
+
+
+def _generated(path: Path, name: str) -> dict[str, str]:
+    """The files of a source FMU, as rumoca writes them."""
+    import rumoca
+
+    try:
+        found = rumoca.load(str(path), model=name).codegen("fmi2").files
+    except Exception as error:
+        raise BuildError(
+            f"The Modelica compiler rumoca refuses the model '{name}'.", where=str(path),
+            got=str(error).strip()[:2000] or type(error).__name__,
+            next_step="Name the model (model: beside its source), or export an FMU from OpenModelica or Dymola, as "
+            "docs/howto/modelica.md says.",
+        ) from error  # fmt: skip
+    return {entry.path: entry.content for entry in found}

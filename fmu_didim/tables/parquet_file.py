@@ -1,0 +1,28 @@
+"""Parquet files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.errors import InputError
+from fmu_didim.tables.table import Table
+
+
+def read_parquet(path: Path) -> Table:
+    """The numeric columns of a Parquet file; units from the entry ``unit`` in the metadata of a column."""
+    try:
+        from pyarrow import parquet, types  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError as error:
+        raise InputError(
+            "Parquet files need pyarrow.", where=str(path),
+            next_step="pip install fmu_didim[parquet], or convert the file to CSV.",
+        ) from error  # fmt: skip
+    table = parquet.read_table(path)
+    fields = [f for f in table.schema if types.is_floating(f.type) or types.is_integer(f.type)]
+    units = {f.name: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for f in fields}
+    return Table(
+        {f.name: np.asarray(table[f.name].to_numpy(), dtype=float) for f in fields},
+        {name: unit for name, unit in units.items() if unit}, source=str(path),
+    )  # fmt: skip

@@ -1,0 +1,165 @@
+"""What the files given are: tables of signals, FMUs, descriptions; and which tables belong to one run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.components.fmu import read_description
+from fmu_didim.components.fmu.description import FmuDescription
+from fmu_didim.documents import load_yaml
+from fmu_didim.errors import InputError
+from fmu_didim.robot import RobotDescription, read_robot
+from fmu_didim.tables import READERS, Table, TimeColumn, read_table
+from fmu_didim.tables.clock import instants
+from fmu_didim.workflow.init.roles import Guess, guesses, time_column
+
+_WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
+_HELD_OUT = r"valid|test|check|hold|pruef|prüf"
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A file of signals."""
+
+    path: Path
+    table: Table
+
+    @cached_property
+    def guesses(self) -> list[Guess]:
+        """What its columns are taken for."""
+        return guesses(self.table)
+
+    def clock(self, *roles: str) -> str | None:
+        """The time column of the columns with these roles, of all where there are none."""
+        return time_column(self.table, [g.name for g in self.guesses if g.role in roles])
+
+    def rate_hz(self, *roles: str) -> float | None:
+        """Usual rate of the rows of these columns."""
+        clock = self.clock(*roles)
+        if clock is None:
+            return None
+        time, _ = instants(self.table, TimeColumn(), clock, self.table.columns[clock].size)
+        step = float(np.median(np.diff(time)))
+        return float(f"{1 / step:.4g}") if step > 0 else None
+
+    def has(self, *roles: str) -> bool:
+        """Whether a column has one of these roles."""
+        return any(g.role in roles for g in self.guesses)
+
+
+@dataclass
+class Inventory:
+    """The files by what they are."""
+
+    data: list[DataFile] = field(default_factory=list)
+    fmus: dict[Path, FmuDescription] = field(default_factory=dict)
+    robot: tuple[Path, RobotDescription] | None = None
+    controller: Path | None = None
+    plant_fmu: Path | None = None
+    system: Path | None = None
+
+    @property
+    def joint_count(self) -> int:
+        """Of the robot, else of the columns."""
+        if self.robot is not None:
+            return len(self.robot[1].joints)
+        kinds = ("q", "tau", "current", "command")
+        return max([g.joint or 1 for d in self.data for g in d.guesses if g.role in kinds], default=1)
+
+
+def inventory(files: Sequence[Path]) -> Inventory:
+    """What the files are.
+
+    Raises:
+        InputError: a file is missing, cannot be read, or is of no kind that is known; no data file is among them.
+    """
+    found = Inventory()
+    for path in files:
+        suffix = path.suffix.lower()
+        if not path.is_file():
+            raise InputError("The file does not exist.", where=str(path), next_step="Check the path.")
+        if suffix in READERS:
+            found.data.append(DataFile(path, read_table(path)))
+        elif suffix == ".fmu":
+            _add_fmu(found, path, read_description(path))
+        elif suffix == ".ssp":
+            found.system = path
+        elif suffix in (".yaml", ".yml"):
+            _add_description(found, path)
+        else:
+            raise InputError(
+                "This file is of no kind that is known.", where=str(path), valid=(*READERS, ".fmu", ".ssp", ".yaml")
+            )
+    if not found.data:
+        raise InputError(
+            "No file with signals is among them.", valid=READERS, next_step="Give the log and the reference."
+        )  # fmt: skip
+    return found
+
+
+def _add_description(found: Inventory, path: Path) -> None:
+    content = load_yaml(path)
+    if "law" in content:
+        found.controller = path
+    elif "joints" in content:
+        found.robot = path, read_robot(path)
+    else:
+        raise InputError("This YAML file describes neither a robot (joints:) nor a controller (law:).", where=str(path))
+
+
+def _add_fmu(found: Inventory, path: Path, fmu: FmuDescription) -> None:
+    """A controller takes set points or two positions and gives no position; else it is the plant."""
+    found.fmus[path] = fmu
+    inputs = " ".join(v.name.lower() for v in fmu.variables if v.causality == "input")
+    outputs = " ".join(v.name.lower() for v in fmu.variables if v.causality == "output")
+    is_controller = bool(re.search(r"ref|soll|set|u_s\b|des", inputs) or re.search(r"command|control", outputs))
+    if is_controller and found.controller is None:
+        found.controller = path
+    elif found.plant_fmu is None:
+        found.plant_fmu = path
+    else:
+        raise InputError(
+            "Two FMUs seem to be plants.", where=str(path), got=str(found.plant_fmu), next_step="Give one."
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """Files of one run."""
+
+    label: str
+    reference: DataFile
+    torque: DataFile
+    held_out: bool
+
+
+def runs(found: Inventory) -> list[Run]:
+    """The runs that the data files belong to, those for the estimation first.
+
+    Files whose names differ only by words such as ``reference`` and ``torque`` belong together.
+    """
+    groups: dict[str, list[DataFile]] = {}
+    for data in found.data:
+        key = re.sub(rf"({_WORDS_OF_SIGNALS})", "", data.path.stem.lower())
+        groups.setdefault(re.sub(r"[_\-. ]+", "_", key).strip("_") or "run", []).append(data)
+    made = []
+    everywhere = [d for d in found.data if d.has("q")]
+    for key, files in groups.items():
+        torque = next((d for d in files if d.has("tau", "current", "command")), None)
+        reference = next((d for d in files if d.has("q") and d is not torque), None)
+        reference = reference or next((d for d in files if d.has("q")), None)
+        if torque is None and reference is not None and len(groups) > 1 and not reference.has("other"):
+            continue  # the reference of the other runs
+        torque = torque or files[-1]
+        reference = reference or (everywhere[0] if everywhere else torque)
+        made.append(Run(key, reference, torque, bool(re.search(_HELD_OUT, key))))
+    made.sort(key=lambda run: run.held_out)
+    if len(made) > 1 and not any(run.held_out for run in made):
+        made[-1] = Run(made[-1].label, made[-1].reference, made[-1].torque, True)
+    return made

@@ -1,0 +1,95 @@
+"""What the columns of a file are likely to be, from their names, English and German, and their units.
+
+Nothing is taken for granted: what was guessed is written into the case, where it can be seen and changed, and where
+two columns may be meant, none is taken.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fmu_didim.errors import InputError
+from fmu_didim.tables import Table, TimeColumn
+from fmu_didim.tables.clock import clock_column
+from fmu_didim.tables.table import split_unit
+from fmu_didim.units import known_unit
+
+Role = Literal["q", "dq", "ddq", "tau", "current", "command", "other"]
+Side = Literal["reference", "measured", ""]
+_BY_POWERS: tuple[tuple[dict[str, int], Role], ...] = (
+    ({"rad": 1}, "q"), ({"m": 1}, "q"), ({"rad": 1, "s": -1}, "dq"), ({"m": 1, "s": -1}, "dq"), ({"s": -1}, "dq"),
+    ({"rad": 1, "s": -2}, "ddq"), ({"m": 1, "s": -2}, "ddq"), ({"kg": 1, "m": 2, "s": -2}, "tau"),
+    ({"kg": 1, "m": 1, "s": -2}, "tau"), ({"A": 1}, "current"), ({"kg": 1, "m": 2, "s": -3, "A": -1}, "command"),
+)  # fmt: skip
+_BY_NAME: tuple[tuple[str, Role], ...] = (
+    (r"ddq|qdd|acc|beschl", "ddq"),
+    (r"dq|qd|vel|speed|drehzahl|geschw|rpm", "dq"),
+    (r"tau|torq|moment|drehm|kraft|force|effort", "tau"),
+    (r"strom|curr|\biq|amp(ere)?\b", "current"),
+    (r"volt|spannung|command|stellgr", "command"),
+    (r"^q|\bq\d|pos|lage|winkel|angle|achs|axis|joint|gelenk|weg|theta|phi", "q"),
+)
+_REFERENCE = r"soll|ref|set|cmd|des(ired)?|target|plan|fuehr|führ"
+_MEASURED = r"ist|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a column is taken for.
+
+    Attributes:
+        name, unit: of the column in the file; role: what it is; joint: counted from 1, None if its name has no number.
+        side: whether its name says that it is a set point or a measurement.
+    """
+
+    name: str
+    unit: str
+    role: Role
+    joint: int | None
+    side: Side
+
+
+def guesses(table: Table) -> list[Guess]:
+    """What each column is taken for, the time left out."""
+    clock = time_column(table)
+    names = [n for n in table.columns if n != clock and n not in table.times.values()]
+    return [_guess(table, name) for name in names]
+
+
+def time_column(table: Table, names: Sequence[str] = ()) -> str | None:
+    """The time column of these columns, None where none is found."""
+    try:
+        return clock_column(table, TimeColumn(), names)
+    except InputError:
+        return None
+
+
+def _guess(table: Table, name: str) -> Guess:
+    unit = table.unit(name)
+    bare = split_unit(name)[0].lower() if table.has_header else ""
+    known = known_unit(unit) if unit else None
+    by_unit = next((role for powers, role in _BY_POWERS if known is not None and known.powers == powers), None)
+    by_name: Role = next((role for pattern, role in _BY_NAME if re.search(pattern, bare)), "other")
+    last = re.findall(r"\d+", bare)
+    side: Side = "reference" if re.search(_REFERENCE, bare) else "measured" if re.search(_MEASURED, bare) else ""
+    return Guess(name, unit, by_unit or by_name, int(last[-1]) if last else None, side)
+
+
+def chosen(found: Sequence[Guess], roles: Sequence[Role], joint: int, *, single: bool, prefer: Side) -> list[Guess]:
+    """The columns that may be meant by a signal of a joint: one if it is clear, several or none if not.
+
+    Args:
+        roles: that will do, the best first; single: whether the robot has one joint, so that no number is needed.
+        prefer: the side that is meant where names tell.
+    """
+    for role in roles:
+        alike = [g for g in found if g.role == role and (g.joint == joint or (single and g.joint is None))]
+        for side in (prefer, ""):
+            if of_side := [g for g in alike if g.side == side]:
+                return of_side
+        if alike and prefer == "measured":
+            return alike
+    return []

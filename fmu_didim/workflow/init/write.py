@@ -1,0 +1,251 @@
+"""Writing the files of ``init``."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from fmu_didim.case.data import DATA_PREFIX, data_folder
+from fmu_didim.controllers import LAWS
+from fmu_didim.documents import TO_FILL_IN, Lines
+from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.units import known_unit
+from fmu_didim.workflow.init.inventory import DataFile, Inventory, Run, inventory, runs
+from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
+from fmu_didim.workflow.schema import schema
+
+CASE_FILE, ROBOT_FILE, CONTROLLER_FILE, SCHEMA_FOLDER = "case.yaml", "robot.yaml", "controller.yaml", "schemas"
+TORQUES: tuple[Role, ...] = ("tau", "current", "command")
+EFFECTS = "[motor_inertia, viscous, coulomb, torque_offset]"
+
+
+@dataclass(frozen=True)
+class Started:
+    """What ``init`` wrote.
+
+    Attributes:
+        files: the files; found: (file, column, what it was taken for), one for each column used.
+        to_fill_in: file -> (place, note) of what only the user knows.
+    """
+
+    files: tuple[Path, ...]
+    found: tuple[tuple[str, str, str], ...]
+    to_fill_in: dict[Path, list[tuple[str, str]]]
+
+
+def start_case(files: Sequence[Path | str], out: Path | str = ".", *, law: str | None = None) -> Started:
+    """Write a commented case for these files, with a robot description and a controller where none is among them.
+
+    What the files do not say stands there as ``EDIT``; nothing runs before each of these is filled in.
+
+    Args:
+        out: folder of the case; law: control law of the controller that is written, with its keys.
+
+    Raises:
+        InputError: a file cannot be used, or one that would be written is there already.
+    """
+    if law is not None and law not in LAWS:
+        raise UnknownNameError("control law", law, LAWS, where="--law")
+    out, found = Path(out), inventory([Path(f) for f in files])
+    texts = {CASE_FILE: _case(found, out)}
+    if found.robot is None and found.system is None and found.plant_fmu is None:
+        texts[ROBOT_FILE] = _rendered("robot.yaml.j2", joints=_joint_types(found), effects=EFFECTS, edit=TO_FILL_IN)
+    if found.controller is None and found.system is None:
+        texts[CONTROLLER_FILE] = _controller(found, law)
+    there = [str(out / name) for name in texts if (out / name).exists()]
+    if there:
+        raise InputError(
+            "A file is there already; init replaces none.", where=there[0], next_step="Give another folder: --out DIR."
+        )
+    (out / SCHEMA_FOLDER).mkdir(parents=True, exist_ok=True)
+    for kind in ("case", "robot", "controller"):
+        (out / SCHEMA_FOLDER / f"{kind}.json").write_text(json.dumps(schema(kind), indent=1) + "\n", encoding="utf-8")
+    for name, text in texts.items():
+        (out / name).write_text(text, encoding="utf-8")
+    written = tuple(out / name for name in texts)
+    return Started(written, tuple(_told(found)), {path: Lines(path).unfilled() for path in written})
+
+
+def _case(found: Inventory, out: Path) -> str:
+    made = runs(found)
+    joints = found.joint_count
+    entries = [{"label": run.label, "held_out": run.held_out, **_experiment(found, run, joints, out)} for run in made]
+    short = len(made) <= 2 and sum(not run.held_out for run in made) == 1
+    for entry in entries:
+        entry["label"] = ("validation" if entry["held_out"] else "train") if short else entry["label"]
+    command = any("quantity" in entry["torque"] for entry in entries)
+    tunable = (
+        [v for v in found.fmus[found.plant_fmu].variables if v.causality == "parameter"] if found.plant_fmu else []
+    )
+    return _rendered(
+        "case.yaml.j2", entries=entries, short=short, joints=joints, edit=TO_FILL_IN, command=command,
+        name=made[0].torque.path.stem, robot=_path(found.robot[0], out) if found.robot else ROBOT_FILE,
+        has_robot=found.robot is not None or found.plant_fmu is None, system=found.system and _path(found.system, out),
+        plant=found.plant_fmu and _path(found.plant_fmu, out),
+        controller=_path(found.controller, out) if found.controller else CONTROLLER_FILE,
+        controller_is_fmu=bool(found.controller and found.controller.suffix == ".fmu"), ports=_ports(found),
+        tunable=[v for v in tunable if v.start is not None][:30],
+    )  # fmt: skip
+
+
+def _ports(found: Inventory) -> dict[str, list[str]]:
+    """Inputs and outputs of the FMUs, for the comments."""
+    return {
+        f"{path.name} {causality}s": [v.name for v in fmu.variables if v.causality == causality]
+        for path, fmu in found.fmus.items()
+        for causality in ("input", "output")
+    }
+
+
+def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str, Any]:
+    torque, comment = _torque_columns(run.torque, joints)
+    motion, notes = _motion_columns(run.reference, joints, torque)
+    reference: dict[str, Any] = {"file": _path(run.reference.path, out), **_clock(run.reference, "q")}
+    log: dict[str, Any] = {"file": _path(run.torque.path, out), **_clock(run.torque, *TORQUES), "columns": torque}
+    if any(g.role == "command" for g in _used(run.torque, torque)):
+        log["quantity"] = "command"
+    return {
+        "reference": {**reference, "columns": motion}, "torque": log, "reference_note": notes, "torque_note": comment,
+        "reference_columns": _listed(run.reference), "torque_columns": _listed(run.torque),
+            }  # fmt: skip
+
+
+def _clock(data: DataFile, *roles: str) -> dict[str, Any]:
+    """What the case must say of the time of a file; nothing where it is found without."""
+    if data.clock(*roles) is not None:
+        return {}
+    return {"time": {"name": TO_FILL_IN, "unit": "s"}}
+
+
+def _motion_columns(data: DataFile, joints: int, torque: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    columns: dict[str, Any] = {}
+    sides: set[Side] = set()
+    for j in range(1, joints + 1):
+        meant = chosen(data.guesses, ["q"], j, single=joints == 1, prefer="reference")
+        columns[f"q{j}"] = _entry(meant)
+        sides |= {g.side for g in meant[:1]}
+    for signal in ("dq", "ddq"):
+        each = [chosen(data.guesses, [signal], j, single=joints == 1, prefer="reference") for j in range(1, joints + 1)]  # type: ignore[list-item]
+        if all(len(meant) == 1 and meant[0].side in sides for meant in each):
+            columns |= {f"{signal}{j}": _entry(meant) for j, meant in enumerate(each, start=1)}
+    note = (
+        ""
+        if sides == {"reference"}
+        else "whether these are set points or measured positions could not be seen: it must be the set points"
+    )
+    return columns, note
+
+
+def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
+    columns, note = {}, ""
+    for j in range(1, joints + 1):
+        meant = chosen(data.guesses, TORQUES, j, single=joints == 1, prefer="measured")
+        columns[f"tau{j}"] = _entry(meant)
+        if len(meant) == 1 and meant[0].role == "current":
+            columns[f"tau{j}"] = {
+                "name": meant[0].name,
+                "unit": meant[0].unit or "A",
+                "torque_constant": TO_FILL_IN,
+                "gear_ratio": TO_FILL_IN,
+            }
+            note = (
+                "torque_constant: N.m/A, of the same kind of ampere; gear_ratio: turns of the motor in one of a joint"
+            )
+    return columns, note
+
+
+def _entry(meant: list[Guess]) -> Any:
+    """A column of the case: its name, with its unit where that is not SI."""
+    if len(meant) != 1:
+        return TO_FILL_IN
+    name, unit = meant[0].name, meant[0].unit
+    known = known_unit(unit) if unit else None
+    return name if known is None or (known.factor == 1 and unit != "1") else {"name": name, "unit": unit}
+
+
+def _used(data: DataFile, columns: dict[str, Any]) -> Iterator[Guess]:
+    names = {entry["name"] if isinstance(entry, dict) else entry for entry in columns.values()}
+    return (g for g in data.guesses if g.name in names)
+
+
+def _listed(data: DataFile) -> str:
+    return ", ".join(data.table.columns)
+
+
+def _joint_types(found: Inventory) -> list[tuple[str, str]]:
+    """Type of each joint, and why."""
+    made = []
+    for j in range(1, found.joint_count + 1):
+        units = [
+            g.unit for d in found.data for g in d.guesses if g.joint in (j, None) and g.role in ("q", "tau") and g.unit
+        ]
+        powers = [known.powers for unit in units if (known := known_unit(unit)) is not None]
+        slides = {"m": 1} in powers or {"kg": 1, "m": 1, "s": -2} in powers
+        turns = {"rad": 1} in powers or {"kg": 1, "m": 2, "s": -2} in powers
+        kind = "prismatic" if slides and not turns else "revolute" if turns and not slides else TO_FILL_IN
+        made.append((kind, f"by its unit {units[0]}" if kind != TO_FILL_IN else "revolute or prismatic"))
+    return made
+
+
+def _controller(found: Inventory, law: str | None) -> str:
+    kinds = (
+        [joint.type for joint in found.robot[1].joints] if found.robot else [kind for kind, _ in _joint_types(found)]
+    )
+    common = set(LAWS["pd"].model_fields) - {"Kp", "Kd", "velocity"}
+    keys = {name: {k: f for k, f in form.model_fields.items() if k not in common} for name, form in LAWS.items()}
+    rates = [run.reference.rate_hz("q") for run in runs(found)]
+    return _rendered(
+        "controller.yaml.j2", law=law, laws=LAWS, keys=keys, kinds=kinds, edit=TO_FILL_IN,
+        rate=rates[0] if rates else None, summary={n: (f.__doc__ or "").split("\n\n")[0] for n, f in LAWS.items()},
+    )  # fmt: skip
+
+
+def _told(found: Inventory) -> Iterator[tuple[str, str, str]]:
+    words = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "torque", "other": "not used"}
+    for data in found.data:
+        for clock in dict.fromkeys(data.table.times.values()) or [data.clock()]:
+            rate = data.rate_hz() if clock and not data.table.times else None
+            if clock:
+                yield data.path.name, clock, f"time{f', {rate:g} Hz' if rate else ''}"
+        for g in data.guesses:
+            joint = f" of joint {g.joint}" if g.joint is not None and g.role != "other" else ""
+            side = f" ({g.side})" if g.side else ""
+            yield data.path.name, g.name, f"{words.get(g.role, g.role)}{joint}{side}"
+        for note in data.table.notes:
+            yield data.path.name, "", note
+
+
+def _path(path: Path, out: Path) -> str:
+    """A path as the case names it: in the data folder, relative to the case, else absolute."""
+    root, own = data_folder(Path(out)).resolve(), path.resolve()
+    if own.is_relative_to(root):
+        return f"{DATA_PREFIX}{own.relative_to(root).as_posix()}"
+    return Path(os.path.relpath(own, out.resolve())).as_posix()
+
+
+def _flow(value: Any) -> str:
+    """A value in one line of YAML."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000)
+    return text.strip().removesuffix("\n...").strip()
+
+
+def _rendered(template: str, **values: Any) -> str:
+    return _environment().get_template(template).render(**values)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("fmu_didim.workflow.init", "."), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True, autoescape=False,
+    )  # fmt: skip
+    environment.filters["yaml"] = _flow
+    return environment

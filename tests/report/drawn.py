@@ -1,0 +1,34 @@
+"""The charts of a page as they are written in it, decoded without the code that wrote them."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.signals import Array
+
+
+def charts(page: str) -> dict[str, Any]:
+    """Name of each chart -> its JSON."""
+    found = re.findall(r'<script type="application/json" id="chart-([^"]+)">(.*?)</script>', page, re.S)
+    return {name: json.loads(text) for name, text in found}
+
+
+def values(coded: Any) -> Array:
+    """Numbers (N,) of a coded array."""
+    if "count" in coded:
+        return np.asarray(coded["first"] + coded["step"] * np.arange(coded["count"]))
+    if "floats" in coded:
+        return np.frombuffer(base64.b64decode(coded["floats"]), dtype="<f4").astype(float)
+    steps = np.frombuffer(base64.b64decode(coded["steps"]), dtype="<u2").astype(float)
+    return np.where(steps > 65_534, np.nan, coded["low"] + coded["scale"] * steps)
+
+
+def line(chart: Any, panel: int, name: str) -> tuple[Array, Array]:
+    """Instants and values of a series of a panel."""
+    found = next(series for series in chart["panels"][panel]["series"] if series["name"] == name)
+    return values(chart["axes"][found["x"]]), values(found["y"])

@@ -1,0 +1,167 @@
+"""What charts hold: values as they are written, residuals in bins, spectra, correlations, the loop, the matrix."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fmu_didim.report.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
+from fmu_didim.report.diagram import Wire, loop_diagram, wires
+from fmu_didim.report.figures import plotly_figure
+from fmu_didim.report.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
+from fmu_didim.report.tables import matrix
+from fmu_didim.report.torque_charts import Simulated, torque_chart
+from tests.report.drawn import charts, line
+
+RANDOM = np.random.default_rng(3)
+
+
+def chart(*series: Series, **panel: object) -> Chart:
+    return Chart("c", "A chart", [Panel("y", series, **panel)], "x")  # type: ignore[arg-type]
+
+
+def written(shown: Chart) -> object:
+    return charts(f'<script type="application/json" id="chart-c">{chart_json(shown)}</script>')["c"]
+
+
+@pytest.mark.parametrize(
+    "y",
+    [np.sin(np.arange(500.0)), np.arange(5.0), np.logspace(-9, 3, 200), np.full(300, 2.5), np.zeros(200)],
+    ids=["wave", "short", "decades", "constant", "zero"],
+)
+def test_values_are_written_to_what_can_be_seen(y: np.ndarray) -> None:
+    y = y.copy()
+    y[2] = np.nan
+    found_x, found = line(written(chart(Series("a", np.arange(y.size) / 200, y, "final"))), 0, "a")
+    np.testing.assert_allclose(found_x, np.arange(y.size) / 200, atol=1e-9)
+    assert np.isnan(found[2])
+    spread = np.nanmax(y) - np.nanmin(y)
+    is_wide = np.nanmin(np.abs(y[y > 0]), initial=1.0) < np.nanmax(np.abs(y)) / 1e3
+    np.testing.assert_allclose(found, y, rtol=1e-6, atol=0.0 if is_wide else 1.6e-5 * spread)
+
+
+def test_axes_that_are_not_even_are_written_as_they_are() -> None:
+    x = np.array([0.0, 0.1, 0.2, 0.5, 0.6])
+    np.testing.assert_allclose(line(written(chart(Series("a", x, x, "final"))), 0, "a")[0], x, rtol=1e-6)
+
+
+def test_text_cannot_leave_its_script() -> None:
+    text = str(chart_json(chart(Series("</script><b>&", np.arange(3.0), np.arange(3.0), "final"))))
+    assert not re.search(r"[<>&]", text)
+
+
+def test_long_lines_are_thinned_and_points_are_not() -> None:
+    x = np.arange(50_000.0)
+    shown = chart(Series("a", x, np.sin(x), "final"), Series("b", x, x, "measured", "points"))
+    points = points_per_trace([shown] * 4)
+    thinned = limited(shown, points)
+    assert thinned.panels[0].series[0].x.size <= points + 2
+    assert thinned.panels[0].series[1].x.size == x.size
+
+
+def test_bounds_of_the_spectrum_and_of_the_correlations_hold_for_white_noise() -> None:
+    inside_density, inside_correlation = [], []
+    for _ in range(200):
+        noise = RANDOM.normal(0, 0.3, 1000)
+        frequency, density, (low, high) = spectrum(noise, 100.0)
+        inside_density.append(np.mean((density[1:-1] > low) & (density[1:-1] < high)))
+        inside_correlation.append(np.mean(np.abs(autocorrelation(noise, 40)) < 1.96 / np.sqrt(1000)))
+        assert frequency[-1] == pytest.approx(50.0)
+    assert np.mean(inside_density) == pytest.approx(0.95, abs=0.02)
+    assert np.mean(inside_correlation) == pytest.approx(0.95, abs=0.02)
+
+
+def test_spectrum_and_correlation_of_noise_with_a_memory() -> None:
+    """e_t = 0.8 e_(t-1) + u_t has the correlations 0.8^k and the density 2 s^2 / f / |1 - 0.8 exp(-i w)|^2."""
+    noise = lfilter([1.0], [1.0, -0.8], RANDOM.normal(0, 1.0, 200_000))
+    np.testing.assert_allclose(autocorrelation(noise, 5), 0.8 ** np.arange(1, 6), atol=0.02)
+    frequency, density, (_, high) = spectrum(noise, 100.0)
+    theory = 2 / 100.0 / np.abs(1 - 0.8 * np.exp(-2j * np.pi * frequency / 100.0)) ** 2
+    low = frequency < 5
+    assert np.mean(density[low] / theory[low]) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(density[low] > high) > 0.95
+
+
+def test_what_needs_a_grid_takes_the_longest_even_stretch() -> None:
+    time = np.delete(np.arange(200) / 50, [40, 41])
+    assert longest_even(time) == slice(40, 198)
+    residual = {"residual": ("residual", np.ones(198))}
+    assert [c.name for c in colour_charts("1", "a", time, [residual], ["N.m"])] == ["spectrum-1", "autocorrelation-1"]
+    assert colour_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
+
+
+def test_torque_is_drawn_at_the_control_rate_within_the_log() -> None:
+    time, every = np.arange(1, 11) / 10, np.arange(0, 1500) / 1000
+    model = Simulated(np.zeros((10, 2)), every, np.column_stack([every, -every]))
+    shown = torque_chart(
+        "t", "a", time, np.ones((10, 2)), {"simulated": model}, ["N.m", "N"], percent=[4.83], noise=[0.1]
+    )
+    simulated = shown.panels[2].series[1]
+    assert (simulated.x[0], simulated.x[-1]) == (pytest.approx(0.1), pytest.approx(1.0))
+    np.testing.assert_allclose(simulated.y, -simulated.x)
+    assert shown.panels[1].range == (-0.2, 0.2)
+    assert shown.panels[3].range is None
+    assert [panel.label for panel in shown.panels] == ["torque (N·m)", "residual (N·m)", "force (N)", "residual (N)"]
+    assert shown.panels[0].head == "Joint 1, relative error 4.83 %"
+    np.testing.assert_allclose(shown.panels[1].series[0].y, 1.0)  # at the samples, not along the dense line
+
+
+def test_figure_for_notebooks_has_the_same_lines_and_no_button_that_sends() -> None:
+    shown = chart(Series("a", np.arange(3.0), np.arange(3.0), "base"), head="Joint 1")
+    figure = plotly_figure(shown)
+    assert figure.data[0].line.dash == "dash"
+    assert figure.layout.annotations[0].text == "<b>Joint 1</b>"
+    assert {"sendChartToCloud", "sendDataToCloud"} <= set(figure.layout.modebar.remove)
+
+
+LOOP = {
+    "order": ["controller", "actuator_lag2", "plant"], "step_size_s": 0.004, "delay_samples": {"plant": 0.4},
+    "ticks_per_step": {"controller": 2}, "outputs_after_step": ["controller"],
+    "components": {
+        "controller": {"kind": "fmu", "source": "a/vendor.fmu", "fmi_version": "2.0", "interface": "co-simulation"},
+        "actuator_lag2": {"kind": "model", "name": "<lag>"}, "plant": {"kind": "model", "source": "robot.yaml"},
+    },
+    "connections": [
+        "controller.q_ref1 <- 1 * reference.q1", "controller.q_ref2 <- 1 * reference.q2",
+        "controller.q1 <- 1 * plant.q1", "plant.tau1 <- 35.15 * controller.command1",
+        "actuator_lag2.u <- 1 * controller.command2", "plant.tau2 <- 1 * actuator_lag2.y",
+    ],
+}  # fmt: skip
+
+
+def test_wires_join_the_connections_of_two_components() -> None:
+    assert wires(LOOP["connections"])[:3] == [
+        Wire("reference", "controller", ("q",), (1.0,)), Wire("plant", "controller", ("q",), (1.0,)),
+        Wire("controller", "plant", ("command",), (35.15,)),
+    ]  # fmt: skip
+    assert Wire("a", "b", ("x",), (35.15,)).text == "x × 35.15"
+
+
+def test_drawing_of_the_loop_shows_rate_order_delay_and_gain() -> None:
+    drawn = str(loop_diagram(LOOP))
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", drawn)
+    for text in (
+        "vendor.fmu",
+        "FMI 2.0 co-simulation",
+        "delay 0.4",
+        "command × 35.15",
+        "a row every 4 ms",
+        "&lt;lag&gt;",
+    ):
+        assert text in texts, text
+    assert any(text.startswith("1. in a step, 125 Hz") for text in texts)  # a period of two ticks
+    assert "3. in a step, 250 Hz" in texts
+    assert drawn.count('class="wire"') == 5
+    assert loop_diagram({"step_size_s": 0.01, "order": ["controller", "plant"]}) is None
+
+
+def test_matrix_has_two_hues_and_no_negative_zero() -> None:
+    found = matrix("m", ["a", "b"], {"a": [1.0, -0.001], "b": [None, -0.5]}, largest=1.0)
+    assert [[(c.text, c.sign, c.size) for c in row] for _, row in found.rows] == [
+        [("1.00", 1, 60), ("0.00", -1, 0)], [("–", 1, 0), ("-0.50", -1, 30)]
+    ]  # fmt: skip
+    assert found.shows_values
+    assert not matrix("m", [str(k) for k in range(20)], {}, largest=1.0).shows_values

@@ -1,0 +1,178 @@
+"""What a person sees in a terminal, and a script in a pipe."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from fmu_didim import console
+from fmu_didim.cli import main
+from fmu_didim.console import Display, show, since_start
+from fmu_didim.prediction.iteration import Iteration
+
+
+def terminal() -> tuple[Console, io.StringIO]:
+    stream = io.StringIO()
+    return Console(file=stream, force_terminal=True, color_system="standard", width=100, legacy_windows=False), stream
+
+
+def step(number: int, error: float = 5.0, note: str = "") -> Iteration:
+    return Iteration("didim", number, np.zeros(2), error, 1e-3, note=note)
+
+
+@pytest.mark.parametrize(
+    ("text", "styled"),
+    [
+        ("VALID: converged", "\x1b[1;32mVALID: converged\x1b[0m"),
+        ("READY: nothing stands against it", "\x1b[1;32mREADY"),
+        ("READY, with doubts", "\x1b[1;33mREADY, with doubts"),
+        ("NAMED: all", "\x1b[1;32mNAMED: all"),
+        ("NAMED IN PART: some", "\x1b[1;33mNAMED IN PART: some"),
+        ("NAMED, WITH DOUBTS: x", "\x1b[1;33mNAMED, WITH DOUBTS: x"),
+        ("THE EXPERIMENTS DO NOT AGREE: x", "\x1b[1;33mTHE EXPERIMENTS DO NOT AGREE: x"),
+        ("UNKNOWN: x", "\x1b[1;31mUNKNOWN: x"),
+        ("DOUBTFUL: see below", "\x1b[1;33mDOUBTFUL"),
+        ("REFUSED: no answer", "\x1b[1;31mREFUSED"),
+        ("INVALID words [bold]stay[/bold] as they are", "INVALID words [bold]stay[/bold] as they are"),
+        # A name in a file steers no terminal.
+        ("column \x1b[31mred\x07", "column \\x1b[31mred\\x07"),
+    ],
+)
+def test_colours(text: str, styled: str) -> None:
+    made, stream = terminal()
+    show(text, console=made)
+    assert styled in stream.getvalue()
+
+
+def test_no_colours_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    show("VALID: converged")
+    assert capsys.readouterr().out == "VALID: converged\n"
+
+
+def test_live_table_ends_as_a_table() -> None:
+    made, stream = terminal()
+    with Display(console=made) as display:
+        display.say("Identifying ...")
+        for number in range(1, 15):
+            display.iteration(step(number, note="[odd] \x1b" if number == 3 else ""))
+    last = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", stream.getvalue()).rpartition("torque error")[2]
+    assert [f"didim {n} " in last for n in range(1, 15)] == [True] * 14
+    assert "[odd] \\x1b" in last
+
+
+def test_counters_write_over_each_other() -> None:
+    made, stream = terminal()
+    with Display(console=made) as display:
+        for text in ("screening", "fitting candidate 1 of 3", "fitting candidate 2 of 3", "round 2"):
+            display.say(text)
+    lines = [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", stream.getvalue()).split("\n") if line.strip()]
+    kept = [line for line in lines if re.search(r" s  ", line)]
+    assert any("screening" in line for line in kept)
+
+
+def test_lines_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    with Display() as display:
+        display.say("Reading case.yaml")
+        display.iteration(step(1))
+        display.iteration(step(2, float("nan"), "restarted"))
+    first, second, third = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r" *\d+\.\d s  Reading case\.yaml", first)
+    assert "didim 1: torque error   5.000 %, change 1.00e-03" in second
+    assert "no simulation" in third and third.endswith("[restarted]")
+
+
+def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with Display(quiet=True) as display:
+        display.say("Reading")
+        display.iteration(step(1))
+    assert capsys.readouterr().out == ""
+
+
+def test_log_goes_to_standard_error_as_it_is_then(capsys: pytest.CaptureFixture[str]) -> None:
+    handler = console.CurrentStderr()
+    handler.emit(logging.LogRecord("fmu_didim", logging.INFO, "", 0, "compiling", None, None))
+    assert capsys.readouterr().err == "compiling\n"
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").is_file(), reason="the system does not tell when a process began")
+def test_time_counts_from_the_start_of_the_process() -> None:
+    code = "import time; time.sleep(0.7); from fmu_didim.console import since_start; print(since_start())"
+    before = time.perf_counter()
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert 0.68 <= float(out) <= time.perf_counter() - before + 0.02
+    assert since_start() > 0
+
+
+def test_json_of_all_that_has_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", "examples/scara/identify.yaml", "--json", "--out", str(tmp_path / "out")]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document == json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    assert main(["check", "examples/scara/identify.yaml", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ready"] is True
+    assert {d["severity"] for d in found["diagnostics"]} <= {"remark"}
+    assert main(["identify", str(tmp_path / "none.yaml"), "--json"]) == 1
+    assert "does not exist" in json.loads(capsys.readouterr().out)["error"]
+
+
+VERBS = (
+    *(["campaign", name] for name in ("run", "retry", "status", "report", "show")),
+    ["identify"], ["check"], ["simulate"], ["discover"], ["export"], ["init"], ["validate"], ["schema"], ["effects"],
+    ["completion"], ["fmu", "info"], ["fmu", "check"], ["cache", "show"], ["cache", "clear"], [],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_every_help_ends_with_examples(verb: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*verb, "--help"])
+    text = capsys.readouterr().out
+    examples = text.rpartition("examples:\n")[2]
+    assert " ".join(["fmu-didim", *verb]) in examples
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals")
+def test_identify_in_a_terminal(tmp_path: Path) -> None:
+    import pty
+
+    leader, follower = pty.openpty()
+    command = [
+        sys.executable,
+        "-m",
+        "fmu_didim.cli",
+        "identify",
+        "examples/scara/identify.yaml",
+        "--out",
+        str(tmp_path),
+    ]
+    run = subprocess.Popen(
+        command, stdout=follower, stderr=follower, env={**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    )
+    os.close(follower)
+    shown = b""
+    while True:
+        try:
+            part = os.read(leader, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        shown += part
+    os.close(leader)
+    assert run.wait() == 0
+    text = shown.decode("utf-8", "replace")
+    assert "\x1b[1;32mVALID" in text
+    assert "\x1b[?25l" in text and text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")  # the cursor comes back
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
+    assert "torque error" in plain and "finish 1" in plain
