@@ -223,7 +223,7 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
 #endif
 #ifdef ERROR_LATER
     static long ever_stepped;
-    if (++ever_stepped > 2000) return fail(s, ERROR, "the licence has run out");
+    if (++ever_stepped > 1200) return fail(s, ERROR, "the licence has run out");
 #endif
 #ifdef EXIT_IN_STEP
     if (s->steps >= 3) exit(7);
@@ -274,6 +274,9 @@ EXPORT Status fmi2SetFMUstate(Component c, void *state) {
     return OK;
 }
 EXPORT Status fmi2FreeFMUstate(Component c, void **state) {
+#ifdef ABORT_IN_FREE_STATE
+    abort();
+#endif
     free(*state);
     *state = NULL;
     return OK;

@@ -151,6 +151,19 @@ def _parquet(rng: random.Random) -> bytes:
     return _damaged(rng, stream.getvalue())
 
 
+def _hdf5(rng: random.Random) -> bytes:
+    import h5py
+
+    table, stream = _table(rng), io.BytesIO()
+    with h5py.File(stream, "w", userblock_size=rng.choice((0, 512))) as file:
+        for name, column in zip(("t", "q1", "group/tau1"), table.T, strict=True):
+            data = file.create_dataset(name, data=column, compression=rng.choice((None, "gzip")))
+            data.attrs["unit"] = rng.choice(("s", "rad", "deg"))
+        if rng.random() < 0.5:
+            file["text"], file["rows"] = "text", np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")])
+    return _damaged(rng, stream.getvalue())
+
+
 def _fmu(rng: random.Random, description: bytes, *, stem: str, major: int) -> bytes:
     stream = io.BytesIO()
     folder = fmpy.platform_tuple if major == 3 else fmpy.platform
@@ -232,6 +245,7 @@ KINDS: Mapping[str, Kind] = {
     "csv": Kind(".csv", _csv, read_trajectory),
     "mat": Kind(".mat", _mat, read_trajectory),
     "parquet": Kind(".parquet", _parquet, read_trajectory),
+    "hdf5": Kind(".h5", _hdf5, read_trajectory),
     "fmu-xml": Kind(".fmu", _fmu_xml, _load),
     "fmu-archive": Kind(".fmu", _fmu_archive, _load),
     "ssp": Kind(".ssp", _ssp, read_ssp),

@@ -547,6 +547,7 @@ def probed(folder: Path, *macros: str, **options: str) -> FmuProbe:
         (("TUNABLE_IGNORED",), "reset", "WITHOUT EFFECT in a run: a, d"),
         (("RESET_KEEPS_PARAMETERS",), "state", "reset: does not restore"),
         (("EXIT_IN_STEP",), "fresh process", "does not run: The FMU ended its process"),
+        (("ABORT_IN_FREE_STATE",), "reset", "saved state: The FMU crashed its process (SIGABRT"),
     ],
 )
 @pytest.mark.usefixtures("no_leaks")
