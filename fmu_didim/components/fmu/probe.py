@@ -37,6 +37,10 @@ from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import SimulationError
 
 _FORMAT = 5
+FIRST_QUESTIONS = 4
+"""Questions about running again at most, among which the time for all is divided."""
+SHORTEST_LIMIT = 10.0
+"""Seconds that such a question gets at least."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +197,7 @@ class _Asking:
         self, component: FmuComponent, h: float, limit: float, whole: float, say: Callable[[str], None]
     ) -> None:
         self._component, self._h, self._limit, self._say = component, h, limit, say
+        self._first = min(limit, max(whole / FIRST_QUESTIONS, SHORTEST_LIMIT))
         self._ends = clock.monotonic() + whole
         self._process = Reused(str(component.path))
         self.ended: list[str] = []
@@ -207,7 +212,7 @@ class _Asking:
     def facts(self) -> Facts:
         """How it is run again."""
         self._say("whether it can be run again")
-        return ask_facts(self._component, self._h, self._limit)
+        return ask_facts(self._component, self._h, self._first)
 
     def __call__(self, question: Callable[..., Any], *arguments: Any) -> Any:
         name = trial_name(question)
