@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
+FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -63,7 +64,8 @@ def _with_line(error: FmuDidimError, options: argparse.Namespace) -> FmuDidimErr
     if isinstance(case, Path) and is_file(case) and key is not None:
         from fmu_didim.documents import Lines
 
-        error.locate(Lines(case).of(key[0].split("."), whole=True))
+        if line := Lines(case).of(key[0].split("."), whole=True):
+            error.locate(f"{case}, {line}")
     return error
 
 
@@ -114,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for verb in add_prepare_verbs(commands, parser=parser):
-        _add_common(verb)
+        _add_common(verb, code=True)
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)
@@ -137,6 +139,7 @@ def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
 def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
+    one.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(one, "the result")
     checked = _case_verb(commands, "check", _check, "look at a case before any long work", optional=True)
     checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
@@ -156,6 +159,7 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument(
         "--time-limit", type=float, metavar="SECONDS", help="end with the best answer so far; the exit code is 3 then"
     )
+    found.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(found, "the findings")
 
 
@@ -281,7 +285,9 @@ def _identify(options: argparse.Namespace) -> int:
         result_folder(out).check()
         case = load_case(options.case)
         display.say(f"Identifying {case.name} ...")
-        outcome = identify(case, out=out, progress=display.iteration, show=_summary_on(display, options))
+        outcome = identify(
+            case, out=out, figures=options.figures, progress=display.iteration, show=_summary_on(display, options)
+        )
     if options.json:
         print(outcome.document.model_dump_json(indent=1, by_alias=True))
         return outcome.exit_code
@@ -334,7 +340,7 @@ def _discover(options: argparse.Namespace) -> int:
         found = discover(
             options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
             rounds=options.rounds, seed=options.seed, time_limit=options.time_limit, progress=display.say,
-            show=_summary_on(display, options),
+            show=_summary_on(display, options), figures=options.figures,
         )  # fmt: skip
     if options.json:
         print((out / "findings.json").read_text(encoding="utf-8"))

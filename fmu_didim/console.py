@@ -19,12 +19,17 @@ if TYPE_CHECKING:
     from fmu_didim.prediction.iteration import Iteration
 
 _IMPORTED = time.perf_counter()
+YELLOW = "bold yellow"
 _STYLES = (
-    (r"(?m)^(VALID|READY(?!,)|No mistakes)\b.*", "bold green"),
-    (r"(?m)^(DOUBTFUL|NOT SETTLED|UNFINISHED|READY, with doubts)\b.*", "bold yellow"),
-    (r"(?m)^(REFUSED|NOT READY)\b.*", "bold red"),
+    (r"(?m)^((VALID|READY|NAMED|NOTHING MISSING):|No mistakes).*", "bold green"),
+    (
+        r"(?m)^(DOUBTFUL|NOT SETTLED|NOT FINISHED|NAMED IN PART|NAMED, WITH DOUBTS|NOTHING FOUND|THE EXP[A-Z ]+):.*",
+        YELLOW,
+    ),
+    (r"(?m)^READY, with doubts.*", YELLOW),
+    (r"(?m)^(REFUSED|NOT READY|UNKNOWN):.*", "bold red"),
     (r"(?m)^PROBLEM\b", "bold red"),
-    (r"(?m)^DOUBT\b", "bold yellow"),
+    (r"(?m)^DOUBT\b", YELLOW),
     (r"(?m)^\s*Next:", "cyan"),
     (r"\[[a-z]+(-[a-z]+)*\]$", "dim"),
     (r"(?m)^\s+(where|got|valid|next|code):", "cyan"),

@@ -188,7 +188,10 @@ class _Loader(yaml.SafeLoader):
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
-            return super().construct_object(node, deep=deep)
+            found = super().construct_object(node, deep=deep)
+            if isinstance(found, str):
+                found.encode("utf-8")  # half of a character, written as an escape, is none
+            return found
         except (ValueError, OverflowError) as error:  # such as the 30th of February, or five thousand digits
             raise ConstructorError(None, None, str(error), node.start_mark) from error
 

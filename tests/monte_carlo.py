@@ -1,7 +1,9 @@
 """Monte Carlo of the SCARA identification: coverage of the intervals and efficiency.
 
     python -m tests.monte_carlo --rate 10 --seeds 1000 --json monte_carlo_10hz.json
-    python -m tests.monte_carlo --rate 200 --noise half-coloured --low-pass 4
+    python -m tests.monte_carlo --rate 200 --noise half-coloured --low-pass 4 --out results/coloured
+
+These run as campaigns; the tests call the estimator alone.
 
 For each seed, normal noise of 5 % of each joint's RMS torque is added to the simulated torque of the truth,
 and the robot is identified. The noise is white, or half of its power is a first-order autoregression of 50 ms.
@@ -13,14 +15,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
+import sys
+import tempfile
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy import signal, stats
+import yaml
+from scipy import optimize, stats
 
+from fmu_didim.campaigns.campaign import study
+from fmu_didim.campaigns.truth import unit_noise
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
 from fmu_didim.prediction.fit import point
@@ -30,10 +36,9 @@ from fmu_didim.prediction.weighting import NoiseOfResidual
 from tests.helpers import ROOT, with_torque
 
 RATES = (4, 10, 20, 50, 200)
+CASE = ROOT / "examples/scara/identify_200hz.yaml"
 NOISE = 0.05
 MEMORY_S = 0.05
-SPIN_UP = 20
-"""Memories of coloured noise before the log begins."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +63,13 @@ class Design:
 
 def half_coloured(rng: np.random.Generator, shape: tuple[int, int], rate_hz: float) -> np.ndarray:
     """Noise of variance one, half of it white and half a first-order autoregression with a memory of 50 ms."""
-    rho = np.exp(-1 / (rate_hz * MEMORY_S))
-    before = int(np.ceil(SPIN_UP * MEMORY_S * rate_hz))
-    driven = rng.normal(size=(before + shape[0], shape[1])) * np.sqrt(1 - rho**2)
-    slow = signal.lfilter([1.0], [1.0, -rho], driven, axis=0)[before:]
-    return np.sqrt(0.5) * (slow + rng.normal(size=shape))
+    return unit_noise(rng, np.arange(shape[0]) / rate_hz, shape[1], coloured=0.5, memory_s=MEMORY_S)
 
 
 @lru_cache
 def context(rate_hz: int) -> DesignContext:
     """The SCARA example with torque at ``rate_hz``."""
-    case = load_case(ROOT / "examples/scara/identify_200hz.yaml").with_(train={"torque": {"rate_hz": rate_hz}})
+    case = load_case(CASE).with_(train={"torque": {"rate_hz": rate_hz}})
     model = case.model
     assert model is not None
     torque = model.torque(model.start)
@@ -151,14 +152,38 @@ def summarise(design: Design, runs: list[dict[str, list[float]]]) -> Summary:
     )
 
 
-def run(design: Design, seeds: int, *, processes: int = 1) -> Summary:
-    """Identify once for each seed 0 ... seeds - 1."""
-    context(design.rate_hz)
-    work = [(design, seed) for seed in range(seeds)]
-    if processes == 1:
-        return summarise(design, [one_seed(*item) for item in work])
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        return summarise(design, pool.starmap(one_seed, work, chunksize=10))
+def run(design: Design, seeds: int) -> Summary:
+    """Identify once for each seed 0 ... seeds - 1: the estimator alone, in this process."""
+    return summarise(design, [one_seed(design, seed) for seed in range(seeds)])
+
+
+def campaign(design: Design, seeds: int, out: Path, *, workers: int) -> Summary:
+    """The same by the verb ``identify``, as a campaign that is resumed; raises where runs gave no values."""
+    case = yaml.safe_load(CASE.read_text(encoding="utf-8"))
+    case["train"]["torque"]["rate_hz"] = design.rate_hz
+    del case["validation"]
+    case["estimator"] = {"kind": "didim", "start": "reference", "tolerance": 1e-5}
+    if design.low_pass_hz:
+        case["low_pass"] = {"cutoff_hz": design.low_pass_hz}
+    noise = {"relative": NOISE, "coloured": 0.5 if design.coloured else 0.0, "memory_s": MEMORY_S}
+    found = study(case, vary={}, seeds=seeds, noise=noise, name="Monte Carlo", out=out, folder=CASE.parent)
+    results = found.run(workers=workers)
+    print(results.summary(), file=sys.stderr)
+    table = results.parameters()
+    assert table["id"].nunique() == seeds, "some runs gave no values: fmu-didim campaign show"
+    runs = []
+    for _, group in table.groupby("id", sort=False):
+        run = {key: group[key].tolist() for key in ("value", "std", "didim_value", "didim_std", "paper_std")}
+        half = (group["high"] - group["value"]).to_numpy()
+        runs.append({**run, "half": half.tolist(), "freedom": [_freedom(half[0] / group["std"].iloc[0])]})
+    return summarise(design, runs)
+
+
+def _freedom(factor: float) -> float:
+    """Degrees of freedom whose 95 % interval has this half width in standard deviations."""
+    if factor <= stats.norm.ppf(0.975) * (1 + 1e-9):
+        return 1e9
+    return float(optimize.brentq(lambda nu: stats.t.ppf(0.975, nu) - factor, 1.0, 1e9))
 
 
 def main() -> None:
@@ -169,10 +194,13 @@ def main() -> None:
     parser.add_argument("--low-pass", type=float, help="cut-off in Hz of the filter of torque and regressor")
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="folder of the campaign, to be resumed (a temporary one)")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     design = Design(options.rate, options.noise != "white", options.low_pass)
-    summary = run(design, options.seeds, processes=options.processes)
+    with tempfile.TemporaryDirectory() as scratch:
+        out = options.out or Path(scratch) / "run"
+        summary = campaign(design, options.seeds, out, workers=options.processes)
     filtered = f", low-pass filter at {options.low_pass:g} Hz" if options.low_pass else ""
     print(
         f"SCARA, torque at {options.rate} Hz, {options.noise} noise{filtered}, {options.seeds} seeds\n{summary.text()}"

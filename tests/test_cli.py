@@ -46,7 +46,11 @@ def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.Captur
     assert provenance["versions"]["casadi"]
     assert (tmp_path / "report.html").stat().st_size > 1e5
     torque = read_trajectory(tmp_path / document["signals"]["validation"])
-    assert torque.names == ("tau_measured1", "tau_measured2", "tau_simulated1", "tau_simulated2")
+    assert torque.names == (
+        *("tau_measured1", "tau_measured2", "tau_simulated1", "tau_simulated2"), "q1", "q2", "dq1", "dq2"
+    )  # fmt: skip
+    every = read_trajectory(tmp_path / document["simulated"]["validation"])
+    assert (every.names, every.time.size) == (("tau1", "tau2"), 2001)  # at 200 Hz
 
 
 def test_quiet_prints_the_table_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

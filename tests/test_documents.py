@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import tracemalloc
 from pathlib import Path
@@ -9,10 +10,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fmu_didim import identify, load_case
+from fmu_didim.case.document import read_case
 from fmu_didim.cli import main
 from fmu_didim.documents import LONGEST, MAXIMUM_BYTES, MAXIMUM_DEPTH, MAXIMUM_VALUES, load_yaml, validate
 from fmu_didim.errors import InputError
-from fmu_didim.robot import RobotDescription
+from fmu_didim.excitation import Chirp, ChirpJoint
+from fmu_didim.robot import RobotDescription, read_robot
+from tests.cases import scara_case
 
 
 def laughs(levels: int, width: int) -> str:
@@ -44,6 +49,7 @@ ATTACKS = {
     "five thousand digits": ("name: x\na: " + "9" * 5000, r"line 2, column 4"),
     "no such day": ("a: 2025-02-30", r"day.*[\s\S]*line 1, column 4"),
     "no tag of ours": ("a: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
+    "half of a character": ('a: "\\ud800"', "surrogates not allowed"),
     "no alias": ("a: *b", "undefined alias"),
     "a list as a key": ("? [1, 2]\n: 3", "unhashable key"),
     "a key twice": ("name: x\nrate: 1\nname: y\n", r"'name' occurs twice[\s\S]*line 3, column 1"),
@@ -121,3 +127,90 @@ def test_commands_refuse_them_too(tmp_path: Path, capsys: pytest.CaptureFixture[
     for arguments in (["check", str(path)], ["export", str(path)], ["simulate", str(path)]):
         assert main(arguments) == 1
         assert "The file is not valid YAML" in capsys.readouterr().err
+
+
+def case_text(**changes: object) -> str:
+    joints = [{"amplitude": 0.5}, {"amplitude": 0.3}]
+    chirp = {"kind": "chirp", "start_hz": 0.1, "stop_hz": 1.0, "duration_s": 10.0, "joints": joints}
+    case = {"name": "x", "robot": "robot.yaml", "controller": {"kind": "model", "source": "controller.yaml"},
+            "train": {"reference": chirp | changes, "torque": {"file": "log.csv"}}}  # fmt: skip
+    return yaml.safe_dump(case)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (case_text(duration_s=float("inf")), "duration_s: Input should be a finite number"),
+        (case_text(start_hz=float("nan")), "start_hz: Input should be a finite number"),
+        (case_text() + "loop: {rate_hz: .inf}\n", "rate_hz: Input should be a finite number"),
+        (case_text() + "loop: {drive_gains: [1.0, 0.0]}\n", "a drive with the gain 0 moves nothing"),
+        (case_text() + "estimator: {kind: didim, tolerance: .nan}\n", "tolerance must be a finite number"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=told):
+        read_case(tmp_path / "case.yaml")
+
+
+def test_gravity_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    robot = Path("fmus/scara/robot.yaml").read_text(encoding="utf-8") + "\n"
+    assert "gravity" in robot
+    changed = re.sub(r"gravity: .*", "gravity: [.nan, 0, 0]", robot)
+    (tmp_path / "robot.yaml").write_text(changed, encoding="utf-8")
+    with pytest.raises(InputError, match=r"gravity\.0: Input should be a finite number"):
+        read_robot(tmp_path / "robot.yaml")
+
+
+@pytest.mark.parametrize(("seconds", "rate"), [(1e300, 1e3), (1e6, 1e3), (10.0, 1e12), (10.0, 1e300)])
+def test_a_motion_longer_than_memory_is_refused(seconds: float, rate: float) -> None:
+    motion = Chirp(start_hz=0.1, stop_hz=1.0, duration_s=seconds, joints=(ChirpJoint(amplitude=1.0),))
+    with pytest.raises(InputError, match="too long for its rate"):
+        motion.trajectory(rate)
+
+
+def changed_case(folder: Path, entry: str, value: object) -> Path:
+    """The SCARA example with another entry of its torque log, its loop or its reference."""
+    content = yaml.safe_load(scara_case(folder, plant={"kind": "model"}).read_text(encoding="utf-8"))
+    *way, last = entry.split(".")
+    place = content
+    for key in way:
+        place = place.setdefault(key, {})
+    place[last] = value
+    (folder / "case.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "told"),
+    [
+        ("train.torque.rate_hz", 1e12, "The log has not so many samples"),
+        ("train.torque.rate_hz", 1e300, "The log has not so many samples"),
+        ("loop.rate_hz", 1e12, "too long for its rate"),
+        ("loop.rate_hz", 1e-9, "One instant is no motion"),
+        ("train.reference.duration_s", 1e-9, "One instant is no motion"),
+        ("loop.delay_s", 1e9, "A delay must be between 0 and 1000 samples"),
+        ("loop.drive_gains", [1.0, 2.0, 3.0], "One drive gain is needed for each joint"),
+        ("low_pass", {"cutoff_hz": 1e300}, "must lie below half the torque rate"),
+    ],
+)
+def test_numbers_beyond_all_sense_are_refused(tmp_path: Path, entry: str, value: object, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        identify(changed_case(tmp_path, entry, value))
+
+
+def test_a_window_longer_than_the_reference_is_refused(tmp_path: Path) -> None:
+    path = changed_case(tmp_path, "train.torque.sampling", "average")
+    text = path.read_text(encoding="utf-8").replace("sampling: average", "sampling: average\n    window_s: 1.0e+9")
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="window of the averages is longer than the reference"):
+        load_case(path)
+
+
+def test_a_command_needs_a_gain_for_each_joint(tmp_path: Path) -> None:
+    path = changed_case(tmp_path, "loop.drive_gains", [1.0, 2.0, 3.0])
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["train"]["torque"]["quantity"] = "command"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"One drive gain is needed for each joint[\s\S]*2 numbers"):
+        load_case(path)

@@ -133,6 +133,21 @@ def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
     assert gap.before is not None and gap.after is not None
     assert gap.after < 0.4 * gap.before
     assert (tmp_path / document.files["plant_fmu"]).is_file()
+    # The friction of joint 1 that was drawn is that of the found values, and near the true one where the arm moves.
+    (curve,) = document.friction
+    velocity, drawn, half = np.array(curve.velocity), np.array(curve.final), np.array(curve.half_width)
+    values = {
+        p.name: p.value for p in [*document.base_parameters, *(p for f in document.findings for p in f.parameters)]
+    }
+    sign = np.tanh(velocity / values["v0_1"])
+    formula = values["Fv1"] * velocity + values["Fc1"] * sign
+    formula += values["Fs1"] * sign * np.exp(-((velocity / values["vs_1"]) ** 2))
+    np.testing.assert_allclose(drawn, formula, rtol=1e-9)
+    true = np.array([script["friction"](np.array([v, 0.0]))[0] for v in velocity])  # type: ignore[operator]
+    moving = np.abs(velocity) > 0.3  # below, the other form of the true friction shows
+    assert np.abs(drawn - true)[moving].max() < 0.25
+    assert np.abs(np.array(curve.base) - true).max() > 3 * np.abs(drawn - true)[moving].max()
+    assert (half[moving] < 0.2).all()
     # The tables are what the script makes: the first rows, anew.
     series = yaml.safe_load(Path("examples/arm2r/discover.yaml").read_text())["train"]["reference"]
     time, torque = script["closed_loop"]({**series, "duration_s": 0.2})

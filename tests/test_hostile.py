@@ -107,6 +107,10 @@ ARCHIVES: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "backslashes.fmu": (lambda: fmu(**{"..\\..\\outside": b"x"}), "lies outside its folder"),
     "drive.fmu": (lambda: fmu(**{"C:outside": b"x"}), "lies outside its folder"),
     "outside.ssp": (lambda: zipped({"SystemStructure.ssd": b"<a/>", "../x": b""}), "lies outside of it"),
+    "nameless.fmu": (lambda: fmu(NAME=b"x").replace(b"NAME", b"\0AME"), "lies outside its folder"),
+    "nameless.ssp": (
+        lambda: zipped({"SystemStructure.ssd": b"<a/>", "NAME": b""}).replace(b"NAME", b"\0AME"), "lies outside of it"
+    ),
     "linked.ssp": (linked, "symbolic link"),
     "file-and-folder.fmu": (lambda: fmu(a=b"x", **{"a/b": b"x"}), "a file and a folder"),
     "long-name.fmu": (lambda: fmu(**{"resources/" + "n" * 300: b"x"}), "name that no file can have"),

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
 from fmu_didim.tables import read_trajectory
+from fmu_didim.tables.level5 import contents
 
 
 def write(path: Path, text: str) -> Path:
@@ -77,6 +80,9 @@ def test_written_csv_is_read_back(tmp_path: Path) -> None:
         ("t,q\n0,1\nnan,1\n", r"not finite"),
         ("t,q\n0,1\n1,2\n1,3\n", r"Time does not increase[\s\S]*row 2: t = 1 s after 1 s"),
         ("t,q\n0,1\n2,2\n1,3\n", r"row 2: t = 1 s after 2 s"),
+        ("t,q\n0,1\n1,1_0\n", r"not a row of numbers[\s\S]*line 3[\s\S]*1_0"),
+        ("t,q\n0,1\n1," + "9" * 200_000 + "\n", "not finite"),
+        ("t,q\n0,1\n1,\0\n", r"line 3|NUL"),
     ],
 )
 def test_bad_csv_is_refused(tmp_path: Path, text: str, problem: str) -> None:
@@ -143,3 +149,66 @@ def test_integers_become_floats() -> None:
     got = trajectory(np.array([0, 1, 2]), {"q": np.array([1, 2, 3])})
     assert got.values.dtype == float
     assert got.time.dtype == float
+
+
+def test_a_table_of_very_many_columns_takes_no_longer_for_each(tmp_path: Path) -> None:
+    names = [f"column_{i}" for i in range(20_000)]
+    table = "\n".join([",".join(["t", *names]), ",".join(["0"] * 20_001), ",".join(["1"] * 20_001)])
+    begun = time.process_time()
+    signals = read_trajectory(write(tmp_path / "wide.csv", table))
+    with pytest.raises(UnknownNameError, match=r"column_0, .* and 19940 others") as caught:
+        signals.select(["q1"])
+    assert time.process_time() - begun < 5
+    assert len(str(caught.value)) < 3000
+
+
+def matlab(folder: Path, content: Mapping[str, object], **options: object) -> Path:
+    savemat(folder / "a.mat", content, **options)
+    return folder / "a.mat"
+
+
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}], ids=str)
+def test_matlab_files_are_read_as_scipy_does(tmp_path: Path, options: dict[str, object]) -> None:
+    random = np.random.default_rng(1)
+    content: dict[str, object] = {"t": np.arange(7.0)[:, None] / 8, "q1": random.normal(size=7), "n": np.arange(7)}
+    if not options.get("format"):
+        content |= {
+            "single": random.normal(size=(1, 7)).astype(np.float32), "bits": np.arange(7, dtype=np.uint8),
+            "long": np.arange(7) * 2**40, "text": "left out", "s": {"a": 1.0}, "c": np.array([1, "x"], dtype=object),
+            "z": random.normal(size=7) + 1j, "one": 5.0, "table": random.normal(size=(7, 2)),
+        }  # fmt: skip
+    path = matlab(tmp_path, content, **options)
+    known = {k: v for k, v in loadmat(path).items() if isinstance(v, np.ndarray)}
+    known = {k: v for k, v in known.items() if v.size == 7 and v.dtype.kind in "fiu"}
+    signals = read_trajectory(path)
+    assert {"t", *signals.names} - {"table(1)", "table(2)"} == set(known) >= {"t", "q1", "n"}
+    for name in known.keys() - {"t"}:
+        np.testing.assert_array_equal(signals.column(name), np.ravel(known[name]))
+    np.testing.assert_array_equal(signals.time, np.arange(7) / 8)
+
+
+def test_a_table_in_a_matlab_file_has_the_order_of_its_rows(tmp_path: Path) -> None:
+    table = np.arange(6.0).reshape(3, 2)
+    raw = matlab(tmp_path, {"table": table}).read_bytes()
+    np.testing.assert_array_equal(contents(raw)["table"], table)
+
+
+DAMAGED = {
+    "an unknown type": (b"\x09\0\0\0\x38\0\0\0", b"\x7f\0\0\0\x38\0\0\0", "the values of a matrix are of the type 127"),
+    "too long": (b"\x09\0\0\0\x38\0\0\0", b"\x09\0\0\0\xff\xff\0\0", "reaches beyond its end"),
+    "less than it says": (b"\x07\0\0\0\x01\0\0\0", b"\x09\0\0\0\x01\0\0\0", r"of \[9, 1\] holds 7 numbers"),
+    "no flags": (b"\x06\0\0\0\x08\0\0\0", b"\x05\0\0\0\x08\0\0\0", "does not begin with its flags"),
+    "complex by a turned bit": (b"\x06\0\0\0\0\0\0\0", b"\x06\x08\0\0\0\0\0\0", "no time column"),
+}
+"""What is replaced in a sound file, by what, and what is told; SciPy's reader crashes on the first and the last."""
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_damaged_matlab_files_are_refused(tmp_path: Path, damage: str) -> None:
+    old, new, told = DAMAGED[damage]
+    path = matlab(tmp_path, {"t": np.arange(7.0)[:, None], "q": np.arange(7.0)[:, None]})
+    raw = path.read_bytes()
+    assert raw.count(old) == 2
+    path.write_bytes(raw.replace(old, new, 1))
+    with pytest.raises(InputError, match=told):
+        read_trajectory(path)

@@ -12,12 +12,12 @@ from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.campaigns.execute import FAILURES, Task, Trial, execute
+from fmu_didim.campaigns.execute import Task, Trial, execute
 from fmu_didim.campaigns.identity import code_digest
 from fmu_didim.campaigns.plan import Plan, Run
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, stop_lanes, task_of, try_tasks
-from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.store import FAILURES, Store
 from fmu_didim.campaigns.texts import duration
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
@@ -246,6 +246,7 @@ def study(
     vary: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     seeds: int | Iterable[int] = 1,
     out: Path | str | None = None,
+    folder: Path | str = ".",
     **entries: Any,
 ) -> Campaign:
     """A campaign without a file.
@@ -254,11 +255,11 @@ def study(
         case: a case, its file, or its content.
         vary, seeds: as in a campaign file; entries: all else of it (``noise``, ``truth``, ``verb``, ``keep``, ...).
         out: folder for its results, ``results/<name>`` by default.
+        folder: to which the paths of a content are relative.
 
     Raises:
         InputError: as of :func:`campaign`.
     """
-    folder: Path | str = "."
     if isinstance(case, Case):
         content: Any = case.content
         folder = case.folder

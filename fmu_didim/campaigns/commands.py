@@ -105,10 +105,10 @@ def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
 
 
 def _status(options: argparse.Namespace, say: Say) -> int:
-    from fmu_didim.campaigns.results import Results
+    from fmu_didim.campaigns.status import status_of
     from fmu_didim.campaigns.store import Store
 
-    status = Results(Store(options.folder)).status()
+    status = status_of(Store(options.folder))
     for line in status.lines():
         say(line)
     return NOT_DONE if status.open or sum(status.failures.values()) else 0

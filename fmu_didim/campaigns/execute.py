@@ -19,6 +19,7 @@ from typing import Any
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.plan import Content
+from fmu_didim.campaigns.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
 from fmu_didim.campaigns.truth import (
     Truth,
     hidden_effects,
@@ -36,10 +37,6 @@ from fmu_didim.identification.result import ResultDocument
 from fmu_didim.identification.start import start_values
 from fmu_didim.workflow import discover, identify
 
-ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
-CRASHED, TIME_LIMIT, MEMORY_LIMIT = "crashed", "time limit", "memory limit"
-FAILURES = (FAILED, CRASHED, TIME_LIMIT, MEMORY_LIMIT)
-"""Statuses of runs that came to no answer and to no refusal either."""
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
 """Of every worker: there are as many of them as cores."""
 
@@ -205,6 +202,10 @@ def _true(truth: Truth | None, own: Mapping[str, str], name: str) -> float | Non
     return value if with_it == own.get(name.partition("[")[0], "") else None
 
 
+_OF_FINDINGS = {"answer", "findings", "gap", "ratio_interval", "error_percent"}
+"""Entries of ``findings.json`` that a row keeps, as JSON."""
+
+
 def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> dict[str, Any]:
     """The row of a discovery."""
     known = partial(_true, truth, regrouped(case.parameters))
@@ -219,7 +220,7 @@ def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> di
         "answer": document.answer, "named": "+".join(f"{f.effect}@{f.joint}" for f in document.findings),
         "hidden": hidden_effects(truth.robot, case.robot) if truth is not None else None,
         "gap_before": gaps[0].before if gaps else None, "gap_after": gaps[0].after if gaps else None,
-        "findings": document.model_dump_json(include={"findings"}, by_alias=True), "parameters": parameters,
+        "findings": document.model_dump_json(include=_OF_FINDINGS, by_alias=True), "parameters": parameters,
     }  # fmt: skip
 
 

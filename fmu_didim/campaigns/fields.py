@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,16 @@ def changed(content: Any, path: str, value: Any, folder: Path) -> Any:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """The content of a description, its own references made absolute."""
+    """The content of a description, its own references made absolute; read once as long as the file stays as it is."""
+    try:
+        known = path.stat()
+    except OSError:
+        return _read(path, 0, 0)  # says what is wrong
+    return _read(path, known.st_mtime_ns, known.st_size)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, changed_ns: int, size: int) -> dict[str, Any]:
     content = load_yaml(path)
     if isinstance(content.get("robot"), str):
         content["robot"] = str((path.parent / content["robot"]).resolve())

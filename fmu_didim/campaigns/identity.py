@@ -20,6 +20,7 @@ from fmu_didim.identification.provenance import PACKAGES
 
 NAMING = ("file", "source", "robot", "system")
 """Keys under which a case or a description names a file."""
+PACKAGE = Path(__file__).parents[1]
 REMARKS = ("description", "obtain")
 """Keys that change no result."""
 _OBJECT = re.compile(r"^[\w./\\-]+:[A-Za-z_]\w*$")
@@ -35,10 +36,9 @@ def digest(value: Any) -> str:
 def code_digest() -> str:
     """The digest of the source of this package and of the versions of those that it computes with."""
     state = hashlib.sha256(json.dumps({name: version(name) for name in PACKAGES[1:]}).encode())
-    root = Path(__file__).parents[1]
-    for path in sorted(root.rglob("*")):
+    for path in sorted(PACKAGE.rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
-            state.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+            state.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
     return state.hexdigest()[:16]
 
 

@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+from pyarrow.csv import write_csv
+from pyarrow.parquet import write_table
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
@@ -51,10 +54,12 @@ def write_campaign_report(results: Results) -> list[Path]:
     written = []
     try:
         for name, frame in tables.items():
-            for suffix, write in ((".csv", _csv), (".parquet", _parquet)):
+            mixed = {column: frame[column].map(_text) for column in frame.columns if frame[column].dtype == object}
+            content = pa.Table.from_pandas(frame.assign(**mixed), preserve_index=False)
+            for suffix, write in ((".csv", write_csv), (".parquet", write_table)):
                 path = results.folder / f"{name}{suffix}"
                 with whole_file(path) as temporary:
-                    write(frame, temporary)
+                    write(content, temporary)
                 written.append(path)
         page = results.folder / REPORT_FILE
         with whole_file(page) as temporary:
@@ -62,15 +67,6 @@ def write_campaign_report(results: Results) -> list[Path]:
     except OSError as error:
         raise unwritable(results.folder, error) from error
     return [page, *written]
-
-
-def _csv(frame: pd.DataFrame, path: Path) -> None:
-    frame.to_csv(path, index=False)
-
-
-def _parquet(frame: pd.DataFrame, path: Path) -> None:
-    mixed = {name: frame[name].map(_text) for name in frame.columns if frame[name].dtype == object}
-    frame.assign(**mixed).to_parquet(path, index=False)
 
 
 def _text(value: Any) -> Any:

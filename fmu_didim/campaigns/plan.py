@@ -32,11 +32,13 @@ class Setting:
 
     Attributes:
         path: of the field; value: None takes the entry out; label: as tables show it.
+        drawn: whether the value is one of a range, so that hardly another run has it.
     """
 
     path: str
     value: Any
     label: Any
+    drawn: bool = False
 
     @property
     def root(self) -> str:
@@ -95,6 +97,11 @@ class Plan:
     document: CampaignDocument
     folder: Path
     references: References = field(default_factory=References)
+
+    @property
+    def code(self) -> str:
+        """The digest of the code that the runs belong to."""
+        return code_digest()
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
@@ -212,13 +219,14 @@ class Plan:
 class Identities:
     """The identity of run after run; what they share is digested once.
 
-    A digest is taken of each entry of a case; it is kept by the settings that touch the entry.
+    A digest is taken of each entry of a case; it is kept by the settings that touch the entry. Values that are drawn
+    from a range stand beside that of the entry without them: among thousands of those nothing could be kept.
     """
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._kept: dict[tuple[Any, ...], tuple[str, Sequence[Setting]]] = {}  # with what the ids in the key stand for
-        self._code, self._verb = code_digest(), plan.document.verb
+        self._code, self._verb = plan.code, plan.document.verb
         self._seeds = plan.document.seeds
         self._truth_roots = set(plan.document.truth or {})
         varied = (path for block in plan.document.vary for path in block.paths)
@@ -236,31 +244,32 @@ class Identities:
             "description",
         }
         chosen = touching.get("case", [])
-        case = {root: self._of(("case", root), root, [*chosen, *touching.get(root, ())], settings) for root in roots}
-        extra = {s: self._of((s,), s, touching.get(s, ()), settings) for s in ("noise", "options")}
+        case = {root: self._of(("case", root), root, [*chosen, *touching.get(root, ())]) for root in roots}
+        extra = {s: self._of((s,), s, [*chosen, *touching.get(s, ())]) for s in ("noise", "options")}
         truth = {}
         if simulated:
             for root in {*DATA_ROOTS} & {*roots, *self._truth_roots}:
                 parts = [*chosen, *touching.get(root, ()), *touching.get(f"truth.{root}", ())]
-                truth[root] = self._of(("truth", root), root, parts, settings)
+                truth[root] = self._of(("truth", root), root, parts)
         source = truth if simulated else {root: case[root] for root in DATA_ROOTS if root in case and root in _LOGS}
         design = digest([self._verb, case, truth, extra["noise"] if simulated else "", extra["options"], self._code])
         for seed in self._seeds:
             data = digest([source, extra["noise"], seed] if simulated else source)
             yield Run(digest([design, seed]), design, data, seed, settings)
 
-    def _of(self, kind: tuple[str, ...], root: str, parts: Sequence[Setting], settings: tuple[Setting, ...]) -> str:
+    def _of(self, kind: tuple[str, ...], root: str, parts: Sequence[Setting]) -> str:
+        drawn = [part for part in parts if part.drawn]
+        if drawn:
+            fixed = self._of(kind, root, [part for part in parts if not part.drawn])
+            return digest([fixed, [(part.path, part.value) for part in drawn]])
         key = (*kind, *map(id, parts))
         if key not in self._kept:
-            content = self._plan.content(settings)
+            content = self._plan.content(parts)
             entries: dict[str, Any] = {"case": content.case, "truth": content.truth or {}}
             value = entries[kind[0]].get(root) if kind[0] in entries else getattr(content, kind[0])
             if self._plan.document.is_simulated:
                 value = _without_logs(value, root)
-            found = digest(self._plan.references.canonical(value, Path(content.folder), root))
-            if sum(isinstance(p.value, float) for p in parts) > 1:
-                return found  # of drawn values no two are alike: nothing is gained by keeping it
-            self._kept[key] = found, parts
+            self._kept[key] = digest(self._plan.references.canonical(value, Path(content.folder), root)), parts
         return self._kept[key][0]
 
 
@@ -327,7 +336,7 @@ def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
         for (path, values), u in zip(fields.items(), row, strict=True):
             if isinstance(values, Span):
                 value = _scaled(values, u)
-                settings.append(Setting(path, value, value))
+                settings.append(Setting(path, value, value, drawn=True))
             else:
                 settings.append(choices[path][min(int(u * len(values)), len(values) - 1)])
         yield tuple(settings)

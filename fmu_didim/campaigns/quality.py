@@ -11,11 +11,13 @@ trials as there are different data: runs on the same data are no further evidenc
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import beta
+from scipy.special import betaincinv
 
+from fmu_didim.signals import Array
 from fmu_didim.statistics import CONFIDENCE
 
 USED = ("valid", "doubtful")
@@ -47,8 +49,7 @@ def by_parameter(runs: pd.DataFrame, parameters: pd.DataFrame, names: list[str])
         found = found.assign(ran=len(ran))
     found["coverage"] = hits / known.replace(0, np.nan)
     found["coverage_least"] = (hits / found["ran"]).where(known > 0)
-    bounds = [proportion_interval(c, int(n)) for c, n in zip(found["coverage"], found["data"], strict=True)]
-    found["coverage_low"], found["coverage_high"] = [b[0] for b in bounds], [b[1] for b in bounds]
+    found["coverage_low"], found["coverage_high"] = proportion_interval(found["coverage"], found["data"])
     return found
 
 
@@ -66,21 +67,27 @@ def of_all_parameters(table: pd.DataFrame, names: list[str]) -> dict[tuple[objec
         share, data = float(group["coverage"].mean()), int(group["data"].min())
         low, high = proportion_interval(share, data)
         found[plain(key)] = {
-            "coverage": share, "coverage_low": low, "coverage_high": high,
+            "coverage": share, "coverage_low": float(low), "coverage_high": float(high),
             "coverage_least": float(group["coverage_least"].mean()),
             "largest_bias_in_sigma": float(group["bias_in_sigma"].abs().max()),
         }  # fmt: skip
     return found
 
 
-def proportion_interval(share: float, count: int) -> tuple[float, float]:
-    """95 % interval of a probability, of which ``share`` of ``count`` trials came true (Clopper and Pearson 1934)."""
-    if count < 1 or not np.isfinite(share):
-        return 0.0, 1.0
-    hits, tail = share * count, (1 - CONFIDENCE) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits > 0 else 0.0
-    high = float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
+def proportion_interval(share: Any, count: Any) -> tuple[Array, Array]:
+    """95 % interval of probabilities, of which ``share`` of ``count`` trials came true (Clopper and Pearson 1934).
+
+    With k of n it ends at the quantiles 0.025 of Beta(k, n - k + 1) and 0.975 of Beta(k + 1, n - k); without trials it
+    is everything. Both arguments may be arrays.
+    """
+    share, count = np.asarray(share, dtype=float), np.asarray(count, dtype=float)
+    known = np.isfinite(share) & (count > 0)
+    n = np.where(known, count, 1.0)
+    k = np.where(known, share * count, 0.5)
+    tail = (1 - CONFIDENCE) / 2
+    low = betaincinv(np.maximum(k, np.finfo(float).tiny), n - k + 1, tail)
+    high = betaincinv(k + 1, np.maximum(n - k, np.finfo(float).tiny), 1 - tail)
+    return np.where(known & (k > 0), low, 0.0), np.where(known & (k < n), high, 1.0)
 
 
 def plain(key: object) -> tuple[object, ...]:

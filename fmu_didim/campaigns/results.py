@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -12,43 +11,12 @@ import numpy as np
 import pandas as pd
 
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.execute import FAILURES
 from fmu_didim.campaigns.quality import USED, by_parameter, of_all_parameters, plain
-from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.status import VERDICTS, Status, status_of
+from fmu_didim.campaigns.store import FAILURES, Store
 from fmu_didim.campaigns.texts import groups_text
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.report.table import wrapped
-
-VERDICTS = ("valid", "doubtful", "not_settled", "refused")
-
-
-@dataclass(frozen=True)
-class Status:
-    """How far a campaign is.
-
-    Attributes:
-        planned: runs; verdicts: verdict -> runs; failures: status -> runs; open: not run yet.
-        elsewhere: rows in the folder that belong to another plan, to other files or to another version of the code.
-    """
-
-    name: str
-    planned: int
-    verdicts: dict[str, int]
-    failures: dict[str, int]
-    open: int
-    elsewhere: int
-    others: list[str]
-
-    def lines(self) -> list[str]:
-        """For the terminal."""
-        done = self.planned - self.open
-        counts = [f"{n} {name.replace('_', ' ')}" for name, n in {**self.verdicts, **self.failures}.items() if n]
-        lines = [f"{self.name}: {done} of {self.planned} runs done" + (f" ({', '.join(counts)})" if counts else "")]
-        if self.open:
-            lines.append(f"{self.open} open" + (f", running: {', '.join(self.others)}" if self.others else ""))
-        if self.elsewhere:
-            lines.append(f"{self.elsewhere} further rows are of another plan, version or file; they are used nowhere")
-        return lines
 
 
 class Results:
@@ -81,22 +49,14 @@ class Results:
 
     def status(self) -> Status:
         """How far it is; quick, as it reads few columns."""
-        planned = set(self.store.planned()["id"].to_pylist())
-        rows = self.store.rows(()).to_pylist()
-        own = [row for row in rows if row["id"] in planned]
-        return Status(
-            name=self.head["campaign"]["name"], planned=len(planned),
-            verdicts={v: sum(row["verdict"] == v for row in own) for v in VERDICTS},
-            failures={s: sum(row["status"] == s for row in own) for s in FAILURES},
-            open=len(planned) - len(own), elsewhere=len(rows) - len(own), others=self.store.others(),
-        )  # fmt: skip
+        return status_of(self.store)
 
     @cached_property
     def _runs(self) -> pd.DataFrame:
         rows = self.store.rows([n for n in _COLUMNS if n != "seed"]).to_pandas()
         return self._planned.merge(rows, on="id", how="left").assign(
             status=lambda table: table["status"].fillna("open"),
-            reasons=lambda table: [", ".join(r) if r is not None else "" for r in table["reasons"]],
+            reasons=lambda table: [", ".join(r) if isinstance(r, Iterable) else "" for r in table["reasons"]],
         )
 
     def to_frame(self, *, parameters: bool = True) -> pd.DataFrame:
@@ -170,7 +130,7 @@ class Results:
         """
         names = self._grouping(by)
         groups = self._runs.groupby(names, dropna=False, sort=False) if names else [((), self._runs)]
-        quality = of_all_parameters(by_parameter(self._runs, self._parameters, names), names)
+        quality = of_all_parameters(self._by_parameter(names), names)
         rows = []
         for key, group in groups:
             key = key if isinstance(key, tuple) else (key,)
@@ -197,7 +157,17 @@ class Results:
         Args:
             by: fields that vary; by default all of them, without the seed.
         """
-        return by_parameter(self._runs, self._parameters, self._grouping(by))
+        return self._by_parameter(self._grouping(by)).copy()
+
+    def _by_parameter(self, names: list[str]) -> pd.DataFrame:
+        known = tuple(names)
+        if known not in self._qualities:
+            self._qualities[known] = by_parameter(self._runs, self._parameters, names)
+        return self._qualities[known]
+
+    @cached_property
+    def _qualities(self) -> dict[tuple[str, ...], pd.DataFrame]:
+        return {}
 
     def confusion(self) -> pd.DataFrame:
         """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""
@@ -252,6 +222,6 @@ class Results:
 
 _COLUMNS = (
     "status", "verdict", "reasons", "message", "iterations", "finish_iterations", "error_percent", "held_out_percent",
-    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "seconds", "cpu_seconds", "attempt",
-    "started", "host",
+    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "findings", "seconds", "cpu_seconds",
+    "attempt", "started", "host",
 )  # fmt: skip

@@ -20,12 +20,7 @@ from typing import Any
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.document import Limits
 from fmu_didim.campaigns.execute import (
-    CRASHED,
     ENVIRONMENT,
-    FAILED,
-    FAILURES,
-    MEMORY_LIMIT,
-    TIME_LIMIT,
     Task,
     Trial,
     begin,
@@ -34,7 +29,17 @@ from fmu_didim.campaigns.execute import (
     try_case,
 )
 from fmu_didim.campaigns.plan import Plan, Run
-from fmu_didim.campaigns.store import FILES, Journal, Store, unwritable
+from fmu_didim.campaigns.store import (
+    CRASHED,
+    FAILED,
+    FAILURES,
+    FILES,
+    MEMORY_LIMIT,
+    TIME_LIMIT,
+    Journal,
+    Store,
+    unwritable,
+)
 from fmu_didim.components.fmu.process import START_LIMIT, ProcessEndedError, Worker
 from fmu_didim.errors import FmuDidimError, InputError
 

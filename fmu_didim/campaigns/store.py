@@ -17,18 +17,18 @@ import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import pyarrow as pa
 from pyarrow import parquet
 
 from fmu_didim.cache import sync, whole_file
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.campaigns.execute import FAILURES
-from fmu_didim.campaigns.identity import code_digest
-from fmu_didim.campaigns.plan import Plan
 from fmu_didim.errors import InputError
 from fmu_didim.version import __version__
+
+if TYPE_CHECKING:
+    from fmu_didim.campaigns.plan import Plan
 
 _OF_PARAMETER = ("value", "std", "low", "high", "true", "didim_value", "didim_std", "paper_std")
 _PARAMETER = pa.struct([
@@ -66,6 +66,10 @@ ROW = pa.schema([
 BRIEF = ("id", "status", "verdict", "attempt", "seconds", "started")
 PLAN_FILE, RUNS_FILE = "campaign.json", "plan.parquet"
 JOURNALS, PARTS, FILES, RUNNERS = "journal", "parts", "runs", "runners"
+ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
+CRASHED, TIME_LIMIT, MEMORY_LIMIT = "crashed", "time limit", "memory limit"
+FAILURES = (FAILED, CRASHED, TIME_LIMIT, MEMORY_LIMIT)
+"""Statuses of runs that came to no answer and to no refusal either."""
 _log = logging.getLogger(__name__)
 
 
@@ -89,7 +93,7 @@ class Store:
             )  # fmt: skip
         head = {
             "campaign": plan.document.model_dump(mode="json", by_alias=True, exclude_unset=True),
-            "folder": str(plan.folder.resolve()), "code": code_digest(), "version": __version__,
+            "folder": str(plan.folder.resolve()), "code": plan.code, "version": __version__,
             "planned": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "count": len(plan.runs),
             "paths": list(plan.paths),
         }  # fmt: skip

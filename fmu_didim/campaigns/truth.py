@@ -140,14 +140,14 @@ def noise_deviation(noise: Noise, log: SimulatedLog) -> Array:
 
 def unit_noise(rng: np.random.Generator, time: Array, joints: int, *, coloured: float, memory_s: float) -> Array:
     """(N, n) noise of variance one, a part of its power a first-order autoregression with this memory."""
-    white = rng.normal(size=(time.size, joints))
     if not coloured or time.size < 2:
-        return np.asarray(white)
+        return np.asarray(rng.normal(size=(time.size, joints)))
     step = float(time[-1] - time[0]) / (time.size - 1)
     rho = np.exp(-step / memory_s)
-    before = int(np.ceil(SPIN_UP * memory_s / step))
+    before = int(np.ceil(SPIN_UP * memory_s / step - 1e-9))
     driven = rng.normal(size=(before + time.size, joints)) * np.sqrt(1 - rho**2)
     slow = signal.lfilter([1.0], [1.0, -rho], driven, axis=0)[before:]
+    white = rng.normal(size=(time.size, joints))
     return np.asarray(np.sqrt(coloured) * slow + np.sqrt(1 - coloured) * white)
 
 

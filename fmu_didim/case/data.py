@@ -109,9 +109,9 @@ def read_reference(
                 "The reference has another number of joints than the robot.", where="reference",
                 got=source.joint_count, valid=str(joint_count),
             )  # fmt: skip
-        return Selected(source.trajectory(1.0 / step))
+        return Selected(_of_two_rows(source.trajectory(1.0 / step), "reference"))
     read = read_signals(source, folder, signals, torque_units=torque_units)
-    found, told = read.signals, [*read.told]
+    found, told = _of_two_rows(read.signals, source.file), [*read.told]
     if source.resample:
         found, of_rows = resampled(found, step)
         told += _of_file(of_rows, source.file)
@@ -120,6 +120,16 @@ def read_reference(
         found = _with_warm_up(found, step, source.period_s, source.warm_up_s)
     found, of_derivatives = with_derivatives(found, needed)
     return Selected(found, (*told, *_of_file(of_derivatives, source.file)))
+
+
+def _of_two_rows(found: Trajectory, where: str) -> Trajectory:
+    """The signals, unless they are an instant and no motion."""
+    if found.time.size < 2:
+        raise InputError(
+            "One instant is no motion.", where=where, got=f"{found.time.size} rows", valid="two rows and more",
+            next_step="Give a longer one; look at its duration and at the rate of the loop.",
+        )  # fmt: skip
+    return found
 
 
 def _with_warm_up(found: Trajectory, step: float, period_s: float, warm_up_s: float) -> Trajectory:
@@ -177,7 +187,7 @@ def read_experiment(
     if source.torque is None:
         raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
     read = read_signals(source.torque, folder, signals, torque_units=torque_units)
-    log = read.signals
+    log = _of_two_rows(read.signals, source.torque.file)
     torque = log.select([f"tau{j}" for j in range(1, len(torque_units) + 1)])
     if source.torque.quantity == "command":
         torque = torque_of_command(torque, drive_gains, label)

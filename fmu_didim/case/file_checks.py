@@ -97,4 +97,9 @@ def torque_of_command(command: Array, drive_gains: tuple[float, ...] | None, lab
     if drive_gains is None:
         text = "The log shows the command, and the gains of the drives are not given."
         raise DiagnosedError([Diagnostic(COMMAND_WITHOUT_GAIN, text, f"{label}: torque.quantity")])
+    if len(drive_gains) != command.shape[1]:
+        raise InputError(
+            "One drive gain is needed for each joint.", where="loop.drive_gains", got=list(drive_gains),
+            valid=f"{command.shape[1]} numbers",
+        )  # fmt: skip
     return np.asarray(command * np.array(drive_gains))

@@ -22,6 +22,8 @@ Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
 """Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
+MOST_SAMPLES = 5_000_000
+"""Of a log at another rate: an hour at 1 kHz, and what memory holds."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
 
 
@@ -162,7 +164,13 @@ def sample_operator(
             ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
             rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
         case "average":
-            rows, columns, weights = _average(position, last, window, _length(times, window_s) / step)
+            length = _length(times, window_s) / step
+            if length > last:
+                raise InputError(
+                    "The window of the averages is longer than the reference.", where="torque.window_s",
+                    got=f"{length * step:g} s", valid=f"at most {last * step:g} s",
+                )  # fmt: skip
+            rows, columns, weights = _average(position, last, window, length)
         case _:
             assert_never(kind)
     support, place = np.unique(columns, return_inverse=True)
@@ -215,7 +223,13 @@ def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
         raise InputError("The phase of the samples must not be negative.", got=f"{phase_s} s", valid="phase_s >= 0")
     period = 1.0 / rate_hz
     first = time[0] + phase_s
-    count = int(np.floor((time[-1] - first) / period + 1e-6)) + 1
+    wanted = float(np.floor((time[-1] - first) / period + 1e-6)) + 1
+    if not wanted <= MOST_SAMPLES:
+        raise InputError(
+            "The log has not so many samples.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
+            valid=f"at most {MOST_SAMPLES} samples", next_step="Leave rate_hz out to take all that the log has.",
+        )  # fmt: skip
+    count = int(wanted)
     if count < 1:
         raise InputError("No sample of that rate and phase falls into the log.", got=f"{rate_hz} Hz, phase {phase_s} s")
     return np.asarray(first + np.arange(count) * period)

@@ -95,7 +95,7 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
     entries: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
     for info in infos:
-        name = info.filename.rstrip("/") if info.is_dir() else info.filename
+        name = info.filename.rstrip("/")
         if not _is_safe(name) or "\\" in info.orig_filename or "\0" in info.orig_filename:
             raise refuse("An entry of the archive lies outside of it.", info)
         if stat.S_ISLNK(info.external_attr >> 16):

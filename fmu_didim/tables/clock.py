@@ -24,18 +24,22 @@ def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | 
     Raises:
         InputError: there is none, or the columns have different ones.
     """
+    own = {table.times[name] for name in names if name in table.times}
     if time.name is not None:
-        return table.column(time.name)
-    if time.rate_hz is not None:
+        own = own and own | {table.column(time.name)}
+    elif time.rate_hz is not None:
         return None
-    own = {table.times[name] for name in names if name in table.times} or set(table.times.values())
+    else:
+        own = own or set(table.times.values())
     if len(own) > 1:
         raise InputError(
             "Signals of one section are sampled at different instants in the file.", where=table.source,
-            got=", ".join(f"{clock}: {table.columns[clock].size} rows" for clock in sorted(own)),
+            got=", ".join(_rows(table, clock) for clock in sorted(own)),
             next_step="Name columns of one group (columns: {q1: ...}); reference: and torque: may take different ones. "
             "Nothing is resampled unasked.",
         )  # fmt: skip
+    if time.name is not None:
+        return table.column(time.name)
     found = next(iter(own), None) or _by_name(table)
     if found is None:
         raise InputError(
@@ -46,14 +50,18 @@ def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | 
     return found
 
 
+def _rows(table: Table, clock: str) -> str:
+    return f"{clock}: {table.columns[clock].size} rows" if clock in table.columns else clock
+
+
 def _by_name(table: Table) -> str | None:
     if not table.has_header:
         return None
     named = {name: split_unit(name)[0] for name in table.columns}
     for usual in TIME_NAMES:
-        exact = [name for name, bare in named.items() if bare == usual] or [
-            name for name, bare in named.items() if bare.casefold() == usual
-        ]
+        exact = [name for name, bare in named.items() if bare == usual]
+        if not exact and len(usual) > 1:  # T is a temperature
+            exact = [name for name, bare in named.items() if bare.casefold() == usual]
         if len(exact) == 1:
             return exact[0]
     return None

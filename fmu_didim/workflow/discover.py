@@ -47,6 +47,7 @@ def discover(
     rounds: int = 5,
     seed: int = 0,
     time_limit: float | None = None,
+    figures: bool = False,
     progress: Callable[[str], None] | None = None,
     show: Callable[[Discovered], None] | None = None,
 ) -> Discovered:
@@ -62,6 +63,7 @@ def discover(
         rounds: largest number of effects; seed: of the bootstrap.
         time_limit: s from now on after which the search ends with the best answer so far, whose verdict is
             ``unfinished``; the fit of the base model is always made, and what was found is written in any case.
+        figures: whether each chart of the page is written there as PNG and SVG, too (``figure_*``), for a paper.
         progress: called with a line about each piece of work.
         show: called with what was found before it takes its place in ``out``.
 
@@ -70,7 +72,7 @@ def discover(
             SimulationError: the base model cannot be simulated.
     """
     watch = Watch.limited(progress or (lambda text: None), time_limit)
-    folder = None if out is None else result_folder(out)
+    folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder)
     model = case.model
     catalogue = effect_catalogue(effects)
@@ -100,13 +102,13 @@ def discover(
     return answer
 
 
-def result_folder(out: Path | str) -> ResultFolder:
+def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``discover``."""
     from fmu_didim.report.discovery_page import DISCOVERY_FILE
 
     fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
-    patterns = ("signals_*.csv", "simulated_*.csv", "data_*.csv", "*.fmu", "reference_next.csv")
-    return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files")
+    patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "*.fmu", "reference_next.csv")
+    return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files", figures)
 
 
 def _kept(folder: ResultFolder, say: Callable[[str], None], document: FindingsDocument) -> None:
@@ -140,6 +142,10 @@ def _saved(
     with folder.written() as new:
         try:
             answer = Discovered(_written(case, found, description, new, folder.folder, watch), found)
+            if folder.figures:
+                from fmu_didim.report.paper import write_figures
+
+                write_figures(new)
         finally:
             show(answer)
     return answer

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.discovery.findings import (
     Answer,
+    CandidateResult,
     FindingResult,
     FindingsDocument,
+    FrictionResult,
     GapPair,
     NoiseResult,
     RegionResult,
@@ -95,6 +97,21 @@ class Discovered:
     def base_parameters(self) -> list[ValueFound]:
         """The parameters of the base model in the final fit."""
         return self.document.base_parameters
+
+    @property
+    def base_fit(self) -> list[ValueFound]:
+        """The same parameters in the fit without the effects."""
+        return self.document.base_fit
+
+    @property
+    def friction(self) -> list[FrictionResult]:
+        """The friction of the joints where an effect was found that depends on their velocity alone."""
+        return self.document.friction
+
+    @property
+    def candidates(self) -> list[CandidateResult]:
+        """The competition: what was worth a fit in each round, and what became of it."""
+        return self.document.candidates
 
     @property
     def noise(self) -> NoiseResult:

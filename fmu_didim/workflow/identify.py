@@ -39,12 +39,13 @@ OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
 _log = logging.getLogger(__name__)
 
 
-def result_folder(out: Path | str) -> ResultFolder:
+def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
     from fmu_didim.report.page import REPORT_FILE
 
-    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv")
-    return ResultFolder(Path(out), "identify", RESULT_FILE, (REPORT_FILE, ROBOT_FILE), patterns, "signals")
+    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
+    fixed = (REPORT_FILE, ROBOT_FILE)
+    return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
 
 
 @one_blas_thread
@@ -52,6 +53,7 @@ def identify(
     case: Case | Path | str | Mapping[str, Any],
     out: Path | str | None = None,
     *,
+    figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Outcome], None] | None = None,
 ) -> Outcome:
@@ -62,6 +64,7 @@ def identify(
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
+        figures: whether each chart of the page is written there as PNG and SVG, too (``figure_*``), for a paper.
         progress: called with each :class:`~fmu_didim.prediction.iteration.Iteration`.
         show: called with the outcome before anything is written.
 
@@ -72,7 +75,7 @@ def identify(
             saved first.
         IdentificationError: the data cannot tell some parameters apart.
     """
-    folder = None if out is None else result_folder(out)
+    folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder)
     model = case.model
     record = provenance(model, case.estimator.describe(), files=case_files(case)) | repeating("identify", case)
@@ -196,3 +199,7 @@ def _save(folder: ResultFolder, outcome: Outcome) -> None:
             write_robot(outcome.robot, new / ROBOT_FILE)
             for label, robot in outcome.robots.items():
                 write_robot(robot, new / OWN_ROBOT_FILE.format(label=label))
+        if folder.figures:
+            from fmu_didim.report.paper import write_figures
+
+            write_figures(new)

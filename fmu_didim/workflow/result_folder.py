@@ -37,6 +37,7 @@ class ResultFolder:
         verb: whose results; those of another verb in the same folder are left alone.
         head: the file without which the others are no result; fixed: others with names of their own.
         patterns: the names of all further ones.
+        figures: whether the charts of the page are wanted as files, too.
         lists: key of ``head`` under which those of them are named that were written before there was a list of files.
     """
 
@@ -46,6 +47,7 @@ class ResultFolder:
     fixed: tuple[str, ...]
     patterns: tuple[str, ...]
     lists: str
+    figures: bool = False
 
     def check(self, *, reads: Iterable[Path] = ()) -> None:
         """Raise InputError, before any work, if the results could not be written.

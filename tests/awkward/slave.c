@@ -223,7 +223,7 @@ EXPORT Status fmi2DoStep(Component c, double t, double h, int keep) {
 #endif
 #ifdef ERROR_LATER
     static long ever_stepped;
-    if (++ever_stepped > 2000) return fail(s, ERROR, "the licence has run out");
+    if (++ever_stepped > 1200) return fail(s, ERROR, "the licence has run out");
 #endif
 #ifdef EXIT_IN_STEP
     if (s->steps >= 3) exit(7);

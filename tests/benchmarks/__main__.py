@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from tests.benchmarks import (
+    campaigns,
     command_start,
     discovery,
     discovery_stages,
@@ -34,6 +35,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "tx40_simulation": tx40_simulation.run,
     "tx40_identification": tx40_identification.run,
     "processes": processes.run,
+    "campaigns": campaigns.run,
     "reruns": reruns.run,
     "command_start": command_start.run,
     "first_identification": first_identification.run,

@@ -11,15 +11,14 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 # Several cases run at once: threads of the linear algebra would only get into each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.blind.campaign import PAIRS, make_campaign
-from tests.blind.harness import case_folders, evaluate, found_only, project_discover, read_lines
+from tests.blind.harness import by_campaign, case_folders, read_lines
 from tests.blind.publish import collected, markdown, write_rows
 from tests.blind.score import read_truth, score, text
 from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
@@ -35,12 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.blind", description="Run discovery on blind cases.")
     parser.add_argument("folder", type=Path, help="folder of case folders")
     parser.add_argument("--out", type=Path, required=True, help="file of JSON lines, one a case")
-    parser.add_argument("--work", type=Path, help="keep translated cases and results there")
+    parser.add_argument("--work", type=Path, help="keep translated cases and the campaign there, and go on with it")
     parser.add_argument("--only", nargs="+", default=[], metavar="CASE", help="only these cases")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
     parser.add_argument("--plant", choices=("model", "fmu"), default="model", help="how plant and controller run")
     parser.add_argument("--score", action="store_true", help="compare with the truth afterwards")
-    parser.add_argument("--resume", action="store_true", help="run only cases that --out does not hold yet")
     parser.add_argument(
         "--findings-only", action="store_true", help="write no models and reports, which takes half the time"
     )
@@ -54,10 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lines = read_lines(options.out)
     else:
         with tempfile.TemporaryDirectory() as scratch:
-            lines = evaluate(
-                folders, options.out, options.work or Path(scratch),
-                found_only if options.findings_only else project_discover,
-                jobs=options.jobs, plant=options.plant, resume=options.resume, progress=_progress,
+            lines = by_campaign(
+                folders, options.out, options.work or Path(scratch), jobs=options.jobs, plant=options.plant,
+                files=not options.findings_only,
             )  # fmt: skip
     if not options.score:
         return 0
@@ -106,15 +103,6 @@ def _make(given: Sequence[str]) -> int:
     )  # fmt: skip
     print(f"{count} cases in {options.folder}")
     return 0
-
-
-def _progress(done: int, count: int, line: Mapping[str, Any]) -> None:
-    named = ", ".join(f"{f['effect']}@{f['joint']}" for f in line["findings"])
-    print(
-        f"{done}/{count} {line['case']}: {line['verdict']} {named} ({line['seconds']:.1f} s)",
-        file=sys.stderr,
-        flush=True,
-    )
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -10,6 +11,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.campaigns.campaign import campaign
+from fmu_didim.campaigns.runner import Progress
+from fmu_didim.errors import InputError
 from tests.blind.translate import CASE_FILE, translate
 
 Discover = Callable[[Path, Path], Mapping[str, Any]]
@@ -25,13 +29,6 @@ def project_discover(case: Path, out: Path) -> Mapping[str, Any]:
 
     discover(case, out)
     return _line(json.loads((out / "findings.json").read_text(encoding="utf-8")))
-
-
-def found_only(case: Path, out: Path) -> Mapping[str, Any]:
-    """The same findings without the files: no augmented models, no splitting experiment, no report."""
-    from fmu_didim.workflow import discover
-
-    return _line(json.loads(discover(case).model_dump_json(by_alias=True)))
 
 
 def _line(found: dict[str, Any]) -> Mapping[str, Any]:
@@ -128,6 +125,40 @@ def evaluate(
     lines.sort(key=lambda line: line["case"])
     out.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
     return lines
+
+
+def by_campaign(
+    folders: Sequence[Path], out: Path, work: Path, *, jobs: int, plant: str, files: bool
+) -> list[dict[str, Any]]:
+    """The same lines from the project's ``discover`` as a campaign in ``work``, which is resumed.
+
+    Args:
+        files: whether models, splitting experiments and reports are written.
+    """
+    cases, lines = {}, []
+    for folder in folders:
+        try:
+            cases[folder.name] = str(translate(folder, work / folder.name / "input", plant=plant).resolve())
+        except InputError as error:
+            lines.append({"case": folder.name, "verdict": "error", "findings": [], "gap": {}, "error": str(error)})
+    entries = [{"case": path, "label.case": name} for name, path in cases.items()]
+    content = {"name": "blind cases", "verb": "discover", "vary": [{"list": entries}], "keep": files}
+    results = campaign(content, work / "campaign").run(workers=jobs, progress=_told)
+    for row in results.to_frame(parameters=False).to_dict("records"):
+        line: dict[str, Any] = {"case": row["label.case"], "seconds": round(row["seconds"], 3)}
+        if isinstance(row["findings"], str):
+            line |= reduced(_line(json.loads(row["findings"])))
+        else:
+            line |= {"verdict": "error", "findings": [], "gap": {}, "error": row["message"]}
+        lines.append(line)
+    lines.sort(key=lambda line: line["case"])
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    return lines
+
+
+def _told(now: Progress) -> None:
+    print(f"{now.known + now.done} of {now.known + now.count} cases, {now.failed} failed", file=sys.stderr, flush=True)
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:

@@ -179,5 +179,16 @@ def test_code_outside_the_tree_is_a_file_of_the_run(tmp_path: Path) -> None:
     own.write_text("controller = 2\n")
     assert identity.References().canonical({"source": "own.py:controller"}, tmp_path) != first
     assert identity.References().canonical("fmu_didim.units:pretty", tmp_path)[1] == identity.file_digest(
-        Path(identity.fmu_didim.__file__).parent / "units.py"
+        identity.PACKAGE / "units.py"
     )
+
+
+def test_whole_cases_that_vary() -> None:
+    """Measured logs: as many data as cases, whatever is changed in the way they are used."""
+    cases = [str(CASE.with_name(name)) for name in ("identify.yaml", "identify_200hz.yaml")]
+    plan = plan_of(case=None, noise=None, vary={"case": cases, "estimator.start": ["torque", "reference"]})
+    assert len(plan.runs) == 4
+    assert len({run.data for run in plan.runs}) == 2
+    names = [plan.content(run.settings).case["name"] for run in plan.runs]
+    assert names == ["SCARA, torque at 10 Hz"] * 2 + ["SCARA, torque at 200 Hz"] * 2
+    assert [run.labels["case"] for run in plan.runs] == ["identify"] * 2 + ["identify_200hz"] * 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import sys
@@ -42,18 +43,20 @@ def main() -> None:
     warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print is none of them
     path = folder / f"input{KINDS[kind].suffix}"
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     for number in range(first, end):
         path.write_bytes(make(kind, seed, number))
-        print(json.dumps({"begun": number}), flush=True)
+        print(json.dumps({"begun": number}), file=answers, flush=True)
         before = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         what, why = outcome(kind, path)
         signal.setitimer(signal.ITIMER_PROF, 0)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         told = {"number": number, "what": what, "why": why, "seconds": time.process_time() - before, "peak_gb": peak}
-        print(json.dumps(told), flush=True)
+        print(json.dumps(told), file=answers, flush=True)
         if number % 100 == 0:
             forget()
 

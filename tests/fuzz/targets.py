@@ -136,7 +136,10 @@ def _mat(rng: random.Random) -> bytes:
     content |= rng.choice(({}, {"s": {"a": 1, "b": "text"}}, {"c": np.array([1, "x"], dtype=object), "k": 1 + 2j}))
     savemat(stream, content, format=rng.choice(("5", "5", "4")) if len(content) == 3 else "5",
             do_compression=rng.random() < 0.3)  # fmt: skip
-    return _damaged(rng, stream.getvalue())
+    made = stream.getvalue()
+    if made.startswith(b"MATLAB"):
+        made = b"MATLAB 5.0 MAT-file".ljust(116) + made[116:]  # without the time
+    return _damaged(rng, made)
 
 
 def _parquet(rng: random.Random) -> bytes:
@@ -148,6 +151,19 @@ def _parquet(rng: random.Random) -> bytes:
     others = {"s": ["x"] * len(table), "l": [[1.0, 2.0]] * len(table), "b": [True] * len(table)}
     columns |= rng.choice(({}, {"q1": [None, *table[1:, 1]]}, others))
     parquet.write_table(pyarrow.table(columns), stream, compression=rng.choice(("none", "snappy", "gzip")))
+    return _damaged(rng, stream.getvalue())
+
+
+def _hdf5(rng: random.Random) -> bytes:
+    import h5py
+
+    table, stream = _table(rng), io.BytesIO()
+    with h5py.File(stream, "w", userblock_size=rng.choice((0, 512))) as file:
+        for name, column in zip(("t", "q1", "group/tau1"), table.T, strict=True):
+            data = file.create_dataset(name, data=column, compression=rng.choice((None, "gzip")))
+            data.attrs["unit"] = rng.choice(("s", "rad", "deg"))
+        if rng.random() < 0.5:
+            file["text"], file["rows"] = "text", np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")])
     return _damaged(rng, stream.getvalue())
 
 
@@ -232,6 +248,7 @@ KINDS: Mapping[str, Kind] = {
     "csv": Kind(".csv", _csv, read_trajectory),
     "mat": Kind(".mat", _mat, read_trajectory),
     "parquet": Kind(".parquet", _parquet, read_trajectory),
+    "hdf5": Kind(".h5", _hdf5, read_trajectory),
     "fmu-xml": Kind(".fmu", _fmu_xml, _load),
     "fmu-archive": Kind(".fmu", _fmu_archive, _load),
     "ssp": Kind(".ssp", _ssp, read_ssp),

@@ -157,6 +157,7 @@ def test_instants(given: Table, time: dict[str, Any], expected: Any, told: list[
         (table(), {}, r"no time column[\s\S]*log\.csv[\s\S]*valid: t, time[\s\S]*rate_hz"),
         (table(GRID), {"name": "x"}, r"no column named 'x'"),
         (table(GRID, "t [V]"), {}, r"none of time[\s\S]*V"),
+        (table(GRID, "T"), {}, r"no time column"),  # a temperature
         (table(GRID), {"name": "t", "rate_hz": 150}, r"not rounded[\s\S]*come at 200 Hz"),
         (table(GRID[:50]), {"name": "t"}, r"no signal of its length"),
     ],
@@ -182,6 +183,13 @@ def test_columns_of_other_lengths_are_named() -> None:
     given = Table({"t": GRID, "tau": np.zeros(50)}, source="log.csv")
     with pytest.raises(InputError, match=r"different lengths[\s\S]*t: 100, tau: 50"):
         selected(given, columns={"tau1": Column(name="tau")})
+
+
+def test_instants_of_another_group_are_refused() -> None:
+    """Of the same length, so that nothing else would tell."""
+    given = table(GRID, times={"q1": "time 0"})
+    with pytest.raises(InputError, match=r"different instants[\s\S]*t: 100 rows, time 0"):
+        selected(given, columns={"q1": Column(name="q1")}, time=TimeColumn(name="t"))
 
 
 def test_file_without_header_is_told() -> None:

@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim import check, identify, load_result, simulate
+from fmu_didim import check, discover, identify, load_result, simulate
 from fmu_didim.cli import main
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.components import load_fmu
+from fmu_didim.errors import FmuDidimError, SimulationError
+from fmu_didim.export import build_fmu
+from fmu_didim.identification.estimate import RefusedError
+from fmu_didim.master import simulate as run_loop
+from fmu_didim.master.pool import InstancePool
 from fmu_didim.signals import trajectory, write_csv
 from tests.awkward.build import awkward_fmu
+from tests.helpers import component, loop, reference, scara, scara_pd
 
 RATE, LENGTH = 100.0, 2.0
 FAULTS = {
@@ -107,3 +113,41 @@ def test_a_failure_in_the_middle_of_an_identification(
     assert "physical" not in told.split("\n")[1]
     if (folder / "out").is_dir():
         assert load_result(folder / "out").advice.startswith(f"The {component} failed")
+
+
+@pytest.mark.parametrize(
+    ("fault", "isolated"), [("ERROR_IN_STEP", False), ("NAN_OUTPUT", False), ("CRASH_IN_STEP", True)]
+)
+def test_the_headline_of_a_discovery(folder: Path, fault: str, isolated: bool) -> None:
+    path = written(folder, plant=source(folder, fault, isolated=isolated))
+    with pytest.raises(FmuDidimError) as caught:
+        discover(path, folder / "out")
+    told = str(caught.value)
+    assert re.search("^The plant " + FAULTS[fault].replace("{component}", "plant"), told), told
+
+
+def test_a_refusal_at_a_minimum_keeps_its_reason() -> None:
+    """Values that no machine can have are no matter of a failure on the way to them."""
+    failure = SimulationError("it gave up.", where="a.fmu", got="said so").in_component("plant", 0.5)
+    refused = RefusedError("The model is not physical.", iterations=(), got="ZZ1 < 0", values=np.zeros(1))
+    headed = refused.because_of(failure)
+    assert headed.what == "The plant failed at t = 0.5 s: it gave up."
+    assert headed.got == "said so; so that there is no answer: The model is not physical.; ZZ1 < 0"
+    assert headed.where == "a.fmu" and headed.values is refused.values
+    minimum = RefusedError("The model is not physical.", iterations=(), values=np.zeros(1), deviation=np.ones(1))
+    assert minimum.because_of(failure) is minimum
+    assert refused.because_of(None) is refused
+    assert failure.in_component("controller", 1.0).component == "plant"  # the first one counts
+
+
+def test_equations_that_are_known_here_are_not_blamed() -> None:
+    """They fail by the values that they are given: it is no failure to head a refusal with."""
+    motion, pool = reference(), InstancePool()
+    made = load_fmu(build_fmu(scara().block())).with_parameters({"ZZ2": 1e-7, "MX2": 0.0, "MY2": 0.0})
+    light, law = made.built_from(scara().block()), component("model", scara_pd())
+    with pytest.raises(SimulationError, match=r"^The plant failed"):
+        run_loop(loop(light, law, motion), motion, pool=pool)
+    assert pool.failure is None
+    with pytest.raises(SimulationError, match=r"^The plant failed"):
+        run_loop(loop(made, law, motion), motion, pool=pool)  # the same FMU, and nobody knows what is in it
+    assert pool.failure is not None and pool.failure.component == "plant"

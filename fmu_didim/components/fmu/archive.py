@@ -95,7 +95,7 @@ def _safe_name(member: zipfile.ZipInfo, path: Path) -> PurePosixPath:
     """The member's place in the folder; some tools on Windows write backslashes."""
     text = member.filename.replace("\\", "/")
     name = PurePosixPath(text)
-    if name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
+    if not text or name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
         raise unreadable("a member lies outside its folder", path, member.filename)
     return name
 

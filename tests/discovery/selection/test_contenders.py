@@ -546,7 +546,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.Mon
     monkeypatch.setattr(
         Competition, "contender",
         lambda self, at, fit: found.append(fit.chi_square)
-        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit),
+        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=""),
     )  # fmt: skip
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     result, _ = competing(
@@ -562,7 +562,11 @@ def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.
     monkeypatch.setattr(Competition, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     monkeypatch.setattr(
-        Competition, "contender", lambda self, at, fit: SimpleNamespace(effect_at=at, delta_bic=fit.chi_square, fit=fit)
+        Competition,
+        "contender",
+        lambda self, at, fit: SimpleNamespace(
+            effect_at=at, delta_bic=fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=""
+        ),
     )
     assert [c.delta_bic for c in competing(tried(100.0))[0]] == [400.0]
 
