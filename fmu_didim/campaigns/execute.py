@@ -32,7 +32,7 @@ from fmu_didim.campaigns.truth import (
 from fmu_didim.case import Case, load_case
 from fmu_didim.diagnostics import DiagnosedError
 from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.errors import FmuDidimError, IdentificationError, SimulationError
+from fmu_didim.errors import FmuDidimError, FmuError, IdentificationError, SimulationError
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.identification.start import start_values
 from fmu_didim.workflow import discover, identify
@@ -161,13 +161,22 @@ def try_case(there: Any, task: Task) -> Trial:
             start_values(case.model, start)
         for component in case.model.systems[case.model.first].components.values():
             component.instantiate().close()
-    except SimulationError as error:  # a loop may diverge at this value: its runs say so, and the others go on
-        return Trial(doubt=str(error))
+    except (SimulationError, FmuError) as error:  # at this value a loop may diverge, or an FMU fail in a step
+        return Trial(doubt=str(error)) if _can_be_loaded(there.kept, task.content) else Trial(str(error))
     except FmuDidimError as error:
         return Trial(str(error))
     except Exception as error:  # noqa: BLE001 - such as the code of a controller of the user
         return Trial(f"{type(error).__name__}: {error}")
     return Trial()
+
+
+def _can_be_loaded(kept: Kept, content: Content) -> bool:
+    """Whether a case only fails when it runs: its rows say so then, and the others go on."""
+    try:
+        load_case(written(content.case, Path(kept.scratch.name)), folder=content.folder, require_torque=False)
+    except FmuDidimError:
+        return False
+    return True
 
 
 def _result(document: ResultDocument, case: Case, truth: Truth | None) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -174,9 +175,11 @@ class _Form:
                 read(path)
             except InputError as error:
                 listed = [line.removeprefix("  - ") for line in error.what.splitlines()[1:]]
-                is_copy = path.parent == self._scratch
-                named = place if is_copy else f"{place} ({path.name})"
-                self._read[path] = [f"{named}.{line}" for line in listed] or [f"{named}: {error}"]
+                if path.parent == self._scratch:  # a copy, whose lines nobody has written
+                    listed = [f"{place}.{re.sub(r'^line [0-9]+, ', '', line)}" for line in listed]
+                else:
+                    listed = [f"{place} ({path.name}): {line}" for line in listed]
+                self._read[path] = listed or [f"{place}: {error}"]
         return self._read[path]
 
 
