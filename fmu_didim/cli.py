@@ -64,7 +64,8 @@ def _with_line(error: FmuDidimError, options: argparse.Namespace) -> FmuDidimErr
     if isinstance(case, Path) and is_file(case) and key is not None:
         from fmu_didim.documents import Lines
 
-        error.locate(Lines(case).of(key[0].split("."), whole=True))
+        if line := Lines(case).of(key[0].split("."), whole=True):
+            error.locate(f"{case}, {line}")
     return error
 
 
@@ -115,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for verb in add_prepare_verbs(commands, parser=parser):
-        _add_common(verb)
+        _add_common(verb, code=True)
     _add_case_verbs(commands)
     _add_export(commands)
     _add_fmu(commands)

@@ -54,9 +54,9 @@ class FmuDidimError(Exception):
             self.args = (self._text(),)
         return self
 
-    def locate(self, line: str) -> None:
-        """Put the line of a file before where it is; ``line``: such as ``line 12, ``, or empty."""
-        self.where = f"{line}{self.where}"
+    def locate(self, place: str) -> None:
+        """Put a file and its line before where it is: ``case.yaml, line 12, ``."""
+        self.where = f"{place}{self.where}"
         self.args = (self._text(),)
 
     def __reduce__(self) -> tuple[Any, ...]:

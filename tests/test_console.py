@@ -176,3 +176,38 @@ def test_identify_in_a_terminal(tmp_path: Path) -> None:
     assert "\x1b[?25l" in text and text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")  # the cursor comes back
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
     assert "torque error" in plain and "finish 1" in plain
+
+
+FREE = "identify: {Kp1: {of: controller, start: 1, minimum: 0}, Xx: {of: drive}}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "told"),
+    [
+        ("plant: {kind: fmu}", f"plant: {{kind: fmu}}\n{FREE}", "Xx:", "case.yaml, line {line}, identify.Xx"),
+        ("estimator:", "lop: 3\nestimator:", "lop:", "line {line}, lop: unknown key"),
+        ("kind: didim", "kind: didm", "estimator:", "line {line}, estimator: there is no estimator 'didm'"),
+    ],
+)
+def test_mistakes_in_a_case_are_told_with_their_line(
+    tmp_path: Path, old: str, new: str, key: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = Path("examples/scara/identify.yaml").read_text(encoding="utf-8").replace("../../", f"{Path.cwd()}/")
+    assert old in text
+    path = tmp_path / "case.yaml"
+    text = text.replace(old, new).replace("file: ", f"file: {Path.cwd()}/examples/scara/")
+    path.write_text(text, encoding="utf-8")
+    line = next(i for i, row in enumerate(text.splitlines(), start=1) if key in row and not row.startswith("#"))
+    assert main(["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"]) == 1
+    assert told.format(line=line) in capsys.readouterr().err
+
+
+def test_no_python_of_a_case_is_run_by_validate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.py").write_text("raise SystemExit('run')\n", encoding="utf-8")
+    text = Path("examples/scara/identify.yaml").read_text(encoding="utf-8").replace("../../", f"{Path.cwd()}/")
+    source = f"{Path.cwd()}/controllers/scara_pd.yaml"
+    text = text.replace(f"kind: fmu, source: {source}", "kind: control, source: 'mine.py:controller'")
+    text = text.replace("file: ", f"file: {Path.cwd()}/examples/scara/")
+    (tmp_path / "case.yaml").write_text(text, encoding="utf-8")
+    assert main(["validate", str(tmp_path / "case.yaml"), "--no-code"]) == 1
+    assert "no-code" in capsys.readouterr().out.lower().replace("_", "-")

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy import stats
 
+from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import FrictionResult
 from fmu_didim.effects import UNITS, Surroundings, TorqueEffect
@@ -24,12 +25,6 @@ from fmu_didim.robot import RobotDescription
 from fmu_didim.robot.description import Joint
 from fmu_didim.signals import Array
 from fmu_didim.statistics import CONFIDENCE
-
-POINTS = 161
-CURVATURE = 4.0
-"""Of the spacing: velocities are CURVATURE / sinh(CURVATURE) times as dense at zero as if they were equally spaced."""
-STEP = 1e-5
-"""Of the differences, in standard deviations of a value or, where that is larger, of its size."""
 
 
 def friction_curves(builder: LoopModelBuilder, base: Fit, final: Fit) -> list[FrictionResult]:
@@ -115,7 +110,8 @@ def _velocities(fit: Fit, joint: int) -> Array | None:
     if any(f"dq{joint}" not in table.names for table in tables):
         return None
     columns = np.concatenate([table.column(f"dq{joint}") for table in tables])
-    spaced = np.sinh(np.linspace(-CURVATURE, CURVATURE, POINTS)) / np.sinh(CURVATURE)
+    dense = limits.CURVE_DENSITY
+    spaced = np.sinh(np.linspace(-dense, dense, limits.CURVE_POINTS)) / np.sinh(dense)
     return np.asarray(np.where(spaced < 0, -spaced * min(columns.min(), 0.0), spaced * max(columns.max(), 0.0)))
 
 
@@ -124,7 +120,8 @@ def _variance(curve: _Curve, velocity: Array, robot: RobotDescription, fit: Fit)
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     slopes = []
     for i, value in enumerate(fit.values):
-        step = STEP * max(abs(float(value)), float(deviation[i]) if np.isfinite(deviation[i]) else 0.0, 1e-9)
+        known = float(deviation[i]) if np.isfinite(deviation[i]) else 0.0
+        step = limits.CURVE_STEP * max(abs(float(value)), known, limits.CURVE_SMALLEST)
         moved = [fit.values.copy() for _ in range(2)]
         moved[0][i] += step
         moved[1][i] -= step

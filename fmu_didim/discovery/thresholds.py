@@ -36,3 +36,14 @@ REMAINDER = TABLE(
     "Gap of a joint, in units of its noise, above which a model that found no more effects still counts as "
     "incomplete: the clutter that is planted on clean plants in the blind benchmark reaches as far.",
 )  # fmt: skip
+CURVE_POINTS = TABLE("CURVE_POINTS", 161, "points", "Of a friction curve on the page: a line without visible corners.")
+CURVE_DENSITY = TABLE(
+    "CURVE_DENSITY", 4.0, "1",
+    "c of the velocities sinh(c x) / sinh(c): where friction turns they are seven times as dense as if equally spaced.",
+)  # fmt: skip
+CURVE_STEP = TABLE(
+    "CURVE_STEP", 1e-5, "1",
+    "Step of the differences that give its band, as a fraction of a value or, where that is larger, of its standard "
+    "deviation: between what rounding and what curvature would spoil.",
+)  # fmt: skip
+CURVE_SMALLEST = TABLE("CURVE_SMALLEST", 1e-9, "1", "Smallest size of a value for that step, in its unit.")

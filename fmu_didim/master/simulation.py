@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.components.fmu.library import CURRENT_FOLDER
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.master.apart import Order, run_apart, running_apart
 from fmu_didim.master.here import check_reference, run_here
@@ -72,13 +73,14 @@ def simulate(
 def _same_folder() -> Iterator[None]:
     """Go back to the current folder where an FMU has gone to another one: results would be written there."""
     try:
-        here = os.getcwd()  # noqa: PTH109 - at every run
+        with CURRENT_FOLDER:
+            here = os.getcwd()  # noqa: PTH109 - at every run
     except OSError:
         here = None
     try:
         yield
     finally:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), CURRENT_FOLDER:
             if here is not None and os.getcwd() != here:  # noqa: PTH109
                 _log.warning("An FMU has changed the current folder; it is %s again.", here)
                 os.chdir(here)

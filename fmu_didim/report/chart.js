@@ -25,13 +25,15 @@ const after = (x, value) => {
 };
 const ticks = (low, high, count, log) => {
   if (log) {
-    const found = [], from = Math.floor(Math.log10(low)), to = Math.ceil(Math.log10(high));
-    const every = Math.max(1, Math.ceil((to - from) / count)), parts = (to - from) * 3 <= count + 3 ? [1, 2, 5] : [1];
-    for (let d = from; d <= to; d += every) for (const m of parts) {
-      const v = m * 10 ** d;
-      if (v >= low * 0.999 && v <= high * 1.001) found.push([v, d >= -2 && d <= 4 ? String(+v.toPrecision(1)) : `${m}e${d}`]);
+    const from = Math.floor(Math.log10(low)), to = Math.ceil(Math.log10(high)), every = Math.max(1, Math.ceil((to - from) / count));
+    for (const parts of [[1], [1, 2, 5]]) {
+      const found = [];
+      for (let d = from; d <= to; d += every) for (const m of parts) {
+        const v = m * 10 ** d;
+        if (v >= low * 0.999 && v <= high * 1.001) found.push([v, d >= -2 && d <= 4 ? String(+v.toPrecision(1)) : `${m}e${d}`]);
+      }
+      if (found.length > 1) return found;
     }
-    if (found.length > 1) return found;
   }
   const rough = (high - low) / Math.max(count, 1) || 1, power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find(f => f * power >= rough * 0.7);
@@ -175,13 +177,15 @@ class Chart {
     this.width = Math.max(width || this.canvas.clientWidth, 240);
     const left = narrow ? 52 : 66, right = 10, [from, to] = this.range;
     this.px = scale(from, to, left, this.width - right, figure.log); this.frames = [];
+    const begins = [];
     let top = 4, drawn = "";
     figure.panels.forEach((panel, k) => {
       const height = Math.round(Math.max(panel.height * (narrow ? 0.8 : 1), Math.min(panel.height, 92))), across = this.width - left - right;
+      if (panel.head || !begins.length) begins.push(begins.length ? top - 6 : 0);
       if (panel.head) { top += 24; drawn += `<text class="head" x="${left}" y="${top - 8}">${escape(panel.head)}</text>`; }
       const [low, high] = extent(panel, this.hidden, from, to), py = scale(low, high, top + height, top, panel.log);
       drawn += `<g data-panel="${k}"><rect class="frame" x="${left}" y="${top}" width="${across}" height="${height}"/>`;
-      for (const [v, text] of ticks(low, high, Math.max(2, Math.round(height / 42)), panel.log)) drawn += `<path class="grid${v === 0 ? " zero" : ""}" d="M${left} ${py(v).toFixed(1)}H${this.width - right}"/><text class="tick" text-anchor="end" x="${left - 6}" y="${(py(v) + 4).toFixed(1)}">${text}</text>`;
+      for (const [v, text] of ticks(low, high, Math.max(3, Math.round(height / 42)), panel.log)) drawn += `<path class="grid${v === 0 ? " zero" : ""}" d="M${left} ${py(v).toFixed(1)}H${this.width - right}"/><text class="tick" text-anchor="end" x="${left - 6}" y="${(py(v) + 4).toFixed(1)}">${text}</text>`;
       const marks = figure.ticks.length ? figure.ticks : ticks(from, to, Math.round(this.width / 90), figure.log);
       for (const [v] of marks) if (v >= from && v <= to) drawn += `<path class="grid" d="M${this.px(v).toFixed(1)} ${top}v${height}"/>`;
       drawn += `<svg x="${left}" y="${top}" width="${across}" height="${height}" viewBox="${left} ${top} ${across} ${height}">`;
@@ -197,7 +201,8 @@ class Chart {
     top += turned ? 62 : 22;
     drawn += `<text class="label" text-anchor="middle" x="${(left + this.width - right) / 2}" y="${top + 14}">${escape(figure.label)}</text>`;
     this.height = top + 20;
-    this.canvas.innerHTML = `<svg viewBox="0 0 ${this.width} ${this.height}" role="img" aria-label="${escape(figure.title)}">${drawn}<g class="cursor"></g></svg>`;
+    const parts = width ? begins : [0];  /* on paper a column of panels may go on the next page between two heads */
+    this.canvas.innerHTML = parts.map((from, k) => `<svg viewBox="0 ${from} ${this.width} ${(parts[k + 1] || this.height) - from}" role="img" aria-label="${escape(figure.title)}">${drawn}<g class="cursor"></g></svg>`).join("");
     if (this.cursor !== null) this.point(this.cursor, this.panel);
   }
   mark(from, to) {

@@ -127,7 +127,7 @@ def _digest(path: Path) -> str:
     data = path.read_bytes()
     if path.suffix in (".html", ".json"):
         text = _TIMES.sub("", data.decode())
-        data = re.sub(r"""("seconds": |seconds</\w+>\s*<\w+>)[\d.]+|\d+(\.\d)? s\b""", "", text).encode()
+        data = re.sub(r"""("seconds": |seconds</\w+>\s*<\w+>)[\d.]+|\d+(\.\d+)? (s|min|h)\b""", "", text).encode()
     elif path.suffix == ".fmu":
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             data = b"".join(name.encode() + archive.read(name) for name in sorted(archive.namelist()))

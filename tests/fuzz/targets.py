@@ -136,7 +136,10 @@ def _mat(rng: random.Random) -> bytes:
     content |= rng.choice(({}, {"s": {"a": 1, "b": "text"}}, {"c": np.array([1, "x"], dtype=object), "k": 1 + 2j}))
     savemat(stream, content, format=rng.choice(("5", "5", "4")) if len(content) == 3 else "5",
             do_compression=rng.random() < 0.3)  # fmt: skip
-    return _damaged(rng, stream.getvalue())
+    made = stream.getvalue()
+    if made.startswith(b"MATLAB"):
+        made = b"MATLAB 5.0 MAT-file".ljust(116) + made[116:]  # without the time
+    return _damaged(rng, made)
 
 
 def _parquet(rng: random.Random) -> bytes:

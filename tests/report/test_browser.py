@@ -140,6 +140,10 @@ def test_paper_shows_all_in_light_with_the_provenance_last(browser: Any, pages: 
     assert heads[-1] == "Provenance"
     assert not page.locator("nav").first.is_visible()
     page.evaluate("dispatchEvent(new Event('afterprint'))")
+    if name == "discover":  # on paper each joint is a picture of its own, so that no page cuts one
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert page.locator(".chart.tall").first.locator("svg[role=img]").count() == 2
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
     assert not told
 

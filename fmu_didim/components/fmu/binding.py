@@ -61,6 +61,10 @@ class Messages:
         return "; ".join(self.lines[-3:]) or None
 
 
+class EndedError(SimulationError):
+    """An FMU wants the simulation to end, as it may."""
+
+
 @dataclass(frozen=True)
 class EventResult:
     """What an event iteration left: whether to stop, and the next time event (s) or None."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.components.base import Component
-from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, address, references
+from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedError, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
@@ -297,9 +297,9 @@ def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -
     )
 
 
-def ended(component: FmuSettings, time: float) -> SimulationError:
+def ended(component: FmuSettings, time: float) -> EndedError:
     """The error of an FMU that wants the simulation to end."""
-    return SimulationError("The FMU ended the simulation.", where=component.path.name, got=f"t = {time:.6g} s")
+    return EndedError("The FMU ended the simulation.", where=component.path.name, got=f"t = {time:.6g} s")
 
 
 def no_progress(component: FmuSettings, time: float) -> SimulationError:

@@ -131,14 +131,15 @@ def load_library(fmi: FmiVersion, description: FmuDescription, interface: Interf
         FmuError: there is no library for this machine, it does not load, or a function is missing.
     """
     key = (description.folder, fmi.name, interface.kind, interface.identifier)
-    with _one_at_a_time:  # the working directory, which is changed for a moment, belongs to all threads
+    with CURRENT_FOLDER:
         if key not in _loaded:
             file = library_file(fmi, description, interface)
             _loaded[key] = _load(file, fmi, interface, str(description.path))
         return _loaded[key]
 
 
-_one_at_a_time = threading.Lock()
+CURRENT_FOLDER = threading.Lock()
+"""Held while the current folder, which belongs to all threads, is another one for a moment, and by who asks for it."""
 _loaded: dict[tuple[Path, str, str, str], Library] = {}
 
 

@@ -36,7 +36,11 @@ from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import SimulationError
 
-_FORMAT = 5
+_FORMAT = 6
+FIRST_QUESTIONS = 4
+"""Questions about running again at most, among which the time for all is divided."""
+SHORTEST_LIMIT = 10.0
+"""Seconds that such a question gets at least."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class FmuProbe:
     """What :func:`probe_fmu` found.
 
     Attributes:
-        file, digest, interface: what was probed; step_size: in s.
+        file, digest, interface: what was probed; step_size: in s; steps: of a run.
         failure: why the FMU does not run at all; empty if it does. Then nothing else was probed.
         single: a second instance in one process, after the first, is fatal or hangs.
         deterministic: two new instances, one after the other in one process, give the same trajectory.
@@ -70,6 +74,7 @@ class FmuProbe:
     digest: str
     interface: str
     step_size: float
+    steps: int = STEPS
     failure: str = ""
     deterministic: bool = False
     reproducible: bool = False
@@ -94,7 +99,7 @@ class FmuProbe:
 
     def lines(self) -> tuple[str, ...]:
         """The result as text, one finding a line."""
-        head = f"{self.file}, {self.interface}, {STEPS} steps of {self.step_size:g} s"
+        head = f"{self.file}, {self.interface}, {self.steps} steps of {self.step_size:g} s"
         if self.failure:
             return (head, f"does not run: {self.failure}", f"run it again by: {self.strategy} ({self.reason})")
         side = {True: "run as if alone", False: "DISTURB each other", None: "not allowed by the FMU"}[self.independent]
@@ -193,6 +198,7 @@ class _Asking:
         self, component: FmuComponent, h: float, limit: float, whole: float, say: Callable[[str], None]
     ) -> None:
         self._component, self._h, self._limit, self._say = component, h, limit, say
+        self._first = min(limit, max(whole / FIRST_QUESTIONS, SHORTEST_LIMIT))
         self._ends = clock.monotonic() + whole
         self._process = Reused(str(component.path))
         self.ended: list[str] = []
@@ -207,7 +213,7 @@ class _Asking:
     def facts(self) -> Facts:
         """How it is run again."""
         self._say("whether it can be run again")
-        return ask_facts(self._component, self._h, self._limit)
+        return ask_facts(self._component, self._h, self._first)
 
     def __call__(self, question: Callable[..., Any], *arguments: Any) -> Any:
         name = trial_name(question)
@@ -230,7 +236,8 @@ class _Asking:
 def _probe(component: FmuComponent, h: float, ask: _Asking) -> tuple[FmuProbe, bool]:
     """What was found, and whether all of it was measured to its end."""
     facts = ask.facts()
-    blank = FmuProbe(component.path.name, component.digest, component.interface.kind, h)
+    steps = questions.step_count(component, h)
+    blank = FmuProbe(component.path.name, component.digest, component.interface.kind, h, steps)
     rerun = choose(facts)
     if facts.first is None:
         remember_rerun(component, rerun, facts)

@@ -8,17 +8,20 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 import numpy as np
 
+from fmu_didim.components.fmu.binding import EndedError
 from fmu_didim.components.fmu.description import FLOAT_TYPES
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
 
-STEPS = 50
+STEPS, FEWEST_STEPS = 50, 8
+PART_OF_EXPERIMENT = 0.8
+"""Of the default experiment of an FMU that a run takes at most."""
 SEED = 20240131
 SAME = 1e-9
 """Trajectories that differ by less than this fraction of their largest value are the same."""
@@ -34,15 +37,21 @@ def same(a: Array, b: Array) -> bool:
     return bool((np.abs(np.nan_to_num(a - b, posinf=0.0, neginf=0.0)) <= SAME * largest).all())
 
 
-def _inputs(component: FmuSettings) -> Array:
-    """Held inputs (STEPS, nu), pseudo-random, growing from 1 % to all of their usual size: limits come late."""
+def step_count(component: FmuSettings, h: float) -> int:
+    """Steps of a run: fewer where the FMU's default experiment ends before, as it may end itself then."""
+    stop = component.fmu.experiment.stop
+    return STEPS if not stop or stop <= 0 else max(min(STEPS, int(PART_OF_EXPERIMENT * stop / h)), FEWEST_STEPS)
+
+
+def _inputs(component: FmuSettings, h: float) -> Array:
+    """Held inputs (steps, nu), pseudo-random, growing from 1 % to all of their usual size: limits come late."""
     scale = np.array([max(abs(v.start), 1.0) for v in component.inputs])
-    random = np.random.default_rng(SEED)
-    rows: Array = random.uniform(-1, 1, (STEPS, scale.size)) * scale
-    rows *= np.geomspace(0.01, 1.0, STEPS)[:, None]
+    random, count = np.random.default_rng(SEED), step_count(component, h)
+    rows: Array = random.uniform(-1, 1, (count, scale.size)) * scale
+    rows *= np.geomspace(0.01, 1.0, count)[:, None]
     for i, (kind, variable) in enumerate(zip(component.input_types, component.inputs, strict=True)):
         if kind == "Boolean":
-            rows[:, i] = random.integers(0, 2, STEPS)
+            rows[:, i] = random.integers(0, 2, count)
         elif kind not in FLOAT_TYPES:
             rows[:, i] = variable.start  # which other integers mean something, nobody says
     return rows
@@ -67,12 +76,13 @@ def _begin(instance: Any, component: FmuSettings) -> None:
 
 def _advance(instance: Any, rows: Array, h: float, start: int = 0) -> Array:
     found = np.zeros((len(rows), instance.outputs.size))
-    for k, row in enumerate(rows):
-        instance.inputs[:] = row
-        instance.set()
-        instance.step((start + k) * h, h)
-        instance.get()
-        found[k] = instance.outputs
+    with suppress(EndedError):  # that is as far as it goes
+        for k, row in enumerate(rows):
+            instance.inputs[:] = row
+            instance.set()
+            instance.step((start + k) * h, h)
+            instance.get()
+            found[k] = instance.outputs
     return found
 
 
@@ -83,7 +93,13 @@ def _run(component: FmuSettings, u: Array, h: float) -> Array:
 
 def once(component: FmuSettings, h: float) -> Array:
     """One trajectory."""
-    return _run(component, _inputs(component), h)
+    return _run(component, _inputs(component, h), h)
+
+
+def quiet(component: FmuSettings, h: float) -> Array:
+    """One trajectory with the inputs at their start values: others may be beyond what the model stands."""
+    starts = np.array([v.start for v in component.inputs])
+    return _run(component, np.tile(starts, (step_count(component, h), 1)), h)
 
 
 def two_in_turn(component: FmuSettings, h: float) -> tuple[Array, Array]:
@@ -93,12 +109,12 @@ def two_in_turn(component: FmuSettings, h: float) -> tuple[Array, Array]:
 
 def side_by_side(component: FmuSettings, h: float) -> bool:
     """Whether two instances at the same time, with opposite inputs, run as each alone."""
-    u = _inputs(component)
+    u = _inputs(component, h)
     inputs = (u, u * [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types])
     alone = [_run(component, rows, h) for rows in inputs]
     found: list[list[Array]] = [[], []]
     with _begun(component) as first, _begun(component) as second:
-        for k in range(STEPS):
+        for k in range(len(u)):
             for instance, rows, kept in zip((first, second), inputs, found, strict=True):
                 kept.append(_advance(instance, rows[k : k + 1], h, k)[0])
     return all(same(np.array(a), b) for a, b in zip(found, alone, strict=True))
@@ -128,7 +144,7 @@ def restarted(component: FmuSettings, h: float, strategy: str, wanted: Array | N
     Args:
         wanted: the trajectory of a new one, where there is none beside this in the process.
     """
-    u = _inputs(component)
+    u = _inputs(component, h)
     wanted = once(component, h) if wanted is None else wanted
     values = {**component.start_values, **component.parameter_values()}
     changed = component.with_parameters({name: _other(value) for name, value in values.items()})
@@ -150,7 +166,7 @@ def restarted(component: FmuSettings, h: float, strategy: str, wanted: Array | N
 def half_step(component: FmuSettings, h: float) -> tuple[str, float]:
     """The output that half the step changes most, with the same held inputs, and by which fraction of its largest
     value; an empty name where there are no outputs."""
-    u = _inputs(component)
+    u = _inputs(component, h)
     whole, half = _run(component, u, h), _run(component, np.repeat(u, 2, axis=0), h / 2)[1::2]
     if not whole.size:
         return "", 0.0
@@ -167,7 +183,7 @@ def _other(value: float) -> float:
 
 def state(component: FmuSettings, h: float) -> str:
     """Whether a restored state goes on as after it was saved."""
-    u, half = _inputs(component), STEPS // 2
+    u, half = _inputs(component, h), step_count(component, h) // 2
     with _begun(component) as instance:
         _advance(instance, u[:half], h)
         saved = instance.save_state()
@@ -178,7 +194,7 @@ def state(component: FmuSettings, h: float) -> str:
 
 def response(component: FmuSettings, h: float) -> tuple[tuple[str, str], ...]:
     """When each output first follows a change of all inputs after three steps."""
-    u, lead = _inputs(component), 3
+    u, lead = _inputs(component, h), 3
     other = u.copy()
     factors = np.linspace(1.3, 1.9, u.shape[1])  # not by the same amount: a controller may see a difference
     for i, kind in enumerate(component.input_types):
@@ -226,7 +242,7 @@ def parameters(component: FmuSettings, h: float, seconds: float = math.inf) -> t
 def tunable(component: FmuSettings, h: float, seconds: float = math.inf) -> tuple[tuple[str, ...], ...]:
     """Tunable parameters that act when they are changed in a run, that do not, whose change is refused then, and those
     not tried when this time was up."""
-    begin, u, half = clock.monotonic(), _inputs(component), STEPS // 2
+    begin, u, half = clock.monotonic(), _inputs(component, h), step_count(component, h) // 2
     base = once(component, h)[half:]
     groups: dict[str, list[str]] = {"acting": [], "idle": [], "refused": [], "left": []}
     for name, value in component.parameter_values().items():

@@ -36,6 +36,8 @@ TIME_LIMIT = 30.0
 Kept = TypeVar("Kept")
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
+ONLY_QUIET = "with pseudo-random inputs, while it does with its inputs at their start values"
+"""How the failure of an FMU begins whose inputs may not be anything."""
 ONE_AFTER_THE_OTHER = "one instance after the other in one process"
 """The same, where a process bears a single one."""
 _FORMAT = 4
@@ -184,7 +186,7 @@ def _asked(ask: Callable[..., Any]) -> Facts:
         reset, state = (_said_alone(ask, way, ended) for way in (RESET, STATE))
         crashed = frozenset(ended or [TOGETHER])
     except FmuDidimError as error:
-        return Facts(failure=" ".join(str(error).split()))
+        return _failed(ask, error, frozenset())
     alike = questions.same(first, second)
     try:
         reproducible = questions.same(first, ask(questions.once))
@@ -193,13 +195,23 @@ def _asked(ask: Callable[..., Any]) -> Facts:
     return Facts("", crashed, first, second, alike, reproducible, reset, state)
 
 
+def _failed(ask: Callable[..., Any], error: FmuDidimError, crashed: frozenset[str]) -> Facts:
+    """What an FMU is said to fail at; pseudo-random inputs may be more than its model stands."""
+    failure = " ".join(str(error).split())
+    try:
+        ask(questions.quiet)
+    except FmuDidimError:
+        return Facts(failure=failure, crashed=crashed)
+    return Facts(failure=f"{ONLY_QUIET}: {failure}", crashed=crashed)
+
+
 def _asked_alone(ask: Callable[..., Any]) -> Facts:
     """What can be asked where a process bears one instance only."""
     begin = clock.monotonic()
     try:
         first = ask(questions.once)
     except FmuDidimError as error:
-        return Facts(failure=" ".join(str(error).split()), crashed=frozenset({"runs"}))
+        return _failed(ask, error, frozenset({"runs"}))
     took = clock.monotonic() - begin
     reproducible = questions.same(first, ask(questions.once))
     reset, state = (said(ask, partial(questions.restarted, strategy=way, wanted=first)) for way in (RESET, STATE))

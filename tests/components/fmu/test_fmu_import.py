@@ -547,6 +547,7 @@ def probed(folder: Path, *macros: str, **options: str) -> FmuProbe:
         (("TUNABLE_IGNORED",), "reset", "WITHOUT EFFECT in a run: a, d"),
         (("RESET_KEEPS_PARAMETERS",), "state", "reset: does not restore"),
         (("EXIT_IN_STEP",), "fresh process", "does not run: The FMU ended its process"),
+        (("ONLY_SMALL_INPUTS",), "re-instantiate", "with pseudo-random inputs, while it does with its inputs at their"),
         (("ABORT_IN_FREE_STATE",), "reset", "saved state: The FMU crashed its process (SIGABRT"),
     ],
 )
