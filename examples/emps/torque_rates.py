@@ -48,7 +48,7 @@ def full_rate(case: Case) -> LoopModel:
     train = source.model_copy(update={"torque": torque})
     experiment = read_experiment(
         train, case.folder, step=case.step_size, drive_gains=case.document.loop.drive_gains,
-        joint_count=1, label="estimation",
+        torque_units=model.parameters.torque_units, label="estimation",
     )  # fmt: skip
     return model.with_experiment("estimation", experiment)
 

@@ -58,7 +58,7 @@ def _measure() -> dict[str, float]:
     watch = _Stopwatch()
     watch.seconds["imports"] = time.perf_counter() - begin
     targets = [
-        ("compile", build, "_run"), ("code generation", export, "generate_c"), ("simulation", loop_model, "simulate"),
+        ("compile", build, "run_compiler"), ("code generation", export, "generate_c"), ("simulation", loop_model, "simulate"),
         ("report", report, "write_report"), ("reading and building the case", result_folder, "load_case"),
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as out:
