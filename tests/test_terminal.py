@@ -57,7 +57,7 @@ def test_an_encoding_without_the_letters_and_names_that_are_none() -> None:
 
 def test_names_in_files_reach_the_terminal_written_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "log.csv"
-    log.write_text("t,tau1,\x1b[2Jtau2\n0,1,2\n", encoding="utf-8")
+    log.write_text("t,tau1,\x1b[2Jtau2\n0,1,2\n0.005,1,2\n", encoding="utf-8")
     case = scara_case(tmp_path, train={"reference": {"file": str(log)}, "torque": {"file": str(log)}})
     assert main(["identify", str(case), "--out", str(tmp_path / "out")]) == 1
     told = capsys.readouterr()
