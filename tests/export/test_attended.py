@@ -23,7 +23,7 @@ open(sys.argv[1], "a").write(f"{inner.pid}\\n")
 time.sleep(600)
 """
 """A compiler that starts another process and does not end."""
-STARTS = "import sys; from fmu_didim.export import build; build._run(sys.argv[1:], what='It failed.')"
+STARTS = "import sys; from fmu_didim.export import build; build.run_compiler(sys.argv[1:], what='It failed.')"
 
 
 def is_running(pid: int) -> bool:
@@ -64,18 +64,18 @@ def test_a_compiler_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(build, "TIMEOUT", 1.0)
     (tmp_path / "slow.py").write_text(SLOW)
     with pytest.raises(BuildError, match="no end after 1 s"):
-        build._run([sys.executable, str(tmp_path / "slow.py"), str(tmp_path / "pids")], what="It failed.")
+        build.run_compiler([sys.executable, str(tmp_path / "slow.py"), str(tmp_path / "pids")], what="It failed.")
     assert_gone(pids(tmp_path / "pids"))
 
 
 def test_what_a_compiler_prints_and_its_exit_status() -> None:
-    assert build._run([sys.executable, "-c", "print('a version')"], what="") == "a version\n"
+    assert build.run_compiler([sys.executable, "-c", "print('a version')"], what="") == "a version\n"
     with pytest.raises(BuildError, match=r"^It failed\.[\s\S]*no such thing"):
-        build._run([sys.executable, "-c", "raise SystemExit('no such thing')"], what="It failed.")
+        build.run_compiler([sys.executable, "-c", "raise SystemExit('no such thing')"], what="It failed.")
     with pytest.raises(BuildError, match=r"^It failed\.[\s\S]*No such file"):
-        build._run(["/nowhere/compiler"], what="It failed.")
+        build.run_compiler(["/nowhere/compiler"], what="It failed.")
     with pytest.raises(BuildError, match="exit status 137"):
-        build._run([sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"], what="")
+        build.run_compiler([sys.executable, "-c", "import os; os.kill(os.getpid(), 9)"], what="")
 
 
 def test_compiling_leaves_nothing_in_the_folder_for_temporary_files(
