@@ -172,8 +172,10 @@ class RefusedError(IdentificationError):
         if failure is None or self.deviation is not None or failure.what == self.what:
             return self
         told = (failure.got, f"so that there is no answer: {self.what}", self.got)
+        look = failure.next_step or f"Find out why the {failure.component} fails there."
+        values = f"If the values that it was given are to blame: {self.next_step}" if self.next_step else ""
         return RefusedError(
             failure.what, iterations=self.iterations, got="; ".join(str(part) for part in told if part),
-            next_step=failure.next_step or f"Find out why the {failure.component} fails there.",
+            next_step=f"{look} {values}".strip(),
             values=self.values, where=failure.where,
         )  # fmt: skip
