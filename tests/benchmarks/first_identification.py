@@ -58,8 +58,9 @@ def _measure() -> dict[str, float]:
     watch = _Stopwatch()
     watch.seconds["imports"] = time.perf_counter() - begin
     targets = [
-        ("compile", build, "run_compiler"), ("code generation", export, "generate_c"), ("simulation", loop_model, "simulate"),
-        ("report", report, "write_report"), ("reading and building the case", result_folder, "load_case"),
+        ("compile", build, "run_compiler"), ("code generation", export, "generate_c"),
+        ("simulation", loop_model, "simulate"), ("report", report, "write_report"),
+        ("reading and building the case", result_folder, "load_case"),
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as out:
         patches = [
