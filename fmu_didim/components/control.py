@@ -10,14 +10,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
-from fmu_didim.components.base import (
-    Component,
-    Instance,
-    SameObject,
-    SampleClock,
-    block_feedthrough,
-    check_names,
-)
+from fmu_didim.components.base import Component, Instance, SameObject, SampleClock, block_feedthrough, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.errors import FmuDidimError, SimulationError

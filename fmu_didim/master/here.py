@@ -44,9 +44,7 @@ def run_here(
         system = compiled_components(system)
     bounds = bounds or {}
     try:
-        with _running(system, reference, pool, beat) as run:
-            run.prepare(ticks, bounds)
-            run.initialise()
+        with _running(system, reference, ticks, bounds, pool, beat) as run:
             solver = _loop_solver(run)
             natives = None if compiled is False or observe is not None or solver is not None else _natives(run)
             if compiled and natives is None:
@@ -62,19 +60,26 @@ def run_here(
         first = error
     # Signals are looked at every 32 ticks: by then what is no number has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
-    with _running(system, reference, pool, beat) as run:
-        run.prepare(ticks, bounds)
-        run.initialise()
+    with _running(system, reference, ticks, bounds, pool, beat) as run:
         run_interpreted(run, solver=_loop_solver(run), careful=True)
     raise first  # it was one only once
 
 
 @contextmanager
-def _running(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None) -> Iterator[Run]:
-    """A run whose instances go back to the pool, unless a component failed in it."""
+def _running(
+    system: System,
+    reference: Trajectory,
+    ticks: NDArray[np.int64],
+    bounds: Mapping[str, tuple[float, float]],
+    pool: InstancePool | None,
+    beat: Beat | None,
+) -> Iterator[Run]:
+    """A run that is initialised; its instances go back to the pool, unless a component failed in it."""
     run, reusable = assemble(system, reference, pool, beat), False
     try:
         with np.errstate(all="ignore"):
+            run.prepare(ticks, bounds)
+            run.initialise()
             yield run
         reusable = True
     except FmuDidimError as error:

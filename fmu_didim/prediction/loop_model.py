@@ -224,15 +224,17 @@ class LoopModel(LoopDescription):
             ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, label).ticks
         system = system or self.simulated(values, label)
         bounds = self.position_bounds(label)
-        response = response_key(system) if observe is None else None
-        key = (response, SameObject(reference), external, self.subdivision, ticks.tobytes(), tuple(bounds.items()))
-        if response is not None and (known := self.recordings.find(key)):
-            return known
+        response, key = response_key(system) if observe is None else None, None
+        if response is not None:
+            run = (SameObject(reference), external, self.subdivision, ticks.tobytes(), tuple(bounds.items()))
+            key = (response, *run)
+            if known := self.recordings.find(key):
+                return known
         reference = with_external_torques(reference, external)
         if self.subdivision > 1:
             reference, ticks = held(reference, self.subdivision), ticks * self.subdivision
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=self.pool)
-        if response is not None:
+        if key is not None:
             self.recordings.keep(key, recording)
         return recording
 

@@ -102,13 +102,8 @@ class JointTriangles:
         return found.solution, np.add.reduceat(found.leverage, first)
 
     def deviation(self, model: LoopModel, squares: Array, names: tuple[str, ...]) -> Array:
-        """(n,) deviations to weight with where the residual has these sums of squares (n,) at its joints."""
-        if model.torque_deviation is not None:
-            return model.torque_deviation
+        """(n,) estimated deviations where the residual has these sums of squares (n,) at its joints."""
         floor = noise_floor(model.measured)
-        if model.joint_weights == "equal":
-            whole = float(np.sqrt(squares.sum() / (self.samples * squares.size)))
-            return np.full(squares.size, max(whole, float(floor.max())))
         first = deviation_of_sums(squares, np.full(squares.size, float(self.samples)), floor=floor)
         return deviation_of_sums(squares, self.samples - self.solved(first, names)[1], floor=floor)
 
@@ -117,6 +112,9 @@ def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
     """(n,) deviations to weight with, from a residual (N, n) left by columns (N, n, p)."""
     if model.torque_deviation is not None:
         return model.torque_deviation
+    if model.joint_weights == "equal":
+        whole, floor = float(np.sqrt((residual**2).mean())), noise_floor(model.measured)
+        return np.full(residual.shape[1], max(whole, float(floor.max())))
     names = model.names[: columns.shape[2]]
     return JointTriangles.of(columns, residual).deviation(model, (residual**2).sum(axis=0), names)
 
