@@ -97,9 +97,8 @@ def _run(there: Any, order: Order) -> tuple[Recording, dict[str, Any] | None]:
     return found, None if order.observe is None else vars(order.observe)
 
 
-def run_apart(order: Order, pool: InstancePool | None) -> Recording:
-    """Run a loop in a process of its own; with a pool, in the one that it ran in before."""
-    fmus = running_apart(order.system)
+def run_apart(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
+    """Run a loop in a process of its own because of some FMUs; with a pool, in the one that it ran in before."""
     key = frozenset((name, c.digest, c.interface.kind, c.time_limit_s) for name, c in fmus.items())
     if pool is not None and pool.is_noted(key):
         return _each_alone(order, fmus, pool)

@@ -56,9 +56,9 @@ def simulate(
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
     try:
-        if running_apart(system):
+        if fmus := running_apart(system):
             check_reference(system, reference, ticks)
-            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), pool)
+            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
         with _same_folder():
             return run_here(
                 system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
