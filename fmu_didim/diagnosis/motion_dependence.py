@@ -25,7 +25,6 @@ from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.uncertainty import Colour, nominal_rate
@@ -118,19 +117,16 @@ def motion_dependence(
     return found
 
 
-def dependence_of_fit(fit: Fit) -> list[Dependence]:
-    """How the residual of each joint depends on the motion at a point of the closed loop."""
-    return dependence_of(fit.model, fit.values, fit.residual, fit.jacobian, fit_uncertainty(fit).colours)
+def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
+    """How the residual of each joint depends on the motion at a point of the closed loop.
 
-
-def dependence_of(
-    model: LoopModel, values: Array, residual: Array, jacobian: Array, colours: Sequence[Colour]
-) -> list[Dependence]:
-    """The same of a residual (N, n) and sensitivities (N, n, p) of all fitted experiments, one below the other."""
-    rows = model.rows
+    Args:
+        colours: of its noise.
+    """
+    rows, residual = fit.model.rows, fit.residual
     return motion_dependence(
-        model, values, {label: residual[part] for label, part in rows.items()},
-        {label: jacobian[part] for label, part in rows.items()},
+        fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
+        {label: fit.jacobian[part] for label, part in rows.items()},
         {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours},
     )  # fmt: skip
 

@@ -38,7 +38,7 @@ from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient, covariance_paper, relative_error_percent
+from fmu_didim.statistics import covariance_white, relative_error_percent
 
 BEST = "the best point goes on to the finish"
 ADVICE = (
@@ -207,14 +207,14 @@ class Didim(Estimator):
             minimum = lowest(finish(fit), finish)
             history.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
-            known = fit_uncertainty(fit)
+            known = minimum.known
             stages["finish"] = Stage(fit.values, known.deviation)
         else:
-            minimum = Minimum(fit, integration_error(fit))
+            minimum = Minimum(fit, integration_error(fit), known)
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise _NonPhysicalError(fit.values, reason, settled=settled, deviation=known.deviation)
-        return torque_estimate(minimum, known, estimator=self.name, settled=settled, iterations=history, stages=stages)
+        return torque_estimate(minimum, estimator=self.name, settled=settled, iterations=history, stages=stages)
 
     def _stage(self, fit: Fit, known: Uncertainty) -> Stage:
         """DIDIM's own answer with its standard deviation; beside it, for white noise, the paper's and the bound."""
@@ -226,8 +226,8 @@ class Didim(Estimator):
             fit.values[:count],
             known.deviation,
             {
-                "paper": np.sqrt(np.diag(covariance_paper(w))),
-                "cramer_rao": np.sqrt(np.diag(covariance_efficient(s))),
+                "paper": np.sqrt(np.diag(covariance_white(w))),
+                "cramer_rao": np.sqrt(np.diag(covariance_white(s))),
             },
         )
 

@@ -25,7 +25,7 @@ from fmu_didim.prediction.reference_start import observed_on
 from fmu_didim.prediction.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.prediction.weighting import noise_floor, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_paper, influence_efficient, noise_deviation, relative_error_percent
+from fmu_didim.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class IdimLs(Estimator):
     def _paper(columns: Array, residual: Array, deviation: Array) -> Array:
         """(b,) standard deviations by the paper's formula, for white noise."""
         spread = np.sum(whitened(residual, deviation) ** 2) / (residual.size - columns.shape[2])
-        return np.asarray(np.sqrt(spread * np.diag(covariance_paper(whitened(columns, deviation)))))
+        return np.asarray(np.sqrt(spread * np.diag(covariance_white(whitened(columns, deviation)))))
 
     def _rows(self, model: LoopModel, label: str) -> tuple[Array, Array, Array, Array]:
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""

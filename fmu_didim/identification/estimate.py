@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.motion_dependence import Dependence
 from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
 from fmu_didim.errors import FmuDidimError, IdentificationError
 from fmu_didim.prediction.integration import Integration
@@ -63,7 +64,7 @@ class Estimate:
         colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
             torque log that the case states, or periods that repeat show; None where it is not known.
         noise_is_stated: whether it is the case that states it.
-        jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
+        dependence: of the residual of each joint on the motion; none where it is not that of a simulated torque.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
         remarks: what the user should know; advice: what to do, if more is known than the status.
@@ -91,7 +92,7 @@ class Estimate:
     colours: tuple[Colour, ...] = ()
     known_noise: Array | None = None
     noise_is_stated: bool = True
-    jacobian: Array | None = field(default=None, repr=False)
+    dependence: tuple[Dependence, ...] = ()
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     roughness: Roughness | None = None
     remarks: tuple[str, ...] = ()

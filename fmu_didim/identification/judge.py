@@ -9,7 +9,7 @@ import numpy as np
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
@@ -80,9 +80,7 @@ def judged(
     ]  # fmt: skip
     found += physical_diagnostics(model, estimate.value, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
-    if estimate.jacobian is not None:  # else the residual is not that of a simulated torque
-        left = (model, estimate.value, estimate.residual, estimate.jacobian, estimate.colours)
-        found += motion_diagnostics(dependence_of(*left))
+    found += motion_diagnostics(estimate.dependence)
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.motion_dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum
@@ -32,7 +32,7 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
     """
     for _ in range(limits.OTHER_MINIMA):
         fit = minimum.fit
-        if not motion_diagnostics(dependence_of_fit(fit)):
+        if not motion_diagnostics(minimum.dependence):
             break
         other = lower_elsewhere(fit)
         if other is None:

@@ -21,7 +21,7 @@ from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.reference_start import Motion, rows_of, whole_reference
 from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_paper
+from fmu_didim.statistics import covariance_white
 
 Start = str | Mapping[str, float]
 KINDS = {
@@ -100,7 +100,7 @@ def _fitted(model: LoopModel, motion: Callable[[LoopModel, str], Motion], *, hel
         found = np.linalg.lstsq(table, right, rcond=None)[0]
     values = model.start
     values[:count] = found
-    return _physical(model, values, covariance_paper(table))
+    return _physical(model, values, covariance_white(table))
 
 
 def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:

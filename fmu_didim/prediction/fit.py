@@ -13,9 +13,8 @@ from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
-from fmu_didim.prediction.weighting import Weighting, whitened
+from fmu_didim.prediction.weighting import Weighting
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient
 
 
 @dataclass(frozen=True)
@@ -64,11 +63,6 @@ class Fit:
     def condition_number(self) -> float:
         """Of the weighted sensitivity with columns of length one."""
         return Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
-
-    @property
-    def bound(self) -> Array:
-        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
-        return covariance_efficient(whitened(self.jacobian, self.deviation))
 
 
 def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:

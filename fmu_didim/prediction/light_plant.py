@@ -73,7 +73,7 @@ class _Loop:
         self._check()
         # What the plant gets late, the reference must be late for, too.
         late = self._system.delays.get(model.plant_name, 0.0) * self._step
-        motion = reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+        motion = reference_motion(reference, model.joint_count)
         time = self._reference.time
         self._q, self._dq, self._ddq = (
             np.column_stack([np.interp(time + late, reference.time, column) for column in table.T]) for table in motion

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import Parameters
@@ -37,7 +36,7 @@ def from_reference(model: LoopModel) -> Array:
 def whole_reference(model: LoopModel, label: str) -> Motion:
     """The motion that was wanted in an experiment."""
     reference = model.experiments[label].reference
-    return reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+    return reference_motion(reference, model.joint_count)
 
 
 def rows_of(model: LoopModel, motions: Mapping[str, Motion]) -> tuple[Array, Array]:
@@ -93,15 +92,12 @@ def observed_on(
     return parameters.observed_along(time, *motion, theta)
 
 
-def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """q, dq, ddq of the reference at the ticks, (K, n) each; derivatives by cubic spline where not given."""
+def reference_motion(reference: Trajectory, joint_count: int) -> Motion:
+    """q, dq, ddq of a reference; derivatives by cubic spline where not given."""
     joints = range(1, joint_count + 1)
-    q = reference.select([f"q{j}" for j in joints])
-    given = set(reference.names)
-    has_velocity = all(f"dq{j}" in given for j in joints)
-    dq = reference.select([f"dq{j}" for j in joints]) if has_velocity else derivative(reference.time, q)
-    if all(f"ddq{j}" in given for j in joints):
-        ddq = reference.select([f"ddq{j}" for j in joints])
-    else:
-        ddq = derivative(reference.time, dq)
-    return q[ticks], dq[ticks], ddq[ticks]
+    tables = [reference.select([f"q{j}" for j in joints])]
+    for kind in ("dq", "ddq"):
+        wanted = [f"{kind}{j}" for j in joints]
+        given = set(wanted) <= set(reference.names)
+        tables.append(reference.select(wanted) if given else derivative(reference.time, tables[-1]))
+    return tables[0], tables[1], tables[2]

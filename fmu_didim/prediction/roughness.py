@@ -17,7 +17,7 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.sensitivity import step_size
 from fmu_didim.prediction.weighting import whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient
+from fmu_didim.statistics import covariance_white
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
         return None
     first = whitened(fit.jacobian, fit.deviation)
     second = whitened(_at_second_steps(fit, sizes), fit.deviation)
-    deviations = [np.sqrt(np.diag(covariance_efficient(table))) for table in (first, second)]
+    deviations = [np.sqrt(np.diag(covariance_white(table))) for table in (first, second)]
     change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
     worst = int(np.argmax(change))
     return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))

@@ -19,7 +19,7 @@ from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import correlation, covariance_efficient
+from fmu_didim.statistics import correlation, covariance_white
 
 NOT_SIGNIFICANT = CATALOGUE(
     "parameters-not-significant", REMARK, rank=60,
@@ -84,7 +84,7 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | Non
     if not np.abs(columns).any(axis=0).all():
         return None
     try:
-        covariance = covariance_efficient(columns)
+        covariance = covariance_white(columns)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(covariance).all():
