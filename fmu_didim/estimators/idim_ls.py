@@ -54,7 +54,7 @@ class IdimLs(Estimator):
         self.base_alone(model)
         rows = [self._rows(model, label) for label in model.estimation_labels]
         time, columns, target, offset = (np.concatenate([row[i] for row in rows]) for i in range(4))
-        solution, deviation = weighted_solution(model, columns, target, model.names)
+        solution, deviation = weighted_solution(model, columns, target)
         value = solution.solution
         residual = target - columns @ value
         known = self._uncertainty(model, [row[0] for row in rows], columns, residual, deviation)
@@ -73,9 +73,7 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return Estimate(
             estimator=self.name,
-            names=model.names,
-            units=model.units,
-            value=value,
+            model=model.with_values(value),
             covariance=known.covariance,
             freedom=freedom,
             time=time,
@@ -86,7 +84,6 @@ class IdimLs(Estimator):
             status=Status.CONVERGED,
             iterations=(iteration,),
             stages={"idim_ls": Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
-            base_count=model.parameters.count,
             colours=known.colours,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )

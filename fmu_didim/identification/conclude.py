@@ -170,9 +170,7 @@ def torque_estimate(
     fit, model, known = minimum.fit, minimum.fit.model, minimum.known
     return Estimate(
         estimator=estimator,
-        names=model.names,
-        units=model.units,
-        value=fit.values,
+        model=replace(model, substeps=None, substep_factor=1),
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
@@ -183,7 +181,6 @@ def torque_estimate(
         status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
         iterations=tuple(iterations),
         stages=stages,
-        base_count=model.parameters.count,
         integration_error=minimum.integration_error.relative,
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),

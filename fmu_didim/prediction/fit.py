@@ -9,7 +9,7 @@ import numpy as np
 from fmu_didim.prediction.differences import Steps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
@@ -50,6 +50,14 @@ class Fit:
     def residual(self) -> Array:
         """(N, n) measured minus simulated torque."""
         return self.model.measured - self.torque
+
+    def simulation(self, label: str) -> Simulation:
+        """An experiment, held out or not, with these values."""
+        return self.model.simulation(self.values, label)
+
+    def residual_in(self, label: str) -> Array:
+        """(N, n) measured minus simulated torque of one experiment, held out or not; raises SimulationError."""
+        return self.model.residual(self.values, label)
 
     @property
     def covariance(self) -> Array:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.prediction.prediction import sampled_regressor
 from fmu_didim.signals import Array, Trajectory, derivative
@@ -27,45 +27,45 @@ def from_reference(model: LoopModel) -> Array:
     Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
     """
     values, count = model.start, model.linear_count
-    columns, target = rows_of(model, {label: whole_reference(model, label) for label in model.estimation_labels})
+    columns, target = rows_of(model, whole_reference)
     names = model.names[:count]
     values[:count] = least_squares(columns.reshape(-1, count), target.reshape(-1), names=names).solution
     return values
 
 
-def whole_reference(model: LoopModel, label: str) -> Motion:
+def whole_reference(run: Simulation) -> Motion:
     """The motion that was wanted in an experiment."""
-    reference = model.experiments[label].reference
-    return reference_motion(reference, model.joint_count)
+    return reference_motion(run.experiment.reference, run.model.joint_count)
 
 
-def rows_of(model: LoopModel, motions: Mapping[str, Motion]) -> tuple[Array, Array]:
+def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
     """Regressor (N, n, b) and what the base parameters have to explain (N, n) of the measured torque, on motions that
     were not simulated.
 
     Args:
-        motions: label -> q, dq, ddq at all ticks of its reference.
+        motion: of an experiment, at all ticks of its reference.
     """
-    pairs = [rows_on(model, model.start, label, motion) for label, motion in motions.items()]
+    runs = [model.simulation(model.start, label) for label in model.estimation_labels]
+    pairs = [rows_on(run, motion(run)) for run in runs]
     known = np.concatenate([known for _, known in pairs])
     return np.concatenate([columns for columns, _ in pairs]), model.measured - known
 
 
-def rows_on(model: LoopModel, values: Array, label: str, whole: Motion) -> tuple[Array, Array]:
+def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
     """W (N, n, b) and the torque of all that is known (N, n) at the samples of an experiment, on a motion that was not
     simulated.
 
     Args:
         whole: q, dq, ddq at all ticks of its reference.
     """
-    ticks = model.operator(values, label).ticks
+    ticks, model = run.operator.ticks, run.model
     q, dq, ddq = (table[ticks] for table in whole)
 
     def rows(observed: Array) -> tuple[Array, Array]:
-        return sampled_regressor(model, values, label, (q, dq, ddq), observed[ticks])
+        return sampled_regressor(run, (q, dq, ddq), observed[ticks])
 
-    time = model.experiments[label].reference.time
-    return rows(observed_on(model.parameters, time, whole, model.measured_in(label), rows))
+    time = run.experiment.reference.time
+    return rows(observed_on(model.parameters, time, whole, model.measured_in(run.label), rows))
 
 
 def observed_on(

@@ -58,7 +58,7 @@ def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
     length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)
-        ladder = Ladder(model, fit.values, label, fit.torque[rows[label]], i, size)
+        ladder = Ladder(fit.simulation(label), fit.torque[rows[label]], i, size)
         for place in _second_places(step.place, 1 / max(float(length[i]) * size, limits.DIFFERENCE_STEPS[0])):
             found = ladder.at(place)
             if found is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.case import Case
+from fmu_didim.diagnostics import refuse_problems
 from fmu_didim.discovery.findings import FINDINGS_FILE, FindingsDocument, save_findings
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
@@ -28,6 +29,7 @@ from fmu_didim.workflow.augmented_files import (
     write_signals,
 )
 from fmu_didim.workflow.case_files import case_files, repeating
+from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.discovered import Discovered
 from fmu_didim.workflow.result_folder import ResultFolder, checked_case
 
@@ -80,6 +82,7 @@ def discover(
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
     chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
     record = provenance(model, {"name": "discover"}, files=case_files(case)) | repeating("discover", case, chosen)
+    of_data = refuse_problems(case_diagnostics(case, causes=False))
     run = _Run(case, _description(case), watch, folder, show or (lambda found: None))
     found = discover_in(
         model,
@@ -91,6 +94,7 @@ def discover(
         watch=watch,
         keep=None if folder is None else run.keep,
         case=case.path.name,
+        of_data=of_data,
     )
     return run.answer(found)
 

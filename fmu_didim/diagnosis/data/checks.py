@@ -41,16 +41,17 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     for label, experiment in model.experiments.items():
         found += experiment.told
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
-        given = expected(model, label)
-        found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)
-        of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
+        run = model.simulation(model.start, label)
+        given = expected(run)
+        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if not causes or of_log or (held_out and explained) or (near := nearby(model, label)) is None:
+        if not causes or of_log or (held_out and explained) or (near := nearby(model.on(label))) is None:
             continue
-        offered = [*timing(near, label, clock_alone=held_out)]
+        offered = [*timing(near, clock_alone=held_out)]
         if not held_out:
-            offered += another_robot(near, label)
+            offered += another_robot(near)
         explained += near.best(offered)
     return by_weight([*found, *explained])
 
