@@ -11,11 +11,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from fmu_didim.diagnosis import thresholds as limits
-from fmu_didim.prediction.motion import Motion
+from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
+from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
 
@@ -50,8 +54,29 @@ class Window:
     score: float
 
 
+def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Region]:
+    """Where a model disagrees with the data that it is fitted to; nothing if the plant does not tell its motion.
+
+    Args:
+        description: the robot, None for a plant that is a black box.
+    """
+    motions = []
+    for run in map(fit.simulation, fit.model.estimation_labels):
+        motion = simulated_motion(run, description)
+        if motion is None:
+            return []
+        motions.append((motion, _nearest_ticks(run.experiment, run.step_size)))
+    return regions(fit.residual, motions, fit.noise, fit.model.parameters.torque_units)
+
+
+def _nearest_ticks(experiment: Experiment, step: float) -> NDArray[np.int64]:
+    first = float(experiment.reference.time[0])
+    ticks = np.round((experiment.time - first) / step - experiment.operator.lag).astype(np.int64)
+    return np.clip(ticks, 0, experiment.reference.time.size - 1)
+
+
 def regions(
-    residual: Array, motions: Sequence[tuple[Motion, Array]], noise: Noise, units: tuple[str, ...]
+    residual: Array, motions: Sequence[tuple[Motion, NDArray[np.int64]]], noise: Noise, units: tuple[str, ...]
 ) -> list[Region]:
     """Regions with a mean residual of their own, the largest share first.
 

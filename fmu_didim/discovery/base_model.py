@@ -20,6 +20,10 @@ from fmu_didim.prediction.noise import Noise, pooled
 BASE_FIT = Stopping(exact=True)
 """The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
 sensitivities."""
+NO_REPETITION = (
+    "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the motion, "
+    "an upper bound."
+)
 
 
 @dataclass(frozen=True)
@@ -45,21 +49,20 @@ def prepare(model: LoopModel) -> Prepared:
         )
     model = with_nuisances(model)
     repeated, notes = repeated_noise(model)
+    first = pooled(list(repeated.values())) if repeated else _any_noise(model)
+    known = first.deviation if repeated else None
+    fit = minimise(with_fitting_substeps(model, model.start, known), first, stopping=BASE_FIT)
     if repeated:
-        first = pooled(list(repeated.values()))
-        fit = minimise(with_fitting_substeps(model, model.start, first.deviation), first, stopping=BASE_FIT)
         noise, further = without_events(repeated, fit)
         return Prepared(integrated(replace(fit, noise=noise)), (*notes, *further))
-    # Without repetition: all joints alike at first, then the noise that the residual shows.
-    spread = np.std(model.measured, axis=0)
-    first = Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
-    fit = minimise(with_fitting_substeps(model, model.start), first, stopping=BASE_FIT)
-    notes.append(
-        "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the "
-        "motion, an upper bound."
-    )
     fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
-    return Prepared(integrated(fit), tuple(notes))
+    return Prepared(integrated(fit), (*notes, NO_REPETITION))
+
+
+def _any_noise(model: LoopModel) -> Noise:
+    """For a first fit without repetition: all joints alike; then the noise is what the residual shows."""
+    spread = np.std(model.measured, axis=0)
+    return Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
 
 
 def with_nuisances(model: LoopModel) -> LoopModel:

@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
-from fmu_didim.diagnosis.localise import Region, regions
+from fmu_didim.diagnosis.localise import Region, regions_of_fit
 from fmu_didim.diagnosis.sampling_kind import other_sampling
 from fmu_didim.diagnostics import DOUBT, Diagnostic
 from fmu_didim.discovery import thresholds as limits
@@ -18,8 +16,8 @@ from fmu_didim.discovery.all_thresholds import all_thresholds
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import Circumstances, findings_document
-from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows, refitted
-from fmu_didim.discovery.external_torques.fit import find_external_torques
+from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
+from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
 from fmu_didim.discovery.judge import has_external_torques
@@ -32,8 +30,7 @@ from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import integrated
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel, Simulation
-from fmu_didim.prediction.motion import simulated_motion
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
 
@@ -106,7 +103,7 @@ def discover(
         description, name, effects, options or Options(), provenance, watch or Watch(), kept, case, doubts, notes
     )
     later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
-    found = _look(ask, _prepared(later, ask.watch))
+    found = _Search.of(ask, _prepared(later, ask.watch)).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
     return replace(found, document=timed(found.document))
@@ -131,67 +128,100 @@ class _Question:
     doubts: Sequence[Diagnostic]
     notes: Sequence[str]
 
+    @property
+    def external(self) -> Effect | None:
+        """What names torques from outside, if it is not forbidden."""
+        return external_effect(self.effects, self.options.forbid)
+
 
 def _prepared(model: LoopModel, watch: Watch) -> Prepared:
     watch.say("base model")
     return prepare(model)
 
 
-def _look(ask: _Question, prepared: Prepared) -> Found:
-    """Pushes, rounds and what is written down of them."""
-    options, effects, watch = ask.options, ask.effects, ask.watch
-    base = prepared.fit
-    watch.say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
-    start = base
-    builder = LoopModelBuilder(start.model, ask.description, effects)
-    external = external_effect(effects, options.forbid)
-    is_late = watch.is_over
-    fitted_torques = None if external is None or is_late else find_external_torques(start, say=watch.say)
-    if fitted_torques is not None and rivalled(fitted_torques, start, builder, forbid=options.forbid, watch=watch):
-        fitted_torques = None
-    if fitted_torques is not None:
-        start = fitted_torques.fit
-        base = replace(base, noise=start.noise)
-        builder = LoopModelBuilder(start.model, ask.description, effects)
-    disagreement = _regions(builder, base)
-    held_out = () if base.model.validation_labels else (NO_HELD_OUT,)
-    own_notes = (*ask.notes, *prepared.notes, *_of_motion(builder), *held_out)
+@dataclass(frozen=True)
+class _Search:
+    """The search for effects from a base model on.
 
-    def written(discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
-        outside: list[FindingResult] = []
-        windows: list[WindowResult] = []
-        if external is not None and fitted_torques is not None and free is not None:
-            outside = [external_torque_finding(fitted_torques, base, free, external)]
-            windows = external_torque_windows(free, fitted_torques.label)
+    Attributes:
+        prepared: the base model; base: its fit, with the noise of the data without torques from outside.
+        torques: from outside, where they explain most of what it leaves; builder: of the models that follow.
+        is_late: whether the time was up before they were looked for.
+        disagreement: where the base model disagrees.
+    """
+
+    ask: _Question
+    prepared: Prepared
+    base: Fit
+    torques: FittedExternalTorques | None
+    builder: LoopModelBuilder
+    is_late: bool
+    disagreement: list[Region]
+
+    @staticmethod
+    def of(ask: _Question, prepared: Prepared) -> _Search:
+        """With the torques from outside looked for."""
+        base, watch = prepared.fit, ask.watch
+        watch.say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
+        builder, torques, is_late = LoopModelBuilder(base.model, ask.description, ask.effects), None, watch.is_over
+        if ask.external is not None and not is_late:
+            torques = find_external_torques(base, say=watch.say)
+        if torques is not None and rivalled(torques, base, builder, forbid=ask.options.forbid, watch=watch):
+            torques = None
+        if torques is not None:
+            base = replace(base, noise=torques.fit.noise)
+            builder = LoopModelBuilder(torques.fit.model, ask.description, ask.effects)
+        return _Search(ask, prepared, base, torques, builder, is_late, regions_of_fit(base, builder.description))
+
+    def found(self) -> Found:
+        """What the rounds find, and what is written down of them."""
+        base, builder, options = self.base, self.builder, self.ask.options
+        start, free = base if self.torques is None else self.torques.fit, None
+        discovery = run_rounds(builder, start, options, self.ask.watch, self.keep)
+        if self.torques is not None:
+            final, free = self.torques.refitted(discovery.final)
+            discovery = replace(discovery, final=final)
+        discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
+        ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
+        remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
+        if ratio is not None and ratio.high >= HELD_OUT and self.torques is None and not remarked:
+            discovery, ratio = _withdrawn(discovery, ratio), None
+        unshifted, saved = _without_shift(discovery.final.model, builder)
+        way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
+        note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
+        return Found(self.written(discovery, ratio, free, *note), discovery, builder)
+
+    def keep(self, discovery: Discovery) -> None:
+        """The best answer so far, for those who want it."""
+        if self.ask.keep is None:
+            return
+        ratio = held_out_ratio(self.base, discovery.final, seed=self.ask.options.seed) if discovery.steps else None
+        free = self.torques.free if self.torques is not None else None
+        self.ask.keep(self.written(replace(discovery, base=self.base), ratio, free))
+
+    def written(self, discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
+        """The document of a discovery.
+
+        Args:
+            free: the final model with the torques from outside as parameters.
+        """
+        ask, outside, windows = self.ask, list[FindingResult](), list[WindowResult]()
+        if ask.external is not None and self.torques is not None and free is not None:
+            outside = [external_torque_finding(self.torques, self.base, free, ask.external)]
+            windows = external_torque_windows(free, self.torques.label)
+        held_out = () if self.base.model.validation_labels else (NO_HELD_OUT,)
+        all_notes = [*ask.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
         about = Circumstances(
-            ask.name, ask.case, watch.limit_s, [*own_notes, *notes], ask.doubts,
-            {**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
+            ask.name, ask.case, ask.watch.limit_s, all_notes, ask.doubts,
+            {**(ask.provenance or {}), "options": ask.options.record(), "thresholds": all_thresholds()},
         )  # fmt: skip
         document = findings_document(
-            about, discovery, builder, ratio=ratio, outside=outside, windows=windows, found_regions=disagreement
-        )
-        return ended_before(document, watch.limit_s, "torques from outside") if is_late and external else document
-
-    def kept(discovery: Discovery) -> None:
-        if ask.keep is None:
-            return
-        ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
-        free = fitted_torques.free if fitted_torques is not None else None
-        ask.keep(written(replace(discovery, base=base), ratio, free))
-
-    discovery, free = run_rounds(builder, start, options, watch, kept), None
-    if fitted_torques is not None:
-        final, free = refitted(fitted_torques, discovery.final)
-        discovery = replace(discovery, final=final)
-    discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
-    ratio = held_out_ratio(discovery.base, discovery.final, seed=options.seed) if discovery.steps else None
-    remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
-    if ratio is not None and ratio.high >= HELD_OUT and fitted_torques is None and not remarked:
-        discovery, ratio = _withdrawn(discovery, ratio), None
-    unshifted, saved = _without_shift(discovery.final.model, builder)
-    way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
-    note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-    return Found(written(discovery, ratio, free, *note), discovery, builder)
+            about, discovery, self.builder, ratio=ratio, outside=outside, windows=windows,
+            found_regions=self.disagreement,
+        )  # fmt: skip
+        if self.is_late and ask.external is not None:
+            return ended_before(document, ask.watch.limit_s, "torques from outside")
+        return document
 
 
 def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopModel, float]:
@@ -230,7 +260,7 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
     note = f"The first {limits.FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, keep=None, notes=(*ask.notes, f"{note}: what was found takes them in."))
-    second = _look(again, prepared)
+    second = _Search.of(again, prepared).found()
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
         recorded = {**second.document.provenance, "options": asked}
@@ -252,17 +282,6 @@ def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
         return final
 
 
-def _regions(builder: LoopModelBuilder, base: Fit) -> list[Region]:
-    """Where the base model disagrees; nothing if the plant does not tell its motion."""
-    motions = []
-    for run in map(base.simulation, base.model.estimation_labels):
-        motion = simulated_motion(run, builder.description)
-        if motion is None:
-            return []
-        motions.append((motion, _nearest_ticks(run)))
-    return regions(base.residual, motions, base.noise, base.model.parameters.torque_units)
-
-
 def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
     """What discovery makes of a black box that does not tell its whole motion."""
     if builder.description is not None:
@@ -273,13 +292,6 @@ def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
         return (NO_MOTION.format(", ".join(dumb)),)
     integrated = [f"q{j}" for j in joints if f"q{j}" not in given]
     return (INTEGRATED.format(", ".join(integrated)),) if integrated else ()
-
-
-def _nearest_ticks(run: Simulation) -> Array:
-    experiment = run.experiment
-    first = float(experiment.reference.time[0])
-    ticks = np.round((experiment.time - first) / run.step_size - experiment.operator.lag).astype(int)
-    return np.asarray(np.clip(ticks, 0, experiment.reference.time.size - 1))
 
 
 def _list(values: Sequence[float] | Array) -> str:

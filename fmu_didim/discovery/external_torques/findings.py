@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.discovery.document import gap_pair, values_found
 from fmu_didim.discovery.external_torques import thresholds as limits
-from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, external_torque_parameters
+from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.statistics import confidence_interval
-
-
-def refitted(fitted_torques: FittedExternalTorques, final: Fit) -> tuple[Fit, Fit]:
-    """The final model with the external torques fitted once more, and the same with them as its last parameters."""
-    model, label = final.model, fitted_torques.label
-    count = len(model.free_parameters)
-    try:
-        further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-        free = minimise(model.with_free(further), final.noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
-    except SimulationError:
-        return final, fitted_torques.free
-    held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
-    fixed = replace(free, model=held, values=free.values[:count], jacobian=free.jacobian[:, :, :count])
-    return fixed, free
 
 
 def external_torque_finding(

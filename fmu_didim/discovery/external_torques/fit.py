@@ -37,9 +37,8 @@ class FittedExternalTorques:
 
     Attributes:
         fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
-        the loop
-            and the times and torques of the external torques as its last free parameters. Both with the noise of the
-            data without the external torques.
+            the loop and the times and torques of the external torques as its last free parameters. Both with the noise
+            of the data without the external torques.
         label: of the experiment in which they act.
         delta_bic: over the model without; share: of the gap.
     """
@@ -54,6 +53,19 @@ class FittedExternalTorques:
     def external_torques(self) -> tuple[ExternalTorque, ...]:
         """In the order of time."""
         return self.fit.model.experiments[self.label].external_torques
+
+    def refitted(self, final: Fit) -> tuple[Fit, Fit]:
+        """A final model with the external torques fitted once more, and the same with them as its last parameters."""
+        model, label = final.model, self.label
+        count = len(model.free_parameters)
+        try:
+            further = external_torque_parameters(final, label, model.experiments[label].external_torques)
+            free = minimise(model.with_free(further), final.noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
+        except SimulationError:
+            return final, self.free
+        held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
+        fixed = replace(free, model=held, values=free.values[:count], jacobian=free.jacobian[:, :, :count])
+        return fixed, free
 
 
 def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text: None) -> FittedExternalTorques | None:
