@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.data.checks import confirmed
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnostics
@@ -64,11 +65,11 @@ def judged(
 
     Args:
         model: with the estimated values; validations: of all experiments.
-        before: what was found before the work.
+        before: what was found before the work; what the fit has cleared up is left out.
     """
     held = [v for v in validations if v.role == "validation"]
     found = [
-        *before,
+        *confirmed(model, before),
         *held_parameters(model),
         *limit_diagnostics(model.free_parameters, estimate),
         *agreement_diagnostics(estimate.agreements.values()),
