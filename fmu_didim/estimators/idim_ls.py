@@ -136,9 +136,11 @@ class IdimLs(Estimator):
         rate = (time.size - 1) / (time[-1] - time[0])
         if not 0 < self.cutoff_hz < rate / 2:
             raise InputError(
-                "The cut-off frequency must lie below half the rate of the positions.",
-                got=f"{self.cutoff_hz:g} Hz at {rate:g} Hz",
-            )
+                "The cut-off frequency must lie below half the rate of the positions.", where="estimator: cutoff_hz",
+                got=f"{self.cutoff_hz:g} Hz at {rate:.4g} Hz", valid=f"above 0, below {rate / 2:.4g} Hz",
+                next_step="State one above the motion and below the noise, such as ten times the highest frequency of "
+                "the motion.",
+            )  # fmt: skip
         return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
 
     def _differentiate(self, q: Array, rate: float) -> tuple[Array, Array, Array]:

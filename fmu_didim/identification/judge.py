@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.data.checks import confirmed
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
@@ -57,12 +58,13 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     """The judgement of an estimate.
 
     Args:
-        validations: of all experiments; before: what was found before the work.
+        validations: of all experiments.
+        before: what was found before the work; what the fit has cleared up is left out.
     """
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
     found = [
-        *before,
+        *confirmed(model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(estimate.agreements.values()),

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy import signal
 
+from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.prediction.prediction import sampled_regressor
-from fmu_didim.signals import Array, Trajectory, derivative
+from fmu_didim.signals import Array, Trajectory, derivative, white_noise
 from fmu_didim.statistics import least_squares
 
 Rows = Callable[[Array], tuple[Array, Array]]
@@ -34,8 +36,41 @@ def from_reference(model: LoopModel) -> Array:
 
 
 def whole_reference(run: Simulation) -> Motion:
-    """The motion that was wanted in an experiment."""
-    return reference_motion(run.experiment.reference, run.model.joint_count)
+    """The motion that was wanted in an experiment; smoothed where its accelerations would be noise, because they were
+    computed from a reference that is rounded or was measured."""
+    reference, joints = run.experiment.reference, range(1, run.model.joint_count + 1)
+    q, dq, ddq = reference_motion(reference, run.model.joint_count)
+    if all(f"ddq{j}" in reference.names for j in joints):
+        return q, dq, ddq
+    has_velocity = all(f"dq{j}" in reference.names for j in joints)
+    return _smoothed(reference.time, (q, dq, ddq), has_velocity)
+
+
+def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
+    """The motion with accelerations of no more than a small fraction of noise.
+
+    White noise of deviation s in a position sampled at the rate f becomes, below the cut-off c of a low-pass,
+
+        s_ddq = s (2 pi)^2 c^2 sqrt(2 c / (5 f)),   and from a velocity   s_ddq = s 2 pi c sqrt(2 c / (3 f))
+
+    Args:
+        motion: q, dq, ddq, (K, n) each; has_velocity: whether dq was given and ddq alone comes from it.
+    """
+    q, dq, ddq = motion
+    given, order = (dq, 1) if has_velocity else (q, 2)
+    noise = np.array([white_noise(column) for column in given.T])
+    rate = (time.size - 1) / (time[-1] - time[0])
+    for part in limits.SMOOTHED:
+        cutoff = part * rate
+        if cutoff < rate / 2:
+            filtered = signal.butter(limits.SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
+            smooth = signal.sosfiltfilt(filtered, given, axis=0)
+            q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
+            ddq = derivative(time, dq)
+        size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))
+        if (size <= limits.NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
+            break
+    return q, dq, ddq
 
 
 def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
