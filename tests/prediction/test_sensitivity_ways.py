@@ -148,6 +148,20 @@ def test_each_experiment_moves_what_acts_there() -> None:
     assert not table[:5, 0, 1].any()
 
 
+def test_columns_are_told_apart_in_units_of_each_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of torques of 8, of 9 t and of nothing."""
+    seen: list[Array] = []
+    monkeypatch.setattr(ways, "smallest_singular_value", lambda table: seen.append(table) or 1.0)
+
+    def law(values: Mapping[str, float], label: str) -> Array:
+        return np.hstack([cubes(values, label), 0 * T])
+
+    one = LawModel(law, {"one": np.zeros((5, 3))}, model().free_parameters)
+    table = found(one)
+    size = np.array([8.0, 9 * float(np.sqrt(np.mean(T**2))), 1.0])
+    np.testing.assert_allclose(seen[0], table / size[:, None])
+
+
 def test_tasks_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[int, int]] = []
     monkeypatch.setattr(

@@ -266,6 +266,30 @@ def test_the_ladder_of_dampings_by_its_steps() -> None:
     assert found.note == "no step lowers the error" and found.values.tolist() == [0.0]
 
 
+@pytest.mark.parametrize(("fresh", "updates", "tried"), [(False, 1, 2), (False, 0, 9), (True, 1, 9)])
+def test_damping_does_not_make_up_for_old_slopes(fresh: bool, updates: int, tried: int) -> None:
+    """The torque jumps wherever a step leads; slopes that can be taken anew are to blame first. The full step is also
+    tried shortened."""
+    one = bent(lambda a: 9.0 if a > 0 else 0.0)
+    at_solver = _Solver(one, KnownNoise(UNIT), Stopping(tolerance=1e-6), None, "", None)
+    at = _State(one.start, np.zeros((21, 1)), np.ones((21, 1, 1)), one.start, fresh, updates, 0)
+    found = at_solver._search(at, _Step.of(at, np.ones(1), one.measured, *one.limits))
+    assert (found.torque, found.tried) == (None, tried)
+
+
+@pytest.mark.parametrize(
+    ("fresh", "updates", "asked"), [(False, 0, False), (False, 1, True), (True, 1, False), (True, 0, False)]
+)
+def test_a_minimum_is_looked_at_with_slopes_of_its_own(fresh: bool, updates: int, asked: bool) -> None:
+    one = curved(minimum())
+    at_solver = _Solver(one, KnownNoise(UNIT), Stopping(tolerance=1e-6), None, "", None)
+    torque = one.torque(one.start)
+    at = _State(one.start, torque, (T * torque)[:, :, None], one.start, fresh, updates, 0)
+    del one.calls[:]
+    assert at_solver._is_at_minimum(at) is (fresh or updates > 0)
+    assert bool(one.calls) is asked
+
+
 def test_near_what_cannot_be_simulated_one_more_damping_is_tried() -> None:
     def change(a: float) -> float:
         if a > 0.95:
@@ -514,6 +538,14 @@ def test_a_fit_with_a_tolerance_settles_at_the_minimum() -> None:
     found = minimise(curved(), UNIT, stopping=Stopping(20, tolerance=1e-6, updates=None, exact=True))
     assert found.settled
     assert found.values[0] == pytest.approx(minimum(), abs=1e-6)
+
+
+@pytest.mark.parametrize(("size", "second"), [(0.95, 0.0), (1.05, 1 / 1.05)])
+def test_a_direction_that_the_data_hardly_show_is_left_alone(size: float, second: float) -> None:
+    """Below 1e-10 of the largest singular value."""
+    one = Equations(np.diag([1.0, 1e-10 * size]), np.array([3.0, 1e-10]), np.ones(2))
+    change, _ = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 0.0)
+    np.testing.assert_allclose(change, [3.0, second], atol=1e-12)
 
 
 def test_the_number_of_steps_is_limited() -> None:
