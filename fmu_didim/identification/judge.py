@@ -10,14 +10,14 @@ from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.data.checks import confirmed
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
-from fmu_didim.prediction.free_parameter import DELAY, FreeParameter
+from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.roughness import Roughness
@@ -54,36 +54,29 @@ ROUGH = CATALOGUE(
 )  # fmt: skip
 
 
-def judged(
-    model: LoopModel,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    before: Iterable[Diagnostic] = (),
-) -> Judgement:
+def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Judgement:
     """The judgement of an estimate.
 
     Args:
-        model: with the estimated values; validations: of all experiments.
+        validations: of all experiments.
         before: what was found before the work; what the fit has cleared up is left out.
     """
+    model = estimate.model
     held = [v for v in validations if v.role == "validation"]
     found = [
         *confirmed(model, before),
         *held_parameters(model),
-        *limit_diagnostics(model.free_parameters, estimate),
+        *limit_diagnostics(estimate),
         *agreement_diagnostics(estimate.agreements.values()),
         *held_out_diagnostics(
-            model, estimate.value, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
+            model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
-    found += physical_diagnostics(model, estimate.value, estimate.covariance)
+    found += physical_diagnostics(model, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
-    if estimate.jacobian is not None:  # else the residual is not that of a simulated torque
-        left = (model, estimate.value, estimate.residual, estimate.jacobian, estimate.colours)
-        found += motion_diagnostics(dependence_of(*left))
+    found += motion_diagnostics(estimate.dependence)
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
@@ -123,15 +116,16 @@ def roughness_diagnostics(rough: Roughness | None) -> list[Diagnostic]:
     return found
 
 
-def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:
+def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     """Free parameters that ended at a limit."""
     found = []
-    for parameter, value, deviation in zip(parameters, estimate.value, estimate.standard_deviation, strict=True):
+    for parameter, deviation in zip(estimate.model.free_parameters, estimate.standard_deviation, strict=True):
+        value = parameter.value
         natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
         for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
             if abs(value - limit) <= limits.AT_LIMIT * deviation:
                 text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
-                found.append(Diagnostic(AT_LIMIT, text, parameter.name, float(value), float(limit), parameter.unit))
+                found.append(Diagnostic(AT_LIMIT, text, parameter.name, value, float(limit), parameter.unit))
                 break
     return found
 

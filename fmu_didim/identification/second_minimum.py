@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.motion_dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum
@@ -32,7 +32,7 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
     """
     for _ in range(limits.OTHER_MINIMA):
         fit = minimum.fit
-        if not motion_diagnostics(dependence_of_fit(fit)):
+        if not motion_diagnostics(minimum.dependence):
             break
         other = lower_elsewhere(fit)
         if other is None:
@@ -74,16 +74,16 @@ def folded_inertias(model: LoopModel, values: Array) -> list[int]:
     parameters = model.parameters
     if not isinstance(parameters, RobotParameters):
         return []
-    label = model.first
-    frequency = np.pi * model.experiments[label].rate_hz
-    if frequency * model.systems[label].step_size > 1:
+    run = model.simulation(values)
+    frequency = np.pi * run.experiment.rate_hz
+    if frequency * run.step_size > 1:
         return []  # the control is not faster than the log
     try:
-        response = np.abs(stiffness(model, label, frequency))
+        response = np.abs(stiffness(run, frequency))
     except SimulationError:
         return []
     robot, base = parameters.model, parameters.base
-    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(model.theta(values, label))
+    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(run.theta)
     fast = response > np.diag(mass) * frequency**2
     found = []
     for j in np.flatnonzero(fast) + 1:

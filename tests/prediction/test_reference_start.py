@@ -22,7 +22,8 @@ def motion(order: int) -> Array:
 
 def wanted(columns: dict[str, Array]) -> tuple[Array, Array, Array]:
     model = loaded("scara")
-    return whole_reference(with_experiment(model, reference=trajectory(TIME, columns)), model.first)
+    model = with_experiment(model, reference=trajectory(TIME, columns))
+    return whole_reference(model.simulation(model.start))
 
 
 def columns(name: str, values: Array) -> dict[str, Array]:

@@ -59,9 +59,8 @@ def answer(model: LoopModel, truth: Mapping[str, float]) -> Answer:
         estimate = Didim(start="torque").estimate(model)
     except FmuDidimError:
         return Answer("refused", told)
-    found = model.with_values(estimate.value)
-    validations = [validate(found, found.start, label) for label in found.experiments]
-    judgement = judged(found, estimate, validations, before=before)
+    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    judgement = judged(estimate, validations, before=before)
     codes = tuple(reason.code.name for reason in judgement.reasons)
     inside = _inside(estimate, truth)
     return Answer(judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations), sum(inside), len(inside))

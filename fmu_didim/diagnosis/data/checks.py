@@ -43,14 +43,15 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     for label, experiment in model.experiments.items():
         found += experiment.told
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
-        given = expected(model, label)
-        found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)
-        of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
+        run = model.simulation(model.start, label)
+        given = expected(run)
+        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if not causes or of_log or (held_out and explained) or (near := nearby(model, label)) is None:
+        if not causes or of_log or (held_out and explained) or (near := nearby(model.on(label))) is None:
             continue
-        explained += _explained(near, label, held_out=held_out)
+        explained += _explained(near, held_out=held_out)
     return by_weight([*found, *explained])
 
 
@@ -70,16 +71,16 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     again: list[Diagnostic] = []
     for label in model.estimation_labels:
         with suppress(SimulationError):
-            again += _explained(along(model.on(label), model.start), label)
+            again += _explained(along(model.on(label).simulation(model.start)))
     codes = {d.code for d in again}
     return [d for d in found if d not in doubted or d.code in codes]
 
 
-def _explained(near: Nearby, label: str, *, held_out: bool = False) -> list[Diagnostic]:
+def _explained(near: Nearby, *, held_out: bool = False) -> list[Diagnostic]:
     """What another timing, scale or length would explain of a log, the best first."""
-    offered = [*timing(near, label, clock_alone=held_out)]
+    offered = [*timing(near, clock_alone=held_out)]
     if not held_out:
-        offered += another_robot(near, label)
+        offered += another_robot(near)
     return near.best(offered)
 
 
