@@ -12,13 +12,15 @@ from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
-from fmu_didim.diagnosis.residual import residual_diagnostics
+from fmu_didim.diagnosis.residual import residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import motion_frequency
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.roughness import Roughness
 
@@ -77,12 +79,24 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     found += physical_diagnostics(model, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
     found += motion_diagnostics(estimate.dependence)
+    found += slow_diagnostics(estimate.residual_tests, *_bands(model))
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     found += roughness_diagnostics(estimate.roughness)
     return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def _bands(model: LoopModel) -> tuple[float, float]:
+    """Highest frequency of the motions that were fitted, infinite where a reference has none, and the cut-off of the
+    low-pass of the torque, Hz."""
+    references = [model.experiments[label].reference for label in model.estimation_labels]
+    try:
+        highest = max(motion_frequency(reference, model.joint_count) for reference in references)
+    except UnknownNameError:
+        highest = np.inf
+    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
 
 
 def held_parameters(model: LoopModel) -> list[Diagnostic]:
