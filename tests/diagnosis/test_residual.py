@@ -90,7 +90,7 @@ def test_figures_are_in_the_sentence() -> None:
 
 def coloured(rate_hz: float, *, memory_s: float, order: int = 1) -> ResidualTest:
     """A residual whose noise is a first-order autoregression."""
-    coefficients = np.append(np.exp(-1 / (rate_hz * memory_s)), np.zeros(order - 1))[:order]
+    coefficients = np.full(order, np.exp(-1 / (rate_hz * memory_s)))
     return ResidualTest(1, rate_hz, None, None, None, False, 0.9, order, coefficients, 0.5, 2.0)
 
 
