@@ -54,6 +54,12 @@ ROUGH = CATALOGUE(
     "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
     next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer.",
 )  # fmt: skip
+OTHER_MINIMUM = CATALOGUE(
+    "another-minimum", DOUBT, rank=47,
+    meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
+    "well, and the data do not say which is true.",
+    next_step="Log the torque at more than twice the frequency of that resonance, or give the inertia (known: [...]).",
+)  # fmt: skip
 
 
 def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Judgement:
@@ -85,6 +91,10 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     found += roughness_diagnostics(estimate.roughness)
+    found += [
+        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
+        for name, value in estimate.rivals
+    ]
     return judgement(found, settled=estimate.status is Status.CONVERGED)
 
 
