@@ -43,6 +43,7 @@ class Minimum:
         integration_error: what twice the substeps of the plant change there.
         known: how well the values are known.
         remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
+        rivals: parameter and its value at other minima that the data hardly tell from this one.
     """
 
     fit: Fit
@@ -51,6 +52,7 @@ class Minimum:
     iterations: tuple[Iteration, ...] = ()
     remarks: tuple[str, ...] = ()
     roughness: Roughness | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
 
     @cached_property
     def dependence(self) -> tuple[Dependence, ...]:
@@ -190,6 +192,7 @@ def torque_estimate(
         noise_is_stated=model.torque_deviation is not None,
         dependence=minimum.dependence,
         roughness=minimum.roughness,
+        rivals=minimum.rivals,
         remarks=minimum.remarks,
         advice="" if settled else _advice(model, iterations),
     )

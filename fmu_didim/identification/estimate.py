@@ -68,6 +68,7 @@ class Estimate:
         dependence: of the residual of each joint on the motion; none where it is not that of a simulated torque.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
+        rivals: parameter and its value at other minima that the data hardly tell from this one.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
@@ -93,6 +94,7 @@ class Estimate:
     dependence: tuple[Dependence, ...] = ()
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     roughness: Roughness | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)

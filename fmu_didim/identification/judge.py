@@ -12,13 +12,15 @@ from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
 from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
-from fmu_didim.diagnosis.residual import residual_diagnostics
+from fmu_didim.diagnosis.residual import residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import motion_frequency
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.roughness import Roughness
 
@@ -52,6 +54,12 @@ ROUGH = CATALOGUE(
     "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
     next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer.",
 )  # fmt: skip
+OTHER_MINIMUM = CATALOGUE(
+    "another-minimum", DOUBT, rank=47,
+    meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
+    "well, and the data do not say which is true.",
+    next_step="Log the torque at more than twice the frequency of that resonance, or give the inertia (known: [...]).",
+)  # fmt: skip
 
 
 def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Judgement:
@@ -77,12 +85,28 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     found += physical_diagnostics(model, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
     found += motion_diagnostics(estimate.dependence)
+    found += slow_diagnostics(estimate.residual_tests, *_bands(model))
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     found += roughness_diagnostics(estimate.roughness)
+    found += [
+        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
+        for name, value in estimate.rivals
+    ]
     return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def _bands(model: LoopModel) -> tuple[float, float]:
+    """Highest frequency of the motions that were fitted, infinite where a reference has none, and the cut-off of the
+    low-pass of the torque, Hz."""
+    references = [model.experiments[label].reference for label in model.estimation_labels]
+    try:
+        highest = max(motion_frequency(reference, model.joint_count) for reference in references)
+    except UnknownNameError:
+        highest = np.inf
+    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
 
 
 def held_parameters(model: LoopModel) -> list[Diagnostic]:

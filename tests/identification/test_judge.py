@@ -47,6 +47,12 @@ def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: f
     assert again(outcome, roughness=Roughness(change, "ZZ1", jitter)) == told * ["sensitivity-rough"]
 
 
+def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Outcome) -> None:
+    found = judged(replace(outcome.estimate, rivals=(("Ia6", 0.0068),)), outcome.validations)
+    assert (found.verdict, [d.code.name for d in found.reasons]) == ("doubtful", ["another-minimum"])
+    assert (found.reasons[0].place, found.reasons[0].value) == ("Ia6", 0.0068)
+
+
 def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path: Path) -> None:
     """Friction of joint 2 left out of the list: the values of the others depend on what the description has."""
     assert not any("Not identified" in remark for remark in outcome.document.remarks)
