@@ -36,7 +36,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "discovery/selection/rounds.py": ("discovery/selection/test_rounds_by_hand.py",),
     "discovery/selection/contenders.py": ("discovery/selection/test_contenders.py",),
     "discovery/selection/pre_check.py": ("discovery/selection/test_pre_check_decisions.py",),
-    "prediction/least_squares.py": ("prediction/test_solver_decisions.py",),
+    "prediction/least_squares.py": ("prediction/test_solver_decisions.py", "prediction/test_roughness.py"),
     "prediction/equations.py": ("prediction/test_solver_decisions.py",),
     "prediction/sensitivity.py": ("prediction/test_sensitivity_ways.py", "prediction/test_differences.py"),
     "master/sampling.py": ("master/test_sampling_edges.py", "master/test_sampling.py"),

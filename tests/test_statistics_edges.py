@@ -33,6 +33,13 @@ def test_the_condition_number_beyond_which_rounding_decides(condition: float, re
         least_squares(pair(condition), np.ones(3))
 
 
+def test_columns_that_depend_on_each_other_are_named_whatever_stands_between() -> None:
+    matrix = np.random.default_rng(3).normal(size=(20, 4))
+    matrix[:, 3] = matrix[:, 0] * (1 + 1e-14)
+    with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   a, d\n"):
+        least_squares(matrix, np.ones(20), names=("a", "b", "c", "d"))
+
+
 @pytest.mark.parametrize(("rows", "refused"), [(3, False), (2, True), (1, True)])
 def test_more_samples_than_parameters(rows: int, refused: bool) -> None:
     matrix = np.array([[1.0, 0.0], [0.0, 2.0], [0.0, 0.0]])[:rows]

@@ -118,6 +118,8 @@ def test_interval_of_a_ratio_against_the_normal_one() -> None:
     found = rms_ratio(before, after, noise(), block=1)
     deviation = found.value * np.sqrt(2 * 2 / (4 * 4000))  # of the root of a ratio of two variances
     assert (found.high - found.low) / (2 * 1.96 * deviation) == pytest.approx(1.0, abs=0.06)
+    again, other = (rms_ratio(before, after, noise(), block=1, seed=seed) for seed in (0, 1))
+    assert found == again != other
 
 
 @pytest.mark.parametrize(("correlation", "freedom"), [(0.0, 2 * 400 - 2), (0.98, 800 / 99 - 2)])

@@ -315,6 +315,32 @@ def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(asked["torque"][:, 0], 2.0 * BASE + 2.0 * (OTHER + 0.1 * THIRD))
 
 
+@pytest.mark.parametrize(("own", "asked"), [(0, False), (1, False), (2, True)])
+def test_an_effect_with_states_of_its_own_has_steps_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, own: int, asked: bool
+) -> None:
+    """The base has one state beyond the motion; gears and bristles may be faster than what it resolves."""
+    found: list[Any] = []
+    monkeypatch.setattr(
+        contenders, "with_fitting_substeps", lambda model, *more: found.append(more) or replace(model, substeps=7)
+    )
+    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: model)
+    builder, before = Builder(effect_of("gear")), fitted(replace(plant(), own_states=1))
+    build = builder.build
+    builder.build = lambda model, proposals: replace(build(model, proposals), own_states=own)  # type: ignore[method-assign]
+    fit = Competition(builder, before).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}))
+    assert bool(found) is asked and fit.substeps == (7 if asked else None)  # type: ignore[union-attr]
+
+
+def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, before, found = one_more()
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more) or found)
+    competition = Competition(builder, before)
+    competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, given_up=True)))
+    assert asked["stopping"] == Stopping(updates=1, check_all=False)
+
+
 def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
     """Builder, the fit without and the fit with an effect of amplitude 3."""
     builder, before = Builder(effect_of("gear"), **more), fitted(plant())
