@@ -58,7 +58,8 @@ class Didim(Estimator):
             less than this part.
         maximum_iterations: of the DIDIM stage.
         finish: whether the efficient finish follows.
-        finish_tolerance: relative change of the parameters at which it stops.
+        finish_tolerance: relative change of the parameters at which it stops; by default when the next step would be
+            below a hundredth of a standard deviation.
         estimate_delay: whether the delay of the loop is estimated in the finish.
     """
 
@@ -69,7 +70,7 @@ class Didim(Estimator):
     tolerance: float = 0.025
     maximum_iterations: int = 20
     finish: bool = True
-    finish_tolerance: float = 1e-6
+    finish_tolerance: float | None = None
     estimate_delay: bool = False
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:

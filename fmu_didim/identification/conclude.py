@@ -63,7 +63,7 @@ class Minimum:
 def efficient_finish(
     start: Fit,
     *,
-    tolerance: float,
+    tolerance: float | None,
     progress: Callable[[Iteration], None],
     stage: str = "finish",
     maximum_iterations: int = limits.FINISH_ITERATIONS,
@@ -71,11 +71,15 @@ def efficient_finish(
     """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
 
     Args:
-        tolerance: see :class:`~fmu_didim.prediction.least_squares.Stopping`; stage: names the iterations.
+        tolerance: see :class:`~fmu_didim.prediction.least_squares.Stopping`; None: until the next step would be far
+            below the standard deviations. stage: names the iterations.
     """
     iterations: list[Iteration] = []
     remarks: list[str] = []
-    stopping = Stopping(maximum_iterations, tolerance=tolerance, updates=None, check_all=False, exact=True, whole=True)
+    stopping = Stopping(
+        maximum_iterations, tolerance=limits.FINISH_TOLERANCE if tolerance is None else tolerance,
+        next_step=limits.NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
+    )  # fmt: skip
     fit, model = start, start.model
     refuse_confounded(
         whitened(fit.jacobian, fit.deviation), fit.values, model.names,

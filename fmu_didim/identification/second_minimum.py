@@ -96,10 +96,10 @@ def valleys(fit: Fit) -> list[Valley]:
 
 
 def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
-    """Places of the motor or link inertias of joints whose loop resonates above half the rate of the log, with the
-    distance d ln I of their minima; the highest resonance first. With the response C of the controller at half the rate
+    """Places of the motor or link inertias of joints whose loop rings above half the rate of the log, with the distance
+    d ln I of their minima; the highest resonance first. With the response C of the controller at half the rate w
 
-        2 pi f = sqrt(|C| / M_jj)
+        2 pi f = sqrt(|C| / M_jj),    damping ratio = Im C / (2 w M_jj 2 pi f)
     """
     parameters = model.parameters
     if not isinstance(parameters, RobotParameters):
@@ -109,17 +109,21 @@ def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
     if np.pi * rate * run.step_size > 1:
         return {}  # the control is not faster than the log
     try:
-        response = np.abs(stiffness(run, np.pi * rate))
+        response = stiffness(run, np.pi * rate)
     except SimulationError:
         return {}
     robot, base = parameters.model, parameters.base
     mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(run.theta)
-    resonance = np.sqrt(response / np.diag(mass)) / (2 * np.pi)
+    inertia = np.diag(mass)
+    resonance = np.sqrt(np.abs(response) / inertia) / (2 * np.pi)
     found = {}
-    for j in np.argsort(-resonance) + 1:
-        own = [i for i, name in enumerate(base.standard) if name in (f"Ia{j}", f"ZZ{j}", f"M{j}")]
-        if resonance[j - 1] > rate / 2 and own:
-            found[own[-1]] = float(rate / resonance[j - 1])
+    for j in np.argsort(-resonance):
+        own = [i for i, name in enumerate(base.standard) if name in (f"Ia{j + 1}", f"ZZ{j + 1}", f"M{j + 1}")]
+        if resonance[j] <= rate / 2 or not own:
+            continue
+        damping = response[j].imag / (4 * np.pi**2 * rate * inertia[j] * resonance[j])
+        if damping < limits.DAMPED:
+            found[own[-1]] = float(rate / resonance[j])
     return found
 
 

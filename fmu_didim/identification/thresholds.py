@@ -21,6 +21,13 @@ INTEGRATION_SHIFT = TABLE(
     "Twice the substeps may move no value by more: nobody would see it beside the noise.",
 )  # fmt: skip
 MAXIMUM_REFINEMENTS = TABLE("MAXIMUM_REFINEMENTS", 4, "refinements", "Of the integration, by twice the substeps each.")
+NEXT_STEP = TABLE(
+    "NEXT_STEP", 0.01, "standard deviations",
+    "A step of the finish that would be smaller is not made: nobody would see it beside the noise.",
+)  # fmt: skip
+FINISH_TOLERANCE = TABLE(
+    "FINISH_TOLERANCE", 1e-6, "1", "Relative change of the values at which it stops at the latest: data without noise."
+)
 FINISH_ITERATIONS = TABLE("FINISH_ITERATIONS", 15, "steps", "Of the efficient finish.")
 AT_LIMIT = TABLE(
     "AT_LIMIT",
@@ -69,6 +76,11 @@ FARTHEST_FACTOR = TABLE(
     "1",
     "Ratio of inertias up to which a resonance that is folded back is looked for elsewhere.",
 )
+DAMPED = TABLE(
+    "DAMPED", 0.5, "1",
+    "Damping ratio by the controller from which a loop does not ring: it overshoots by 16 %, once, and no resonance is "
+    "folded back. Friction, which is not counted, damps it further.",
+)  # fmt: skip
 SCAN_STEP = TABLE(
     "SCAN_STEP",
     0.15,

@@ -48,6 +48,8 @@ class Stopping:
             deviation, with a sensitivity taken nearby, or when the iterations are over and the step that would follow
             is far below the standard deviations; or when a step is one that jitter of the torque alone would ask for;
             None: a minimum of a search, which ends by ``promise``.
+        next_step: in a fit with a tolerance, settled also when the step that would follow is below this many standard
+            deviations.
         promise: a step that promises to lower the cost by less is not made.
         updates: how often the sensitivity may be taken anew; None: as often as the steps need it.
         give_up_above: the fit ends early where not even twice what a step promises brings the cost below this.
@@ -59,6 +61,7 @@ class Stopping:
 
     iterations: int = limits.ITERATIONS
     tolerance: float | None = None
+    next_step: float = 0.0
     promise: float = limits.PROMISE
     updates: int | None = limits.UPDATES
     give_up_above: float = np.inf
@@ -213,7 +216,8 @@ class _Solver:
             floor = np.maximum(np.maximum(np.abs(here), step.scale), limits.TORQUE_FLOOR * step.size)
             # A step that was damped or shortened is small for that: what it should have been counts.
             whole = not found.note or step.is_far_below_sigma
-            if (np.abs(moved) <= rules.tolerance * floor).all() and whole and (was_fresh or not stale):
+            small = bool((np.abs(moved) <= rules.tolerance * floor).all()) and (was_fresh or not stale)
+            if whole and (small or (was_fresh and self._next_is_nothing(size, at.last))):
                 return "settled"
             if was_fresh and step.promised <= self._promise_of_jitter(step):
                 return "settled"
@@ -225,6 +229,11 @@ class _Solver:
             self._differentiate(at)
         at.last = size
         return "goes on"
+
+    def _next_is_nothing(self, size: float, last: float) -> bool:
+        """Whether the step after one of this size, in standard deviations, need not be made: steps shrink in
+        proportion, so that it will be about size^2 / last."""
+        return 0 < size <= limits.CONTRACTION * last and size**2 <= self._stopping.next_step * last
 
     def _promise_of_jitter(self, step: _Step) -> float:
         """How much a step may promise where the minimum is reached, but the torque jitters by J deviations.
