@@ -54,10 +54,11 @@ class Strict(BaseModel):
         schema = handler(core)
         own = handler.resolve_ref_schema(schema)
         own["description"] = about(cls)
-        texts = key_texts(cls, cls.model_fields) | {"schema_version": "Number of this form of the document."}
-        for name, info in cls.model_fields.items():
-            if name in texts:
-                own["properties"][info.alias or name].setdefault("description", texts[name])
+        keys = {name: info.alias or name for name, info in cls.model_fields.items()}
+        texts = key_texts(cls, {*keys, *keys.values()}) | {"schema_version": "Number of this form of the document."}
+        for name, key in keys.items():
+            if text := texts.get(name, texts.get(key)):
+                own["properties"][key].setdefault("description", text)
         return schema
 
 

@@ -40,7 +40,7 @@ def add_campaign(commands: Any, say: Say) -> None:
         return found
 
     one = task("run", _run, "run what is not in the folder yet; the exit code is 3 where runs have failed")
-    one.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml")
+    one.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml", help="the campaign file")
     one.add_argument("--out", type=Path, metavar="RUN", help="folder of the results (results/<campaign>)")
     one.add_argument("--dry-run", action="store_true", help="check all, tell count, first runs and time, by two trials")
     two = task("retry", _retry, "run again what has failed, or the runs named by --only")
