@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 from pyarrow.csv import write_csv
@@ -17,19 +16,18 @@ from pyarrow.parquet import write_table
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
+from fmu_didim.campaigns.charts import page_figures
+from fmu_didim.campaigns.notebook import banner
 from fmu_didim.campaigns.quality import USED
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
 from fmu_didim.campaigns.texts import shown
-from fmu_didim.report.charts import SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
-from fmu_didim.report.tables import Matrix, Table, matrix, table
+from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
-from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
-PANEL_HEIGHT = 220
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -78,7 +76,7 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
     head = results.head
     campaign = head["campaign"]
     runs = results.to_frame(parameters=False)
-    figures = _figures(results)
+    figures = page_figures({path: results.by_parameter(path) for path in results.paths})
     confusion = results.confusion()
     provenance = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
     provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
@@ -86,7 +84,7 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         path,
         TEMPLATE,
         document=SimpleNamespace(name=campaign["name"], provenance=provenance),
-        verdict=_banner(status.planned, status.open, sum(status.failures.values()), status.lines()),
+        verdict=banner(status),
         description=campaign.get("description", ""),
         cards=_cards(summary, status.planned - status.open, status.planned),
         remarks=results.remarks(),
@@ -100,15 +98,6 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
         left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
         show=f"fmu-didim campaign show {results.folder}",
-    )
-
-
-def _banner(planned: int, open_: int, failed: int, lines: Sequence[str]) -> Banner:
-    """Whether the campaign is complete; of its answers the tables speak."""
-    if open_:
-        return Banner("doubtful", "NOT COMPLETE", "\n".join(lines))
-    return Banner(
-        "doubtful" if failed else "good", "COMPLETE" + (", WITH FAILURES" if failed else ""), "\n".join(lines)
     )
 
 
@@ -193,43 +182,6 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     ]  # fmt: skip
     words = tuple(range(len(results.paths) + 2))
     return table(heads, rows, words, is_aligned=False) if rows else None
-
-
-def _figures(results: Results) -> list[tuple[str, Chart | None, Matrix | None]]:
-    """Bias and sigma over each field of numbers; over the others a map of the bias of each parameter."""
-    found: list[tuple[str, Chart | None, Matrix | None]] = []
-    for path in results.paths:
-        quality = results.by_parameter(path)
-        if quality.empty or quality[path].nunique() < 2:
-            continue
-        quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)
-        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path]):
-            found.append((path, _over_numbers(quality, path, f"field-{len(found) + 1}"), None))
-        elif not quality["bias_in_sigma"].isna().all():
-            found.append((path, None, _over_names(quality, path)))
-    return found
-
-
-def _over_numbers(quality: pd.DataFrame, path: str, name: str) -> Chart:
-    panels = []
-    for head, column in (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias")):
-        series = [
-            Series(str(parameter), group[path].to_numpy(float), np.abs(group[column] / group["size"]).to_numpy(float),
-                   f"series{k % SERIES}")
-            for k, (parameter, group) in enumerate(quality.sort_values(path).groupby("parameter", sort=False))
-        ]  # fmt: skip
-        panels.append(Panel("% of the value", series, head, PANEL_HEIGHT, log=True))
-    title = f"σ and bias of each parameter over {path}, in percent of its true, else of its mean value"
-    return Chart(name, title, panels, path, log=bool((quality[path] > 0).all()))
-
-
-def _over_names(quality: pd.DataFrame, path: str) -> Matrix:
-    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
-        index="shown", columns="parameter", values="bias_in_sigma", sort=False
-    )
-    rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
-    most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
-    return matrix(f"bias / σ over {path}", list(map(str, cross.columns)), rows, largest=most, digits=1)
 
 
 def _confusion(counts: pd.DataFrame) -> Table:
