@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,8 +79,10 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
     runs = results.to_frame(parameters=False)
     figures = page_figures({path: results.by_parameter(path) for path in results.paths})
     confusion = results.confusion()
-    provenance = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
+    provenance: dict[str, Any] = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
     provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
+    if head.get("file"):
+        provenance["command"] = shlex.join(["fmu-didim", "campaign", "run", head["file"]])
     write_page(
         path,
         TEMPLATE,

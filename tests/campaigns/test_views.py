@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 
 from fmu_didim.campaigns.charts import field_chart, page_figures
+from fmu_didim.cli import main
 from fmu_didim.errors import InputError, UnknownNameError
 from tests.campaigns.test_quality import results
 
@@ -73,3 +75,10 @@ def test_results_show_themselves_in_a_notebook(tmp_path: Path) -> None:
 def test_seeds_alone_are_no_axis(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="only the seeds vary"):
         results(tmp_path, ["valid"] * 3, seeds=3).plot()
+
+
+def test_status_for_scripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results(tmp_path, ["valid"] * 3 + [None], seeds=6)
+    assert main(["campaign", "status", str(tmp_path), "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert (found["planned"], found["open"], found["verdicts"]["valid"], found["failures"]["crashed"]) == (6, 2, 3, 1)

@@ -11,8 +11,11 @@ from typing import Any
 
 import pytest
 
+from fmu_didim.campaigns.page import write_campaign_report
 from fmu_didim.report import write_report
 from fmu_didim.report.discovery_page import write_discovery_report
+from tests.campaigns import test_quality
+from tests.campaigns.helpers import LAWS
 from tests.report import test_discovery, test_report
 from tests.report.test_charts import LOOP
 
@@ -20,20 +23,28 @@ playwright = pytest.importorskip("playwright.sync_api")
 axe = pytest.importorskip("axe_playwright_python")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-PAGES = ("identify", "refused", "discover")
+PAGES = ("identify", "refused", "discover", "campaign")
+LARGEST = 2_000_000
+"""Bytes of a page."""
 VIEWS = [(1200, "light"), (1200, "dark"), (390, "light"), (390, "dark")]
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """An identification, a refusal and a discovery, with all figures that they may have."""
+    """An identification, a refusal, a discovery and a campaign, with all figures that they may have."""
     folder = tmp_path_factory.mktemp("pages")
     result = test_report.document(loop=LOOP, correlation=[[1.0, 0.4, -0.2], [0.4, 1.0, 0.0], [-0.2, 0.0, 1.0]])
     (folder / "refused").mkdir()
+    vary = {"train.torque.rate_hz": [5, 20, 100], "controller.source": LAWS[:2]}
+    runs = test_quality.results(
+        folder / "campaign", ["valid", "doubtful", "refused", None] * 8, names=("ZZ1R", "Fv1", "MX2"), scatter=0.02,
+        vary=vary, seeds=6,
+    )  # fmt: skip
     found = test_discovery.document(provenance={"loop": LOOP, "command": "fmu-didim discover case.yaml"})
     return {
         "identify": write_report(test_report.saved(folder / "identify", result)),
         "refused": write_report(test_report.saved(folder / "refused", test_report.refused())),
+        "campaign": write_campaign_report(runs)[0],
         "discover": write_discovery_report(test_discovery.saved(_made(folder / "discover"), found, count=900)),
     }
 
@@ -72,6 +83,7 @@ def test_page_has_no_error_no_violation_and_fits(
 ) -> None:
     page, told = opened(browser, pages[name], width=width, scheme=scheme)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert pages[name].stat().st_size <= LARGEST
     for legend in page.query_selector_all(".legend"):  # above its figure, never over it
         below = legend.evaluate("e => e.parentElement.querySelector('.canvas').getBoundingClientRect().top")
         assert legend.bounding_box()["y"] + legend.bounding_box()["height"] <= below + page.evaluate("scrollY") + 1
