@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.documents import Positive, Strict
+from fmu_didim.documents import AlsoWritten, Positive, Strict
 
 
 def _values(value: Any) -> Any:
@@ -192,8 +192,8 @@ class CampaignDocument(Strict):
     description: str = ""
     case: str | dict[str, Any] | None = None
     verb: Literal["identify", "discover"] = "identify"
-    vary: tuple[Block, ...] = ()
-    seeds: tuple[int, ...] = (0,)
+    vary: Annotated[tuple[Block, ...], AlsoWritten(("object",))] = ()
+    seeds: Annotated[tuple[int, ...], AlsoWritten(("integer",))] = (0,)
     truth: dict[str, Any] | None = None
     noise: Noise | None = None
     options: Options = Options()

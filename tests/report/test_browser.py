@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +17,7 @@ from tests.campaigns.helpers import LAWS
 from tests.report import test_discovery, test_report
 from tests.report.test_charts import LOOP
 
-playwright = pytest.importorskip("playwright.sync_api")
 axe = pytest.importorskip("axe_playwright_python")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 PAGES = ("identify", "refused", "discover", "campaign")
 LARGEST = 2_000_000
 """Bytes of a page."""
@@ -54,14 +49,6 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as running:
-        found = running.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield found
-        found.close()
-
-
 def opened(browser: Any, file: Path, *, width: int = 1200, scheme: str = "light") -> tuple[Any, list[str]]:
     """The page, and what went wrong on it: messages of the console, errors, addresses that it asked for."""
     told: list[str] = []
@@ -81,9 +68,14 @@ def opened(browser: Any, file: Path, *, width: int = 1200, scheme: str = "light"
 def test_page_has_no_error_no_violation_and_fits(
     browser: Any, pages: dict[str, Path], name: str, width: int, scheme: str
 ) -> None:
-    page, told = opened(browser, pages[name], width=width, scheme=scheme)
+    check_view(browser, pages[name], width, scheme)
+
+
+def check_view(browser: Any, file: Path, width: int, scheme: str) -> None:
+    """The console stays silent, no address is asked, nothing is wider than the window, no rule of axe is violated."""
+    page, told = opened(browser, file, width=width, scheme=scheme)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert pages[name].stat().st_size <= LARGEST
+    assert file.stat().st_size <= LARGEST
     for legend in page.query_selector_all(".legend"):  # above its figure, never over it
         below = legend.evaluate("e => e.parentElement.querySelector('.canvas').getBoundingClientRect().top")
         assert legend.bounding_box()["y"] + legend.bounding_box()["height"] <= below + page.evaluate("scrollY") + 1
@@ -142,7 +134,17 @@ def test_entries_of_the_legend_hide_their_lines(browser: Any, pages: dict[str, P
 
 @pytest.mark.parametrize("name", PAGES)
 def test_paper_shows_all_in_light_with_the_provenance_last(browser: Any, pages: dict[str, Path], name: str) -> None:
-    page, told = opened(browser, pages[name], scheme="dark")
+    page, told = check_paper(browser, pages[name])
+    if name == "discover":  # on paper each joint is a picture of its own, so that no page cuts one
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert page.locator(".chart.tall").first.locator("svg[role=img]").count() == 2
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert not told
+
+
+def check_paper(browser: Any, file: Path) -> tuple[Any, list[str]]:
+    """Printed from a dark window: light, all but provenance unfolded, provenance last. As of :func:`opened`."""
+    page, told = opened(browser, file, scheme="dark")
     page.emulate_media(media="print", color_scheme="dark")
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert page.evaluate("getComputedStyle(document.body).color") == "rgb(31, 41, 55)"
@@ -152,12 +154,8 @@ def test_paper_shows_all_in_light_with_the_provenance_last(browser: Any, pages: 
     assert heads[-1] == "Provenance"
     assert not page.locator("nav").first.is_visible()
     page.evaluate("dispatchEvent(new Event('afterprint'))")
-    if name == "discover":  # on paper each joint is a picture of its own, so that no page cuts one
-        page.evaluate("dispatchEvent(new Event('beforeprint'))")
-        assert page.locator(".chart.tall").first.locator("svg[role=img]").count() == 2
-        page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
-    assert not told
+    return page, told
 
 
 def test_zoomed_to_twice_its_size_nothing_is_cut_off(browser: Any, pages: dict[str, Path]) -> None:
