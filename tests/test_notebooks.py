@@ -6,6 +6,7 @@ Outputs are not kept in the files: a picture of Plotly would be megabytes, and n
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -48,15 +49,15 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
         shutil.copytree(ROOT / name, folder / name)
     notebook = nbformat.read(FOLDER / "first_hour.ipynb", as_version=4)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(ROOT))
+        patch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
         patch.setenv("IPYTHONDIR", str(folder / "ipython"))
         patch.setenv("JUPYTER_DATA_DIR", str(folder / "jupyter"))  # no kernel of somebody else
         where = {"metadata": {"path": str(folder / "examples" / "notebooks")}}
         nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", resources=where).execute()
     found = {}
     for cell in code_cells(notebook):
-        results = [output["data"] for output in cell["outputs"] if output["output_type"] == "execute_result"]
-        found[cell["source"].splitlines()[-1]] = results[0] if results else {}
+        results = [output["data"] for output in cell["outputs"] if "data" in output]
+        found[cell["source"].splitlines()[-1]] = results[-1] if results else {}
     return found
 
 

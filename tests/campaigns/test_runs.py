@@ -195,9 +195,8 @@ def test_the_page_of_a_campaign_file_says_what_repeats_it(tmp_path: Path) -> Non
     content = {"name": "one run", "case": str(CASE), "noise": {"relative": 0.05}}
     (tmp_path / "my study.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
     out = tmp_path / "run"
-    for found in (campaign(tmp_path / "my study.yaml", out), opened(out)):
-        results = found.run(workers=1)
-        write_campaign_report(results)
+    for plan in (lambda: campaign(tmp_path / "my study.yaml", out), lambda: opened(out)):
+        write_campaign_report(plan().run(workers=1))
         assert "fmu-didim campaign run &#39;my study.yaml&#39;" in (out / "report.html").read_text(encoding="utf-8")
     write_campaign_report(campaign(content, out, folder=tmp_path).run(workers=1))
     assert "What repeats it" not in (out / "report.html").read_text(encoding="utf-8")

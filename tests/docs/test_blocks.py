@@ -215,7 +215,10 @@ def test_commands_are_told_from_what_is_none(command: str, known: bool) -> None:
     assert _exists(command) == known
 
 
-FAILS = {"fmu-didim init bahn_soll.csv bahn_strom.csv --law pd --out mycase": 1}
+FAILS = {
+    "fmu-didim init bahn_soll.csv bahn_strom.csv --law pd --out mycase": 1,  # places are still to be filled in
+    "fmu-didim check mycase/case.yaml": 4,  # the answer is doubtful
+}
 """First line of a block -> the exit code that its last command has, as the page says."""
 
 
