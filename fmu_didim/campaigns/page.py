@@ -95,6 +95,7 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         groups=_groups(results, summary, runs),
         axes=_axes(results),
         parameters=_parameters(results, quality),
+        rows_open=limits.ROWS_OPEN,
         figures=figures,
         confusion=None if confusion.empty else _confusion(confusion),
         rows=_rows(results, runs),
@@ -117,9 +118,21 @@ def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, st
     return cards
 
 
+def _counts(summary: pd.DataFrame) -> list[str]:
+    """The counts of groups that say something: none that is zero everywhere, no data where each run has its own."""
+    told = [name for name in ("doubtful", "not_settled", "refused", "failed", "open") if summary[name].any()]
+    data = ["data"] if (summary["data"] != summary["runs"]).any() else []
+    return ["runs", *data, "valid", *told]
+
+
 def _group_heads(results: Results, summary: pd.DataFrame) -> tuple[str, ...]:
-    found = [*results.paths, "runs", "data", "valid", "doubtful", "not settled", "refused", "failed", "open"]
-    found += ["iterations", "torque error %", "s"]
+    found = [
+        *results.paths,
+        *(name.replace("_", " ") for name in _counts(summary)),
+        "iterations",
+        "torque error %",
+        "s",
+    ]
     return (
         *found,
         *(("coverage", "95 % interval", "with misses", "largest bias / σ") if "coverage" in summary else ()),
@@ -133,13 +146,14 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
     members = {_key(key): group for key, group in grouped}
     listed = set(runs.head(limits.ROWS_SHOWN)["id"])
+    counts = _counts(summary)
     cells = []
     for row in summary.to_dict("records"):
         texts = [shown(row[path]) for path in results.paths]
-        texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
+        texts += [str(row[name]) for name in counts]
         texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
-            interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
+            interval = f"{100 * row['coverage_low']:.1f} to {_percent(row['coverage_high'])}"
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
             texts.append(significant(row["largest_bias_in_sigma"], 2))
         group = members[_key(tuple(row[path] for path in results.paths))].head(limits.CELL_RUNS)
@@ -157,7 +171,7 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
     found = []
     for path in results.paths if len(results.paths) > 1 else []:
         summary = results.groups(path)
-        names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
+        names = _counts(summary)
         heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
         if "coverage" in summary:
             heads += ["coverage", "with misses", "largest bias / σ"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 
 from fmu_didim.campaigns.charts import field_chart, page_figures
+from fmu_didim.campaigns.page import write_campaign_report
 from fmu_didim.cli import main
 from fmu_didim.errors import InputError, UnknownNameError
 from tests.campaigns.test_quality import results
@@ -75,6 +77,20 @@ def test_results_show_themselves_in_a_notebook(tmp_path: Path) -> None:
 def test_seeds_alone_are_no_axis(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="only the seeds vary"):
         results(tmp_path, ["valid"] * 3, seeds=3).plot()
+
+
+def test_the_page_leaves_out_what_is_zero_everywhere(tmp_path: Path) -> None:
+    """Such columns would push the coverage out of sight; one refusal in one group brings its column back."""
+
+    def heads(out: Path, verdicts: list[str | None]) -> list[str]:
+        write_campaign_report(results(out, verdicts, vary={"train.torque.rate_hz": [10, 20]}, seeds=2))
+        return re.findall(r"<th>([^<]*)</th>", (out / "report.html").read_text(encoding="utf-8"))
+
+    found = heads(tmp_path / "all", ["valid"] * 4)
+    assert {"runs", "valid", "coverage"} <= set(found)
+    assert not {"data", "doubtful", "not settled", "refused", "failed", "open"} & set(found)
+    found = heads(tmp_path / "some", ["valid", "refused", "valid", None])
+    assert {"refused", "failed"} <= set(found) and "open" not in found
 
 
 def test_status_for_scripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,6 +21,13 @@ axe = pytest.importorskip("axe_playwright_python")
 PAGES = ("identify", "refused", "discover", "campaign")
 LARGEST = 2_000_000
 """Bytes of a page."""
+TEXT_ON_BOXES = """() => {
+    const over = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    const boxes = [...document.querySelectorAll('svg.loop rect.box')].map(e => e.getBoundingClientRect());
+    const texts = [...document.querySelectorAll('svg.loop > text')];
+    return texts.filter(t => boxes.some(b => over(t.getBoundingClientRect(), b))).map(t => t.textContent);
+}"""
+"""Texts of wires of the drawing of the loop that lie on a component."""
 VIEWS = [(1200, "light"), (1200, "dark"), (390, "light"), (390, "dark")]
 
 
@@ -79,6 +86,7 @@ def check_view(browser: Any, file: Path, width: int, scheme: str) -> None:
     for legend in page.query_selector_all(".legend"):  # above its figure, never over it
         below = legend.evaluate("e => e.parentElement.querySelector('.canvas').getBoundingClientRect().top")
         assert legend.bounding_box()["y"] + legend.bounding_box()["height"] <= below + page.evaluate("scrollY") + 1
+    assert page.evaluate(TEXT_ON_BOXES) == []
     background = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (background == "rgb(255, 255, 255)") == (scheme == "light")
     page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
