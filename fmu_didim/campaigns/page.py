@@ -153,7 +153,8 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
         texts += [str(row[name]) for name in counts]
         texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
-            interval = f"{100 * row['coverage_low']:.1f} to {_percent(row['coverage_high'])}"
+            low, high = row["coverage_low"], _percent(row["coverage_high"])
+            interval = f"{100 * low:.1f} to {high}" if low == low else MISSING
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
             texts.append(significant(row["largest_bias_in_sigma"], 2))
         group = members[_key(tuple(row[path] for path in results.paths))].head(limits.CELL_RUNS)
