@@ -120,9 +120,12 @@ class Block:
     def automatic_substeps(self, step: float) -> int:
         """The substeps in a communication step of so many s, from the start of the block."""
         assert self.step_rate is not None
+        return choose_substeps(self.at_start(self.step_rate), step, minimum=self.fewest_substeps)
+
+    def at_start(self, rate: ca.Function) -> float:
+        """A rate (x, p) -> 1/s at the start of the block, with inputs of zero."""
         p = self.parameter_values
-        rate = float(self.step_rate(self.start(np.zeros(len(self.inputs)), p), p))
-        return choose_substeps(rate, step, minimum=self.fewest_substeps)
+        return float(rate(self.start(np.zeros(len(self.inputs)), p), p))
 
     @property
     def parameter_values(self) -> Array:

@@ -144,6 +144,12 @@ def trajectory(time: Array, columns: Mapping[str, Array], units: Mapping[str, st
     )
 
 
+_FOURTH = np.sqrt(70.0)
+"""Deviation of the fourth difference of white noise of deviation one: 1 + 16 + 36 + 16 + 1."""
+_MEDIAN = 0.6745
+"""Median of the size of a normal variable of deviation one."""
+
+
 def write_csv(signals: Trajectory, path: Path | str) -> None:
     """Write a trajectory as CSV with the header ``t,<names>``, 9 significant digits."""
     header = ",".join(("t", *signals.names))
@@ -156,3 +162,13 @@ def derivative(time: Array, values: Array) -> Array:
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(time, values)(time, 1))
+
+
+def white_noise(values: Array) -> float:
+    """Standard deviation of the white noise in a column (N,), from the median of its fourth differences.
+
+    A smooth motion hardly has any; at rest a rounded column shows no noise, so that only moving rows count.
+    """
+    fourth = np.abs(np.diff(values, 4))
+    moving = fourth[np.abs(np.diff(values)[3:]) > 0]
+    return float(np.median(moving)) / (_MEDIAN * _FOURTH) if moving.size else 0.0

@@ -119,15 +119,12 @@ def influence_efficient(s: Array) -> Array:
     return np.asarray(np.linalg.solve(r, q.T).T / norms)
 
 
-def covariance_efficient(a: Array) -> Array:
-    """(A'A)^-1 of a whitened matrix (r, p): the sensitivity S, or the regressor W (eq. 8)."""
+def covariance_white(a: Array) -> Array:
+    """(A'A)^-1 of a whitened matrix (r, p): by the sensitivity S the Cramer-Rao bound, by the regressor W eq. 8."""
     norms = np.linalg.norm(a, axis=0)
     r = np.linalg.qr(a / norms)[1]
     inverse = np.linalg.inv(r) / norms[:, None]
     return np.asarray(inverse @ inverse.T)
-
-
-covariance_paper = covariance_efficient
 
 
 def relative_deviation_percent(value: Array, deviation: Array) -> Array:

@@ -76,7 +76,7 @@ def context(rate_hz: int) -> DesignContext:
     noise = NOISE * np.sqrt((torque**2).mean(axis=0))
     clean = with_torque(model, torque)
     known = replace(clean, torque_deviation=noise)
-    bound = point(known, NoiseOfResidual(known)).bound
+    bound = point(known, NoiseOfResidual(known)).covariance
     return DesignContext(clean, model.start, torque, noise, np.sqrt(np.diag(bound)))
 
 

@@ -9,8 +9,7 @@ from fmu_didim.errors import IdentificationError
 from fmu_didim.statistics import (
     confidence_interval,
     correlation,
-    covariance_efficient,
-    covariance_paper,
+    covariance_white,
     influence_efficient,
     influence_of_instruments,
     least_squares,
@@ -87,11 +86,11 @@ def test_values_that_are_not_finite_are_refused() -> None:
 def test_covariances_equal_their_closed_forms() -> None:
     w, s = regressor(seed=3), regressor(seed=4)
     s = w + 0.2 * s
-    np.testing.assert_allclose(covariance_paper(w), np.linalg.inv(w.T @ w), rtol=1e-10)
-    np.testing.assert_allclose(covariance_efficient(s), np.linalg.inv(s.T @ s), rtol=1e-10)
+    np.testing.assert_allclose(covariance_white(w), np.linalg.inv(w.T @ w), rtol=1e-10)
+    np.testing.assert_allclose(covariance_white(s), np.linalg.inv(s.T @ s), rtol=1e-10)
     left, right = np.linalg.inv(w.T @ s), np.linalg.inv(s.T @ w)
     np.testing.assert_allclose(sandwich(w, s), left @ (w.T @ w) @ right, rtol=1e-8)
-    np.testing.assert_allclose(sandwich(w, w), covariance_paper(w), rtol=1e-8)
+    np.testing.assert_allclose(sandwich(w, w), covariance_white(w), rtol=1e-8)
     np.testing.assert_allclose(influence_efficient(s), np.linalg.pinv(s).T, rtol=1e-8)
 
 
@@ -103,15 +102,15 @@ def test_covariances_equal_the_scatter_of_the_estimates() -> None:
     noise = rng.normal(size=(60, DRAWS))
     for matrix, formula in (
         (np.linalg.solve(w.T @ s, w.T), sandwich(w, s)),
-        (np.linalg.pinv(s), covariance_efficient(s)),
-        (np.linalg.pinv(w), covariance_paper(w)),
+        (np.linalg.pinv(s), covariance_white(s)),
+        (np.linalg.pinv(w), covariance_white(w)),
     ):
         scatter = np.cov(matrix @ noise)
         sizes = np.sqrt(np.diag(formula))
         # The standard deviation of a sampled variance is sqrt(2 / DRAWS) = 2.2 % of it.
         np.testing.assert_allclose(scatter / np.outer(sizes, sizes), correlation(formula), rtol=0, atol=0.09)
     # In the sense of matrices no unbiased estimator is better than the efficient one.
-    excess = sandwich(w, s) - covariance_efficient(s)
+    excess = sandwich(w, s) - covariance_white(s)
     sizes = np.sqrt(np.diag(excess))
     assert np.linalg.eigvalsh(excess / np.outer(sizes, sizes)).min() > -1e-10
 
@@ -157,7 +156,7 @@ def test_interval_covers_as_often_as_it_says() -> None:
     for _ in range(draws):
         fit = least_squares(a, a @ truth + rng.normal(scale=0.7, size=8))
         sigma = noise_deviation(fit.residual[:, None], fit.leverage[:, None], floor=np.zeros(1))
-        deviation = np.sqrt(np.diag(covariance_paper(a / sigma)))
+        deviation = np.sqrt(np.diag(covariance_white(a / sigma)))
         low, high = confidence_interval(fit.solution, deviation, 6.0, 0.9).T
         hits += (low < truth) & (truth < high)
     np.testing.assert_allclose(hits / draws, 0.9, rtol=0, atol=0.04)

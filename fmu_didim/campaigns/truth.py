@@ -29,7 +29,6 @@ from fmu_didim.signals import Array, Trajectory, trajectory
 
 SPIN_UP = 20
 """Memories of coloured noise before the log begins."""
-POSITIONS = "positions of "
 
 
 @dataclass(frozen=True)
@@ -75,17 +74,16 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
             name: {k: v for k, v in entry.items() if k in kept} for name, entry in content["identify"].items()
         }
     case = load_case(content, folder=folder, require_torque=False)
-    runs = case.document.runs
-    experiments = {label: _experiment(case, label) for label in runs}
+    experiments = {label: _experiment(case, label) for label in case.document.runs}
     model = case.model_on(experiments)
     logs = {}
-    for label, run in runs.items():
-        values = model.start
-        recording = model.record(values, label, all_ticks=True)
-        operator = experiments[label].operator
-        torque = operator.apply(model.logged_torque(recording, values, label)[operator.ticks])
+    for label, source in case.document.runs.items():
+        run = model.simulation(model.start, label)
+        recording = run.record(all_ticks=True)
+        operator = run.experiment.operator  # without the clock of the log, which may be unknown
+        torque = operator.apply(run.logged_torque(recording)[operator.ticks])
         positions = None
-        if run.positions is not None:
+        if source.positions is not None:
             names = model.joint_signals("q")
             columns = {f"q{j}": recording.table([name])[:, 0] for j, name in enumerate(names, start=1)}
             positions = trajectory(recording.time, columns)

@@ -18,7 +18,7 @@ from fmu_didim.case.file_checks import unevenness
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.master import grid_places
-from fmu_didim.signals import Array, Trajectory, Variable, derivative
+from fmu_didim.signals import Array, Trajectory, Variable, derivative, white_noise
 from fmu_didim.tables import thresholds as limits
 
 REFERENCE_DERIVED = CATALOGUE(
@@ -51,8 +51,6 @@ REFERENCE_COARSE = CATALOGUE(
 _WAVE = np.linspace(0.0, math.pi, 2001)
 _GAIN = 3 * np.sin(_WAVE) / (2 + np.cos(_WAVE))
 _NOISE_GAINS = {order: float(np.sqrt(np.mean(_GAIN ** (2 * order)))) for order in (1, 2)}
-_FOURTH = math.sqrt(70.0)
-"""Deviation of the fourth difference of white noise of deviation one: 1 + 16 + 36 + 16 + 1."""
 
 
 def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Trajectory, list[Diagnostic]]:
@@ -97,17 +95,9 @@ def _is_moving(rate: Array) -> bool:
 
 
 def _scatter(given: Array, rate: Array, step: float, order: int) -> float:
-    """Noise of a derivative of some order that was computed from a column (N,), of the derivative's own deviation.
-
-    The noise of the column is the median of its fourth differences, which a smooth motion hardly has.
-    """
-    fourth = np.abs(np.diff(given, 4))
-    moving = fourth[np.abs(np.diff(given)[3:]) > 0]  # at rest a rounded column shows no noise
+    """Noise of a derivative of some order that was computed from a column (N,), of the derivative's own deviation."""
     size = float(rate.std())
-    if not moving.size or not size:
-        return 0.0
-    noise = float(np.median(moving)) / (0.6745 * _FOURTH)
-    return noise * _NOISE_GAINS[order] / step**order / size
+    return white_noise(given) * _NOISE_GAINS[order] / step**order / size if size else 0.0
 
 
 def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnostic]]:

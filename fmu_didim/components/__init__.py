@@ -2,14 +2,13 @@
 
 from fmu_didim.components.base import Component, Instance, SameObject, rename
 from fmu_didim.components.block_control import to_control
-from fmu_didim.components.control import ControlComponent, block_as_control
+from fmu_didim.components.control import block_as_control
 from fmu_didim.components.fmu import FmuComponent, load_fmu
 from fmu_didim.components.model import ModelComponent
 from fmu_didim.components.user_control import wrap_control
 
 __all__ = [
     "Component",
-    "ControlComponent",
     "FmuComponent",
     "Instance",
     "ModelComponent",

@@ -41,6 +41,3 @@ def read_law(path: Path | str) -> ControlLaw:
     if law not in LAWS:
         raise UnknownNameError("control law", law, LAWS, where=str(path))
     return validate(LAWS[law], content, where=str(path), lines=Lines(Path(path)))
-
-
-__all__ = ["LAWS", "PD", "PID", "CascadePPI", "ComputedTorque", "ControlLaw", "Emps", "read_controller", "read_law"]

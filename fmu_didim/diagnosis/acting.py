@@ -88,13 +88,13 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
         label = next(label for label in model.estimation_labels if model.acts(i, label))
         ticks = _ticks(min(count, model.experiments[label].reference.time.size))
         if label not in base:
-            base[label] = model.record(values, label, ticks=ticks)
+            base[label] = model.simulation(values, label).record(ticks=ticks)
         other = values.copy()
         other[i] += limits.CHANGE * (abs(values[i]) or 1.0)
         if mass_matrix_problem(model, other):
             continue
         try:
-            run = model.record(other, label, ticks=ticks)
+            run = model.simulation(other, label).record(ticks=ticks)
         except SimulationError:
             continue  # it acts, if only to the worse
         if all(np.array_equal(signal, run.applied[name]) for name, signal in base[label].applied.items()):
@@ -107,7 +107,7 @@ def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
     ticks = _ticks(min(count, model.experiments[model.first].reference.time.size))
     probe = RegressorProbe(model.plant_name, model.parameters, model.theta(theta), ticks.size)
     try:
-        model.record(theta, ticks=ticks, observe=probe)
+        model.simulation(theta).record(ticks=ticks, observe=probe)
     except SimulationError:
         return []  # the estimator says why
     return [int(i) for i in np.flatnonzero(~np.abs(probe.columns).any(axis=(0, 1)))]
@@ -118,7 +118,7 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
     theta = model.start
     reference = model.experiments[model.first].reference
     try:
-        first = model.record(theta, ticks=np.zeros(1, dtype=np.int64))
+        first = model.simulation(theta).record(ticks=np.zeros(1, dtype=np.int64))
     except SimulationError:
         return []
     found = []

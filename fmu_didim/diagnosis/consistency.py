@@ -21,9 +21,9 @@ from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.mismatch import unlike_torque
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
-from fmu_didim.master import Observer, Recording
+from fmu_didim.master import Observer
 from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.prediction import drive_torque
 from fmu_didim.prediction.probing import RegressorProbe
@@ -114,25 +114,26 @@ def check_consistency(model: LoopModel) -> Consistency:
     absent = [name for name in model.parameters.observed if name not in offered]
     if absent:
         return Consistency(failure=f"its torque also depends on {', '.join(absent)}, which the plant does not give.")
-    runs = _runs(model)
+    runs = _longest_run(model)
     if runs is None:
         return Consistency(failure="neither the values of the description nor those of the reference can be simulated.")
-    theta, count = runs
+    run, count = runs
+    theta = run.theta
     ticks = np.unique(np.linspace(1, count - 2, limits.POINTS).astype(np.int64))
     columns: Array | None = None
     method, by_differences = "", not model.gives_acceleration
     try:
         probe = RegressorProbe(model.plant_name, model.parameters, theta, ticks.size)
         if by_differences:
-            points = _points(model, theta, ticks)
+            points = _points(run, ticks)
         else:
             try:
-                points = _points(model, theta, ticks, observe=probe)
+                points = _points(run, ticks, observe=probe)
                 columns, method = probe.columns, "probed"
             except SimulationError:  # parameters that are fixed in a run, or no feed-through
-                points = _points(model, theta, ticks)
+                points = _points(run, ticks)
         if columns is None or not np.isfinite(columns).all() or _silent(columns, points[1]).any():
-            columns, method = _simulated_columns(model, theta, ticks, points), "simulated again"
+            columns, method = _simulated_columns(run, ticks, points), "simulated again"
     except SimulationError as error:
         return Consistency(failure=error.what)
     torque, regressor, known, motion, observed = points
@@ -152,39 +153,37 @@ Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
 """Torque (K, n), regressor (K, n, p), known torque (K, n), the motion they belong to and what else they depend on."""
 
 
-def _runs(model: LoopModel) -> tuple[Array, int] | None:
-    """The description's own values, or those that the reference gives, and for how many ticks the loop runs."""
+def _longest_run(model: LoopModel) -> tuple[Simulation, int] | None:
+    """With the description's own values, or those that the reference gives, and for how many ticks the loop runs."""
     total = model.experiments[model.first].reference.time.size
     for count in sorted({min(total, length) for length in limits.LENGTHS}, reverse=True):
         for choose in (lambda m: m.start, from_reference):
             theta: Array = choose(model)
             if mass_matrix_problem(model, theta):
                 continue
+            run = model.simulation(theta)
             try:
-                _run(model, theta, np.arange(count - 1, count))
+                run.record(ticks=np.arange(count - 1, count))
             except SimulationError:
                 continue
-            return theta, count
+            return run, count
     return None
 
 
-def _run(model: LoopModel, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Recording:
-    return model.record(theta, ticks=ticks, observe=observe)
-
-
-def _points(model: LoopModel, theta: Array, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
+def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
+    model = run.model
     if model.gives_acceleration:
-        recording = _run(model, theta, ticks, observe)
+        recording = run.record(ticks=ticks, observe=observe)
         motion = [recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq")]
         torque, rows = drive_torque(model, recording), np.arange(ticks.size)
     else:
         # While a torque is held, the mean acceleration of the period belongs to its middle.
         both = np.unique(np.concatenate([ticks, ticks + 1]))
-        recording = _run(model, theta, both)
+        recording = run.record(ticks=both)
         here, after = np.searchsorted(both, ticks), np.searchsorted(both, ticks + 1)
         rows = here
         q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
-        acceleration = (dq[after] - dq[here]) / model.systems[model.first].step_size
+        acceleration = (dq[after] - dq[here]) / run.step_size
         motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
         torque = drive_torque(model, recording)[here]
     names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
@@ -198,22 +197,22 @@ def _silent(columns: Array, analytic: Array) -> NDArray[np.bool_]:
     return np.asarray(~columns.any(axis=(0, 1)) & analytic.any(axis=(0, 1)), dtype=np.bool_)
 
 
-def _simulated_columns(model: LoopModel, theta: Array, ticks: NDArray[np.int64], points: Points) -> Array:
+def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points) -> Array:
     """The plant's columns from a simulation with each parameter changed.
 
     With r = tau - W theta - known on each simulation, the plant's column is W_i + dr / dtheta_i: exact where plant and
     description agree or the parameter has no effect, and to first order in the change of the motion otherwise.
     """
     torque, regressor, known, *_ = points
+    theta = run.values
     before = torque - regressor @ theta - known
     size = np.linalg.norm(torque) / np.maximum(np.linalg.norm(regressor, axis=(0, 1)), TINY)
     columns = np.empty_like(regressor)
     for i in range(theta.size):
         step = limits.CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
-        other = theta.copy()
-        other[i] += step
-        moved_torque, moved, moved_known, *_ = _points(model, other, ticks)
-        after = moved_torque - moved @ other - moved_known
+        other = run.moved(i, theta[i] + step)
+        moved_torque, moved, moved_known, *_ = _points(other, ticks)
+        after = moved_torque - moved @ other.values - moved_known
         columns[:, :, i] = regressor[:, :, i] + (after - before) / step
     return columns
 

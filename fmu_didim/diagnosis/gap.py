@@ -35,7 +35,7 @@ def gaps(fit: Fit) -> dict[str, Array]:
     result = {}
     for label in fit.model.experiments:
         try:
-            result[label] = joint_gaps(fit.model.residual(fit.values, label), fit.noise)
+            result[label] = joint_gaps(fit.residual_in(label), fit.noise)
         except SimulationError:
             result[label] = np.full(fit.model.joint_count, np.inf)
     return result
@@ -119,7 +119,7 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
 def _held_out(fit: Fit) -> Array:
     """(Nv, n) residual of all held-out experiments."""
     labels = fit.model.validation_labels
-    return np.concatenate([fit.model.residual(fit.values, label) for label in labels])
+    return np.concatenate([fit.residual_in(label) for label in labels])
 
 
 def _block(fit: Fit) -> int:

@@ -68,14 +68,9 @@ class Residual:
 
 
 def held_out_diagnostics(
-    model: LoopModel,
-    values: Array,
-    covariance: Array,
-    fitted: Residual,
-    held: Mapping[str, Residual],
-    failures: Mapping[str, str],
+    model: LoopModel, covariance: Array, fitted: Residual, held: Mapping[str, Residual], failures: Mapping[str, str]
 ) -> list[Diagnostic]:
-    """What held-out experiments say of the values (p,) with covariance (p, p).
+    """What held-out experiments say of the values of a model, known with a covariance (p, p).
 
     Args:
         fitted: of all experiments that were fitted.
@@ -83,10 +78,11 @@ def held_out_diagnostics(
     """
     found = [Diagnostic(NOT_SIMULATED, f"The simulation failed: {why}", place=label) for label, why in failures.items()]
     for label, residual in held.items():
-        worse = worse_than_fitted(fitted, residual, count=values.size)
+        count = covariance.shape[0]
+        worse = worse_than_fitted(fitted, residual, count=count)
         if worse.size:
-            extra = _by_uncertainty(model, values, covariance, label)
-            worse = worse_than_fitted(fitted, residual, count=values.size, extra=extra)
+            extra = _by_uncertainty(model.on(label), covariance)
+            worse = worse_than_fitted(fitted, residual, count=count, extra=extra)
         found += [_worse(fitted, residual, int(j), label) for j in worse]
     if not held and not failures:
         found.append(
@@ -120,11 +116,10 @@ def _independent_squares(residual: Array) -> Array:
     return np.asarray((1 - rho**2) / (1 + rho**2))
 
 
-def _by_uncertainty(model: LoopModel, values: Array, covariance: Array, label: str) -> Array:
-    """(n,) mean variance of the torque of an experiment by the uncertainty of the values."""
-    alone = model.on(label)
+def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
+    """(n,) mean variance of the torque by the uncertainty of the values."""
     try:
-        columns = sensitivity(alone, values, alone.torque(values))
+        columns = sensitivity(model, model.start, model.torque(model.start))
     except SimulationError:
         return np.zeros(model.joint_count)
     return np.asarray(np.einsum("kjp,pq,kjq->j", columns, covariance, columns) / columns.shape[0])

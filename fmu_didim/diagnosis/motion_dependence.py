@@ -25,8 +25,7 @@ from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.uncertainty import Colour, nominal_rate
 from fmu_didim.signals import Array
@@ -98,7 +97,7 @@ def motion_dependence(
         coefficients: joint, from 1, and rate of the log in Hz -> (order,) of the autoregression of its noise.
     """
     try:
-        tables = {label: functions_of_motion(model, values, label) for label in residuals}
+        tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
     except SimulationError:  # after the last sample of a log
         return []
     found = []
@@ -118,19 +117,16 @@ def motion_dependence(
     return found
 
 
-def dependence_of_fit(fit: Fit) -> list[Dependence]:
-    """How the residual of each joint depends on the motion at a point of the closed loop."""
-    return dependence_of(fit.model, fit.values, fit.residual, fit.jacobian, fit_uncertainty(fit).colours)
+def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
+    """How the residual of each joint depends on the motion at a point of the closed loop.
 
-
-def dependence_of(
-    model: LoopModel, values: Array, residual: Array, jacobian: Array, colours: Sequence[Colour]
-) -> list[Dependence]:
-    """The same of a residual (N, n) and sensitivities (N, n, p) of all fitted experiments, one below the other."""
-    rows = model.rows
+    Args:
+        colours: of its noise.
+    """
+    rows, residual = fit.model.rows, fit.residual
     return motion_dependence(
-        model, values, {label: residual[part] for label, part in rows.items()},
-        {label: jacobian[part] for label, part in rows.items()},
+        fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
+        {label: fit.jacobian[part] for label, part in rows.items()},
         {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours},
     )  # fmt: skip
 
@@ -197,19 +193,18 @@ def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array
     return np.asarray(left[np.isfinite(left).all(axis=1)])
 
 
-def functions_of_motion(model: LoopModel, values: Array, label: str) -> list[dict[str, Array]]:
+def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
     """Functions (N,) of the simulated motion of each joint at the samples, by name; the most telling ones first.
 
     Velocities and positions are there as far as the plant gives them; raises SimulationError.
     """
-    recording = model.record(values, label, all_ticks=True)
-    operator, step = model.operator(values, label), model.systems[label].step_size
+    recording, model, step = run.record(all_ticks=True), run.model, run.step_size
     offered = {v.name for v in model.plant.outputs}
 
     def sampled(signal: Array) -> Array:
-        return np.asarray(model.filtered(operator.apply(signal[operator.ticks, None]), label)[:, 0])
+        return np.asarray(run.sampled(signal[run.operator.ticks, None])[:, 0])
 
-    torque = model.logged_torque(recording, values, label)
+    torque = run.logged_torque(recording)
     found = []
     for j in range(model.joint_count):
         rate = np.gradient(torque[:, j], step)

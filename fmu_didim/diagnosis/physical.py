@@ -38,15 +38,15 @@ MASS_INDEFINITE = CATALOGUE(
 )  # fmt: skip
 
 
-def physical_diagnostics(model: LoopModel, values: Array, covariance: Array) -> list[Diagnostic]:
-    """What no machine can have of values (p,) with covariance (p, p) of the free parameters of a model.
+def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic]:
+    """What no machine can have of the values of a model, known with a covariance (p, p).
 
     Nothing is said of a plant without robot description. Where experiments have values of their own, those of each are
     looked at.
     """
     if not isinstance(model.parameters, RobotParameters):
         return []
-    robot, base = model.parameters.model, model.parameters.base
+    robot, base, values = model.parameters.model, model.parameters.base, model.start
     low, high = joint_range(model)
     found: dict[tuple[str, str], Diagnostic] = {}
     for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):

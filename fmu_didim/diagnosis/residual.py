@@ -40,6 +40,12 @@ COLOUR_NOT_MODELLED = CATALOGUE(
     "with the motion. Standard deviations count with the autoregression.",
     next_step="Look at the residual in the report; take standard deviations for less certain than they look.",
 )  # fmt: skip
+RESIDUAL_SLOW = CATALOGUE(
+    "residual-slow", DOUBT, rank=61,
+    meaning="Most of what the model leaves of a torque is as slow as the motion, where noise has little power: it "
+    "looks like something that the model lacks, an offset or a drift. What the values take up of it no interval has.",
+    next_step="Run fmu-didim discover CASE.yaml; if the sensor drifts, state that noise: torque_std.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -159,3 +165,36 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
                 )
             )  # fmt: skip
     return found
+
+
+def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
+    """The joints whose residual is as slow as the motion, by the spectrum of its autoregression.
+
+        S(f) = 1 / |1 - sum_k a_k exp(-2 pi i f k / rate)|^2
+
+    Args:
+        motion_hz: highest frequency of the motion; cutoff_hz: of a low-pass of torque and model, above which nothing
+            is compared.
+    """
+    found = []
+    for test in tests:
+        highest = min(test.rate_hz / 2, cutoff_hz)
+        if test.exceeds_noise or not test.order or motion_hz > limits.MOTION_BAND * highest:
+            continue
+        below, above = (_mean_density(test, *band) for band in ((0.0, motion_hz), (motion_hz, highest)))
+        slow, fast = below * motion_hz, above * (highest - motion_hz)
+        share, contrast = slow / (slow + fast), below / above
+        if share > limits.SLOW_SHARE and contrast > limits.SLOW_CONTRAST:
+            text = (
+                f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, where the motion is, with "
+                f"{contrast:.2g} times the density of what lies above."
+            )
+            found.append(Diagnostic(RESIDUAL_SLOW, text, f"joint {test.joint}", share, limits.SLOW_SHARE, "1"))
+    return found
+
+
+def _mean_density(test: ResidualTest, lowest: float, highest: float) -> float:
+    """Mean of the spectral density of a residual between two frequencies, with innovations of variance one."""
+    frequency = np.linspace(lowest, highest, limits.SPECTRUM_POINTS)
+    turns = np.exp(-2j * np.pi * np.outer(frequency / test.rate_hz, np.arange(1, test.order + 1)))
+    return float(np.mean(1 / np.abs(1 - turns @ test.coefficients) ** 2))

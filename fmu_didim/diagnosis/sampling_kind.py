@@ -21,7 +21,7 @@ from fmu_didim.master.sampling import Kind, Window
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 
 WAYS: tuple[tuple[Kind, Window], ...] = (
     ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
@@ -84,16 +84,14 @@ def _sampled(
     model: LoopModel, fit: Fit, most: float
 ) -> list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]]:
     """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operators."""
-    start, labels = model.start, model.estimation_labels
-    commands = {
-        label: model.logged_torque(model.record(start, label, all_ticks=True), start, label) for label in labels
-    }
+    runs = {label: model.simulation(model.start, label) for label in model.estimation_labels}
+    commands = {label: run.logged_torque(run.record(all_ticks=True)) for label, run in runs.items()}
     base = BaseProjection.of_fit(fit)
     limit = most * float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
     found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
     for kind, window in WAYS:
         try:
-            operators = {label: sampled_as(model, label, kind, window) for label in labels}
+            operators = {label: sampled_as(run, kind, window) for label, run in runs.items()}
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
         simulated = [
@@ -102,19 +100,17 @@ def _sampled(
         ]
         residual = model.measured - np.concatenate(simulated)
         size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
-        if size < limit and not all(
-            same_sampling(o, model.experiments[label].operator) for label, o in operators.items()
-        ):
+        is_new = not all(same_sampling(o, runs[label].experiment.operator) for label, o in operators.items())
+        if size < limit and is_new:
             found.append((size, (kind, window), operators))
     return found
 
 
-def sampled_as(model: LoopModel, label: str, kind: Kind, window: Window) -> SampleOperator:
+def sampled_as(run: Simulation, kind: Kind, window: Window) -> SampleOperator:
     """The operator of an experiment's log if it were sampled in this way; raises InputError at the end of the data."""
-    experiment, step = model.experiments[label], model.systems[label].step_size
-    count = experiment.reference.time.size
+    experiment, count = run.experiment, run.experiment.reference.time.size
     operator = sample_operator(
-        experiment.time, start=float(experiment.reference.time[0]), step=step, tick_count=count, kind=kind,
+        experiment.time, start=float(experiment.reference.time[0]), step=run.step_size, tick_count=count, kind=kind,
         window=window,
     )  # fmt: skip
     return operator.stamped_later(experiment.operator.lag, count)

@@ -116,6 +116,23 @@ TURNING = TABLE("TURNING", 0.05, "1", "Fraction of the largest speed of a joint 
 CREEPING = TABLE("CREEPING", 0.005, "1", "The same of what happens at standstill only, such as steeper friction.")
 
 # The residual against the noise ---------------------------------------------------------------------------------------
+SLOW_SHARE = TABLE(
+    "SLOW_SHARE", 0.5, "1",
+    "Of the power of a residual that lies in the band of the motion, from which it is doubted: noise with a memory of "
+    "50 ms has 12 to 25 % below 1.25 Hz.",
+)  # fmt: skip
+SLOW_CONTRAST = TABLE(
+    "SLOW_CONTRAST", 30.0, "1",
+    "Density of its spectrum there over that above: noise with a memory of 50 ms at 200 Hz has up to 23, a missing "
+    "offset of five times the noise 900.",
+)  # fmt: skip
+MOTION_BAND = TABLE(
+    "MOTION_BAND",
+    0.5,
+    "1",
+    "Of the frequencies of a log that the motion may fill: there must be others to compare with.",
+)
+SPECTRUM_POINTS = TABLE("SPECTRUM_POINTS", 1000, "points", "Of the spectrum of an autoregression in a band.")
 STILL_NOT_WHITE = TABLE(
     "STILL_NOT_WHITE", 1e-4, "1",
     "Probability, by Ljung and Box, below which what the colour of a residual leaves is said to be no white noise.",

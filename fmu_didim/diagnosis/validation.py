@@ -42,15 +42,15 @@ class Validation:
 
 def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques."""
-    experiment, measured = model.experiments[label], model.measured_in(label)
+    run, measured = model.simulation(values, label), model.measured_in(label)
     every, motion = None, dict[str, Array]()
     try:
-        simulated, failure = model.torque(values, label), ""
-        table = simulated_table(model, values, label)
-        every, motion = table.first(model.joint_count), motion_at_samples(model, values, label, table)
+        simulated, failure = run.torque(), ""
+        table = simulated_table(run)
+        every, motion = table.first(model.joint_count), motion_at_samples(run, table)
     except SimulationError as error:
         simulated, failure = np.full_like(measured, np.nan), str(error)
     total, per_joint = relative_error_percent(measured, simulated)
     return Validation(
-        label, experiment.role, experiment.time, measured, simulated, total, per_joint, failure, every, motion
+        label, run.experiment.role, run.experiment.time, measured, simulated, total, per_joint, failure, every, motion
     )

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.data.checks import data_diagnostics
 from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
-from fmu_didim.diagnostics import DOUBT, Diagnostic, refuse_problems
 from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.identification.start import start_sequence, start_text, start_values
@@ -27,15 +25,10 @@ sensitivities."""
 
 @dataclass(frozen=True)
 class Prepared:
-    """The base model, fitted with the noise of its data, and what there is to say of them.
-
-    Attributes:
-        doubts: what is wrong with the data themselves, whatever the model is; notes: all else.
-    """
+    """The base model, fitted with the noise of its data, and what there is to say of that."""
 
     fit: Fit
     notes: tuple[str, ...] = ()
-    doubts: tuple[Diagnostic, ...] = ()
 
 
 def prepare(model: LoopModel) -> Prepared:
@@ -44,7 +37,7 @@ def prepare(model: LoopModel) -> Prepared:
     A robot of which nothing is known, as ``init`` writes it, has no inertia at all.
 
     Raises:
-        InputError: the torque logs are too short, or cannot be those of this loop; SimulationError: no start holds.
+        InputError: the torque logs are too short; SimulationError: no start holds.
     """
     try:
         return _from_start(model)
@@ -68,16 +61,12 @@ def _from_start(model: LoopModel) -> Prepared:
             got=f"{samples} samples for {count} parameters",
         )
     model = with_nuisances(model)
-    found = refuse_problems(data_diagnostics(model, causes=False))
-    doubts = tuple(d for d in found if d.code.severity is DOUBT and d.code.rank < limits.OF_THE_DATA)
-    notes = [str(d) for d in found if d not in doubts]
-    repeated, further = repeated_noise(model)
-    notes += further
+    repeated, notes = repeated_noise(model)
     if repeated:
         first = pooled(list(repeated.values()))
         fit = minimise(with_fitting_substeps(model, model.start, first.deviation), first, stopping=BASE_FIT)
         noise, further = without_events(repeated, fit)
-        return Prepared(integrated(replace(fit, noise=noise)), (*notes, *further), doubts)
+        return Prepared(integrated(replace(fit, noise=noise)), (*notes, *further))
     # Without repetition: all joints alike at first, then the noise that the residual shows.
     spread = np.std(model.measured, axis=0)
     first = Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
@@ -87,7 +76,7 @@ def _from_start(model: LoopModel) -> Prepared:
         "motion, an upper bound."
     )
     fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
-    return Prepared(integrated(fit), tuple(notes), doubts)
+    return Prepared(integrated(fit), tuple(notes))
 
 
 def with_nuisances(model: LoopModel) -> LoopModel:

@@ -191,7 +191,7 @@ def _residuals(discovery: Discovery) -> Residuals:
         pair = []
         for fit in (discovery.base, discovery.final):
             try:
-                pair.append(fit.model.residual(fit.values, label))
+                pair.append(fit.residual_in(label))
             except SimulationError:
                 pair.append(np.full(discovery.base.model.measured_in(label).shape, np.inf))
         result[label] = (pair[0], pair[1])

@@ -106,7 +106,7 @@ def _named(robot: RobotDescription, model: LoopModel, values: Array) -> dict[str
 
 def _velocities(fit: Fit, joint: int) -> Array | None:
     """Velocities (m,) over the range of the fitted motions, dense about zero; None if the plant does not give it."""
-    tables = [simulated_table(fit.model, fit.values, label) for label in fit.model.estimation_labels]
+    tables = [simulated_table(fit.simulation(label)) for label in fit.model.estimation_labels]
     if any(f"dq{joint}" not in table.names for table in tables):
         return None
     columns = np.concatenate([table.column(f"dq{joint}") for table in tables])

@@ -67,8 +67,8 @@ def _held_out(fit: Fit) -> list[Diagnostic]:
     model, held, failures = fit.model, {}, {}
     for label in model.validation_labels:
         try:
-            held[label] = Residual.of(model.measured_in(label), model.torque(fit.values, label))
+            held[label] = Residual.of(model.measured_in(label), fit.simulation(label).torque())
         except SimulationError as error:
             failures[label] = error.what
     fitted = Residual.of(model.measured, fit.torque)
-    return held_out_diagnostics(model, fit.values, fit.covariance, fitted, held, failures)
+    return held_out_diagnostics(model, fit.covariance, fitted, held, failures)

@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions
 from fmu_didim.diagnosis.sampling_kind import other_sampling
+from fmu_didim.diagnostics import DOUBT, Diagnostic
 from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.all_thresholds import all_thresholds
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
@@ -31,7 +32,7 @@ from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.accuracy import integrated
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.motion import simulated_motion
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
@@ -77,6 +78,7 @@ def discover(
     watch: Watch | None = None,
     keep: Keep | None = None,
     case: str = "",
+    of_data: Sequence[Diagnostic] = (),
 ) -> Found:
     """Find the effects that a model lacks.
 
@@ -87,6 +89,7 @@ def discover(
         watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
         case: file of the case, for the commands that reasons name.
         keep: called with the best answer so far when the base model is fitted and after each round.
+        of_data: what was found of the data before.
 
     Raises:
         InputError: the data are too few; SimulationError: the base model cannot be simulated.
@@ -97,9 +100,13 @@ def discover(
         return document.model_copy(update={"seconds": clock.perf_counter() - begin})
 
     kept = None if keep is None else lambda document: keep(timed(document))
-    ask = _Question(description, name, effects, options or Options(), provenance, watch or Watch(), kept, case)
+    doubts = [d for d in of_data if d.code.severity is DOUBT and d.code.rank < limits.OF_THE_DATA]
+    notes = [str(d) for d in of_data if d not in doubts]
+    ask = _Question(
+        description, name, effects, options or Options(), provenance, watch or Watch(), kept, case, doubts, notes
+    )
     later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
-    found = _look(ask, later, _prepared(later, ask.watch))
+    found = _look(ask, _prepared(later, ask.watch))
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
     return replace(found, document=timed(found.document))
@@ -107,7 +114,11 @@ def discover(
 
 @dataclass(frozen=True)
 class _Question:
-    """What is asked of the data: the arguments of :func:`discover` beside them."""
+    """What is asked of the data: the arguments of :func:`discover` beside them.
+
+    Attributes:
+        doubts: what is wrong with the data themselves, whatever the model is; notes: all else that is known of them.
+    """
 
     description: RobotDescription | None
     name: str
@@ -116,8 +127,9 @@ class _Question:
     provenance: Mapping[str, Any] | None
     watch: Watch
     keep: Keep | None
-    case: str = ""
-    notes: tuple[str, ...] = ()
+    case: str
+    doubts: Sequence[Diagnostic]
+    notes: Sequence[str]
 
 
 def _prepared(model: LoopModel, watch: Watch) -> Prepared:
@@ -125,7 +137,7 @@ def _prepared(model: LoopModel, watch: Watch) -> Prepared:
     return prepare(model)
 
 
-def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
+def _look(ask: _Question, prepared: Prepared) -> Found:
     """Pushes, rounds and what is written down of them."""
     options, effects, watch = ask.options, ask.effects, ask.watch
     base = prepared.fit
@@ -142,7 +154,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         base = replace(base, noise=start.noise)
         builder = LoopModelBuilder(start.model, ask.description, effects)
     disagreement = _regions(builder, base)
-    held_out = () if model.validation_labels else (NO_HELD_OUT,)
+    held_out = () if base.model.validation_labels else (NO_HELD_OUT,)
     own_notes = (*ask.notes, *prepared.notes, *_of_motion(builder), *held_out)
 
     def written(discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
@@ -152,7 +164,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
             outside = [external_torque_finding(fitted_torques, base, free, external)]
             windows = external_torque_windows(free, fitted_torques.label)
         about = Circumstances(
-            ask.name, ask.case, watch.limit_s, [*own_notes, *notes], prepared.doubts,
+            ask.name, ask.case, watch.limit_s, [*own_notes, *notes], ask.doubts,
             {**(ask.provenance or {}), "options": options.record(), "thresholds": all_thresholds()},
         )  # fmt: skip
         document = findings_document(
@@ -178,7 +190,7 @@ def _look(ask: _Question, model: LoopModel, prepared: Prepared) -> Found:
         discovery, ratio = _withdrawn(discovery, ratio), None
     unshifted, saved = _without_shift(discovery.final.model, builder)
     way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
-    note = [way.text(1 / model.experiments[model.first].rate_hz)] if way is not None else []
+    note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
     return Found(written(discovery, ratio, free, *note), discovery, builder)
 
 
@@ -217,8 +229,8 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
     note = f"The first {limits.FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
-    again = replace(ask, options=options, keep=None, notes=(f"{note}: what was found takes them in.",))
-    second = _look(again, model, prepared)
+    again = replace(ask, options=options, keep=None, notes=(*ask.notes, f"{note}: what was found takes them in."))
+    second = _look(again, prepared)
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
         recorded = {**second.document.provenance, "options": asked}
@@ -242,13 +254,13 @@ def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
 
 def _regions(builder: LoopModelBuilder, base: Fit) -> list[Region]:
     """Where the base model disagrees; nothing if the plant does not tell its motion."""
-    model, motions = base.model, []
-    for label in model.estimation_labels:
-        motion = simulated_motion(model, base.values, label, builder.description)
+    motions = []
+    for run in map(base.simulation, base.model.estimation_labels):
+        motion = simulated_motion(run, builder.description)
         if motion is None:
             return []
-        motions.append((motion, _nearest_ticks(model, label)))
-    return regions(base.residual, motions, base.noise, model.parameters.torque_units)
+        motions.append((motion, _nearest_ticks(run)))
+    return regions(base.residual, motions, base.noise, base.model.parameters.torque_units)
 
 
 def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
@@ -263,10 +275,10 @@ def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
     return (INTEGRATED.format(", ".join(integrated)),) if integrated else ()
 
 
-def _nearest_ticks(model: LoopModel, label: str) -> Array:
-    experiment, step = model.experiments[label], model.systems[label].step_size
+def _nearest_ticks(run: Simulation) -> Array:
+    experiment = run.experiment
     first = float(experiment.reference.time[0])
-    ticks = np.round((experiment.time - first) / step - experiment.operator.lag).astype(int)
+    ticks = np.round((experiment.time - first) / run.step_size - experiment.operator.lag).astype(int)
     return np.asarray(np.clip(ticks, 0, experiment.reference.time.size - 1))
 
 

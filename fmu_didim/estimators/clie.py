@@ -21,7 +21,6 @@ from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.start import start_values, with_free_delay
 from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import point
-from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -70,7 +69,7 @@ class Clie(Estimator):
             start, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
-        fit, known = minimum.fit, fit_uncertainty(minimum.fit)
+        fit, known = minimum.fit, minimum.known
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
@@ -78,6 +77,6 @@ class Clie(Estimator):
                 next_step=ADVICE, values=fit.values, deviation=known.deviation,
             )  # fmt: skip
         return torque_estimate(
-            minimum, known, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
+            minimum, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
             stages={self.name: Stage(fit.values, known.deviation)},
         )  # fmt: skip

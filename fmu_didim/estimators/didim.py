@@ -31,14 +31,14 @@ from fmu_didim.prediction.accuracy import with_fitting_substeps
 from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.iteration import History, Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient, covariance_paper, relative_error_percent
+from fmu_didim.statistics import covariance_white, relative_error_percent
 
 BEST = "the best point goes on to the finish"
 ADVICE = (
@@ -83,14 +83,14 @@ class Didim(Estimator):
                 where="estimator",
                 next_step="Use the estimator clie, which needs none, or give robot: in the case.",
             )
-        history: list[Iteration] = []
+        history = History(progress)
         failures: list[str] = []
         last: _NonPhysicalError | None = None
         settled, starts = 0, start_sequence(model, self.start)
         for start, further in zip(starts, (*starts[1:], None), strict=True):
             then = "" if further is None else f"; restarted from {start_text(further)}"
             try:
-                estimate = self._from(model, start, then, history, progress)
+                estimate = self._from(model, start, then, history)
             except _NonPhysicalError as caught:
                 last = caught if caught.settled or last is None or not last.settled else last
                 failures.append(f"from {start_text(start)}: {caught.reason}")
@@ -106,40 +106,31 @@ class Didim(Estimator):
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
             return replace(estimate, remarks=(*told, *estimate.remarks))
         raise RefusedError(
-            "The identified model is not physical.", iterations=history, got="; ".join(failures), next_step=ADVICE,
-            values=last.theta if last else None, deviation=last.deviation if last else None,
+            "The identified model is not physical.", iterations=history.iterations, got="; ".join(failures),
+            next_step=ADVICE, values=last.theta if last else None, deviation=last.deviation if last else None,
         )  # fmt: skip
 
     def _check_linearity(self, model: LoopModel) -> None:
-        values, label = start_values(model, self.start), model.first
-        count = model.operator(values, label).ticks.size
-        probe = RegressorProbe(model.plant_name, model.parameters, model.theta(values, label), count)
+        run = model.simulation(start_values(model, self.start))
+        probe = RegressorProbe(model.plant_name, model.parameters, run.theta, run.operator.ticks.size)
         with suppress(SimulationError):  # the guard of the first iteration says more
-            model.record(values, label, observe=probe.check_linearity())
+            run.record(observe=probe.check_linearity())
         probe.raise_if_nonlinear()
 
-    def _record(self, history: list[Iteration], progress: Progress, iteration: Iteration) -> None:
-        history.append(iteration)
-        progress(iteration)
-
-    def _from(
-        self, model: LoopModel, start: Start, then: str, history: list[Iteration], progress: Progress
-    ) -> Estimate:
+    def _from(self, model: LoopModel, start: Start, then: str, history: History) -> Estimate:
         """The estimate from a start; ``then`` says what follows if there is none."""
         try:
-            model, theta, settled = self._iterate(model, start, then, history, progress)
+            model, theta, settled = self._iterate(model, start, then, history)
             prediction, failure = _try(model, theta)
             if prediction is None:
                 raise _NonPhysicalError(theta, failure)
-            return self._conclude(model, theta, prediction, settled, history, progress)
+            return self._conclude(model, theta, prediction, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
-            self._record(history, progress, Iteration("didim", len(history) + 1, caught.theta, caught.error, note=note))
+            history.add(Iteration("didim", history.count + 1, caught.theta, caught.error, note=note))
             raise
 
-    def _iterate(
-        self, model: LoopModel, start: Start, then: str, history: list[Iteration], progress: Progress
-    ) -> tuple[LoopModel, Array, bool]:
+    def _iterate(self, model: LoopModel, start: Start, then: str, history: History) -> tuple[LoopModel, Array, bool]:
         """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one
         where they do not settle, and whether they did; raises _NonPhysicalError where nothing can be simulated."""
         try:
@@ -150,7 +141,7 @@ class Didim(Estimator):
             model = with_fitting_substeps(model, theta)
         path = Path(is_last=not then)
         while path.count < self.maximum_iterations:
-            number = len(history) + 1
+            number = history.count + 1
             prediction, failure = _try(model, theta)
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
@@ -158,7 +149,7 @@ class Didim(Estimator):
                 raise _NonPhysicalError(theta, path.failure, error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
-                self._record(history, progress, Iteration("didim", number, theta, error, note=note))
+                history.add(Iteration("didim", number, theta, error, note=note))
                 if step == "over":
                     break
                 theta = 0.5 * (theta + path.best[0])
@@ -167,7 +158,7 @@ class Didim(Estimator):
             following, change, condition = self._solve(model, theta, prediction)
             is_over = self.finish and path.rises >= limits.RISES
             note = f"the error falls no more; {BEST}" if is_over else ""
-            self._record(history, progress, Iteration("didim", number, theta, float(error), change, condition, note))
+            history.add(Iteration("didim", number, theta, float(error), change, condition, note))
             if path.steady(float(error), self.tolerance) and change <= self.tolerance:
                 return model, following, True
             if is_over:
@@ -182,7 +173,7 @@ class Didim(Estimator):
         """
         regressor, known = _inverse(prediction)
         count = model.linear_count
-        solution, deviation = weighted_solution(model, regressor, model.measured - known, model.names[:count])
+        solution, deviation = weighted_solution(model, regressor, model.measured - known)
         following = np.concatenate([solution.solution, theta[count:]])
         scaled = whitened(regressor, deviation)
         moved = np.linalg.norm(scaled @ (following - theta)[:count])
@@ -190,31 +181,27 @@ class Didim(Estimator):
         return following, float(moved / size), solution.condition_number
 
     def _conclude(
-        self,
-        model: LoopModel,
-        theta: Array,
-        prediction: Prediction,
-        settled: bool,
-        history: list[Iteration],
-        progress: Progress,
+        self, model: LoopModel, theta: Array, prediction: Prediction, settled: bool, history: History
     ) -> Estimate:
         """Statistics, the efficient finish, the check of what is physical."""
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         known = fit_uncertainty(fit, _inverse(prediction)[0])
         stages = {"didim": self._stage(fit, known)}
         if self.finish or fit.values.size > model.linear_count:
-            finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=progress)
+            finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
             minimum = lowest(finish(fit), finish)
-            history.extend(minimum.iterations)
+            history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
-            known = fit_uncertainty(fit)
+            known = minimum.known
             stages["finish"] = Stage(fit.values, known.deviation)
         else:
-            minimum = Minimum(fit, integration_error(fit))
+            minimum = Minimum(fit, integration_error(fit), known)
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise _NonPhysicalError(fit.values, reason, settled=settled, deviation=known.deviation)
-        return torque_estimate(minimum, known, estimator=self.name, settled=settled, iterations=history, stages=stages)
+        return torque_estimate(
+            minimum, estimator=self.name, settled=settled, iterations=history.iterations, stages=stages
+        )
 
     def _stage(self, fit: Fit, known: Uncertainty) -> Stage:
         """DIDIM's own answer with its standard deviation; beside it, for white noise, the paper's and the bound."""
@@ -226,8 +213,8 @@ class Didim(Estimator):
             fit.values[:count],
             known.deviation,
             {
-                "paper": np.sqrt(np.diag(covariance_paper(w))),
-                "cramer_rao": np.sqrt(np.diag(covariance_efficient(s))),
+                "paper": np.sqrt(np.diag(covariance_white(w))),
+                "cramer_rao": np.sqrt(np.diag(covariance_white(s))),
             },
         )
 

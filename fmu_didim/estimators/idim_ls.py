@@ -25,7 +25,7 @@ from fmu_didim.prediction.reference_start import observed_on
 from fmu_didim.prediction.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.prediction.weighting import noise_floor, weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_paper, influence_efficient, noise_deviation, relative_error_percent
+from fmu_didim.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class IdimLs(Estimator):
         self.base_alone(model)
         rows = [self._rows(model, label) for label in model.estimation_labels]
         time, columns, target, offset = (np.concatenate([row[i] for row in rows]) for i in range(4))
-        solution, deviation = weighted_solution(model, columns, target, model.names)
+        solution, deviation = weighted_solution(model, columns, target)
         value = solution.solution
         residual = target - columns @ value
         known = self._uncertainty(model, [row[0] for row in rows], columns, residual, deviation)
@@ -73,9 +73,7 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return Estimate(
             estimator=self.name,
-            names=model.names,
-            units=model.units,
-            value=value,
+            model=model.with_values(value),
             covariance=known.covariance,
             freedom=freedom,
             time=time,
@@ -86,7 +84,6 @@ class IdimLs(Estimator):
             status=Status.CONVERGED,
             iterations=(iteration,),
             stages={"idim_ls": Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
-            base_count=model.parameters.count,
             colours=known.colours,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )
@@ -109,7 +106,7 @@ class IdimLs(Estimator):
     def _paper(columns: Array, residual: Array, deviation: Array) -> Array:
         """(b,) standard deviations by the paper's formula, for white noise."""
         spread = np.sum(whitened(residual, deviation) ** 2) / (residual.size - columns.shape[2])
-        return np.asarray(np.sqrt(spread * np.diag(covariance_paper(whitened(columns, deviation)))))
+        return np.asarray(np.sqrt(spread * np.diag(covariance_white(whitened(columns, deviation)))))
 
     def _rows(self, model: LoopModel, label: str) -> tuple[Array, Array, Array, Array]:
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""
@@ -139,9 +136,11 @@ class IdimLs(Estimator):
         rate = (time.size - 1) / (time[-1] - time[0])
         if not 0 < self.cutoff_hz < rate / 2:
             raise InputError(
-                "The cut-off frequency must lie below half the rate of the positions.",
-                got=f"{self.cutoff_hz:g} Hz at {rate:g} Hz",
-            )
+                "The cut-off frequency must lie below half the rate of the positions.", where="estimator: cutoff_hz",
+                got=f"{self.cutoff_hz:g} Hz at {rate:.4g} Hz", valid=f"above 0, below {rate / 2:.4g} Hz",
+                next_step="State one above the motion and below the noise, such as ten times the highest frequency of "
+                "the motion.",
+            )  # fmt: skip
         return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
 
     def _differentiate(self, q: Array, rate: float) -> tuple[Array, Array, Array]:

@@ -21,7 +21,7 @@ from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Sta
 from fmu_didim.identification.start import start_values
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem
-from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.iteration import History, Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.prediction import predict
@@ -59,7 +59,7 @@ class OutputError(Estimator):
         joints = [f"q{j}" for j in range(1, model.joint_count + 1)]
         measured = np.concatenate([log.select(joints) for log in logs.values()])
         spread = np.sqrt(((measured - measured.mean(axis=0)) ** 2).mean(axis=0))
-        history: list[Iteration] = []
+        history = History(progress)
 
         def residual(z: Array) -> Array:
             simulated = _positions(model, z * scale, logs)
@@ -70,8 +70,7 @@ class OutputError(Estimator):
         def jacobian(z: Array) -> NDArray[np.float64]:
             here = residual(z)
             error = 100 * np.linalg.norm(here) / np.linalg.norm(measured / spread)
-            history.append(Iteration(self.name, len(history) + 1, z * scale, float(error)))
-            progress(history[-1])
+            history.add(Iteration(self.name, history.count + 1, z * scale, float(error)))
             columns = []
             for i in range(z.size):
                 moved = z.copy()
@@ -83,7 +82,9 @@ class OutputError(Estimator):
             residual, start / scale, jac=jacobian, method="trf", x_scale="jac",
             ftol=self.tolerance, xtol=self.tolerance, gtol=None, max_nfev=self.maximum_iterations,
         )  # fmt: skip
-        return self._conclude(model, found, scale, spread, history, stretches([log.time for log in logs.values()]))
+        return self._conclude(
+            model, found, scale, spread, history.iterations, stretches([log.time for log in logs.values()])
+        )
 
     def _conclude(
         self,
@@ -91,7 +92,7 @@ class OutputError(Estimator):
         found: Any,
         scale: Array,
         spread: Array,
-        history: list[Iteration],
+        history: Sequence[Iteration],
         rows: Sequence[Stretch],
     ) -> Estimate:
         value = found.x * scale
@@ -115,9 +116,7 @@ class OutputError(Estimator):
         error = relative_error_percent(measured, torque)[0]
         return Estimate(
             estimator=self.name,
-            names=model.names,
-            units=model.units,
-            value=value,
+            model=model.with_values(value),
             covariance=known.covariance,
             freedom=freedom / known.inflation**2,
             time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
@@ -128,7 +127,6 @@ class OutputError(Estimator):
             status=Status.CONVERGED if found.status > 0 else Status.MAXIMUM_ITERATIONS,
             iterations=tuple(history),
             stages={self.name: Stage(value, known.deviation)},
-            base_count=model.parameters.count,
             colours=known.colours,
             remarks=(
                 f"Standard deviation of the position residual: {', '.join(f'{v:.3g}' for v in deviation * spread)}.",
@@ -147,10 +145,11 @@ def _positions(model: LoopModel, values: Array, logs: Mapping[str, Trajectory]) 
         return None
     found = []
     for label, log in logs.items():
-        reference, step = model.experiments[label].reference, model.systems[label].step_size
-        operator = sample_operator(log.time, start=float(reference.time[0]), step=step, tick_count=reference.time.size)
+        run = model.simulation(values, label)
+        first, count = float(run.experiment.reference.time[0]), run.experiment.reference.time.size
+        operator = sample_operator(log.time, start=first, step=run.step_size, tick_count=count)
         try:
-            recording = model.record(values, label, ticks=operator.ticks)
+            recording = run.record(ticks=operator.ticks)
         except SimulationError:
             return None
         found.append(operator.apply(recording.table(model.joint_signals("q"), sampled=True)))

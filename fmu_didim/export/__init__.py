@@ -8,10 +8,9 @@ from fmu_didim.export.c_code import generate_c
 from fmu_didim.export.fmu import build_fmu
 from fmu_didim.export.modelica import build_modelica
 from fmu_didim.export.sources import compile_sources, source_compiler
-from fmu_didim.export.variables import Layout, layout
+from fmu_didim.export.variables import layout
 
 __all__ = [
-    "Layout",
     "build_fmu",
     "build_modelica",
     "compile_shared_library",

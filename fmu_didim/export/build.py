@@ -51,7 +51,8 @@ class Compiler:
     Attributes:
         command: program and first arguments.
         flags: further arguments, apart from input and output.
-        version: identification, part of the key under which built files are kept.
+        version: identification, part of the key under which built files are kept: CC as it stands, or the release of
+            ziglang, whichever Python starts that.
         libraries: arguments that stand last.
         lean: arguments of a link without the compiler's own run-time library, which ziglang compiles for each platform
             when it is first used: seconds, for Windows minutes; empty: no such link.
@@ -108,7 +109,7 @@ def find_compiler(platform: Platform | None = None) -> Compiler:
     chosen = os.environ.get("CC", "").strip()
     if chosen and target == host:
         command = tuple(shlex.split(chosen, posix=os.name != "nt"))
-        return Compiler(command, flags, _version_of(command), libraries)
+        return Compiler(command, flags, f"{chosen}: {_version_of(command)}", libraries)
     try:
         release = version("ziglang")
     except PackageNotFoundError as error:

@@ -107,7 +107,7 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
 def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
     parts = [content, *(platform.name for platform in compilers)]
     for compiler in compilers.values():
-        parts += [*compiler.command, *compiler.flags, *compiler.libraries, *compiler.lean, compiler.version]
+        parts += [*compiler.flags, *compiler.libraries, *compiler.lean, compiler.version]
         parts += [wrapper_source(compiler.runtime)] if compiler.runtime else []
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 

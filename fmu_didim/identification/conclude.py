@@ -10,16 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.diagnosis.log_noise import known_noise
+from fmu_didim.diagnosis.motion_dependence import Dependence, dependence_of_fit
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.least_squares import NO_STEP, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
@@ -28,6 +31,7 @@ from fmu_didim.prediction.sensitivity import parameter_sizes
 from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
 from fmu_didim.signals import Array
+from fmu_didim.statistics import covariance_white
 
 
 @dataclass(frozen=True)
@@ -37,14 +41,23 @@ class Minimum:
     Attributes:
         fit: the closed loop there; iterations: those of the finish.
         integration_error: what twice the substeps of the plant change there.
+        known: how well the values are known.
         remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
+        rivals: parameter and its value at other minima that the data hardly tell from this one.
     """
 
     fit: Fit
     integration_error: IntegrationError
+    known: Uncertainty
     iterations: tuple[Iteration, ...] = ()
     remarks: tuple[str, ...] = ()
     roughness: Roughness | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
+
+    @cached_property
+    def dependence(self) -> tuple[Dependence, ...]:
+        """How the residual of each joint depends on the motion."""
+        return tuple(dependence_of_fit(self.fit, self.known.colours))
 
 
 def efficient_finish(
@@ -86,7 +99,7 @@ def efficient_finish(
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
-    return Minimum(fit, error, tuple(iterations), tuple(remarks), roughness(fit, sizes))
+    return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
@@ -127,7 +140,7 @@ def integration_error(fit: Fit) -> IntegrationError:
     relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
-    shift = np.abs(moved) / np.sqrt(np.diag(fit.bound))
+    shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
     if model.substeps is None and relative <= limits.INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
@@ -149,20 +162,17 @@ def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> 
 
 def torque_estimate(
     minimum: Minimum,
-    known: Uncertainty,
     *,
     estimator: str,
     settled: bool,
     iterations: Sequence[Iteration],
     stages: Mapping[str, Stage],
 ) -> Estimate:
-    """The estimate at a minimum, or at another point of the closed loop, with how well its values are known."""
-    fit, model = minimum.fit, minimum.fit.model
+    """The estimate at a minimum, or at another point of the closed loop."""
+    fit, model, known = minimum.fit, minimum.fit.model, minimum.known
     return Estimate(
         estimator=estimator,
-        names=model.names,
-        units=model.units,
-        value=fit.values,
+        model=replace(model, substeps=None, substep_factor=1),
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
@@ -173,7 +183,6 @@ def torque_estimate(
         status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
         iterations=tuple(iterations),
         stages=stages,
-        base_count=model.parameters.count,
         integration_error=minimum.integration_error.relative,
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
@@ -181,8 +190,9 @@ def torque_estimate(
         colours=known.colours,
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
-        jacobian=fit.jacobian,
+        dependence=minimum.dependence,
         roughness=minimum.roughness,
+        rivals=minimum.rivals,
         remarks=minimum.remarks,
         advice="" if settled else _advice(model, iterations),
     )

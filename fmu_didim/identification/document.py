@@ -72,7 +72,6 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
 
 def result_document(
     name: str,
-    model: LoopModel,
     estimate: Estimate,
     validations: Sequence[Validation],
     *,
@@ -85,7 +84,7 @@ def result_document(
     Args:
         judged: the judgement of it; case: file of the case, for the commands that reasons name.
     """
-    notes = [str(remark) for remark in judged.remarks]
+    model, notes = estimate.model, [str(remark) for remark in judged.remarks]
     if model.parameters.has_regressor and not model.gives_acceleration:
         notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
     found = estimate.agreements
@@ -99,7 +98,7 @@ def result_document(
         estimator=estimate.estimator,
         iterations=estimate.iteration_count,
         finish_iterations=len(estimate.iterations) - estimate.iteration_count,
-        parameters=_parameters(model, estimate),
+        parameters=_parameters(estimate),
         stages={
             stage: StageResult(
                 value=_by_name(estimate.names, content.value),
@@ -134,8 +133,8 @@ def result_document(
     )
 
 
-def _parameters(model: LoopModel, estimate: Estimate) -> dict[str, ParameterResult]:
-    intervals = estimate.interval()
+def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
+    model, intervals = estimate.model, estimate.interval()
     standard = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
     described = dict(zip(model.parameters.names, map(float, model.parameters.nominal()), strict=True))
     return {

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.motion_dependence import Dependence
 from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
 from fmu_didim.errors import FmuDidimError, IdentificationError
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.roughness import Roughness
 from fmu_didim.prediction.uncertainty import Colour
 from fmu_didim.signals import Array
@@ -49,31 +51,30 @@ class Estimate:
 
     Attributes:
         estimator: its name.
-        names, units: (p,) of the parameters; those of the loop, such as ``delay``, come last.
-        value: (p,); covariance: (p, p).
+        model: the loop with the identified values, integrated by the rule; what an estimator has freed, such as
+            ``delay``, comes last.
+        covariance: (p, p) of the values.
         freedom: degrees of freedom of the residual.
         time: (N,); measured, simulated: (N, n) torque at the samples of all fitted experiments (filtered if asked for).
         noise: (n,) standard deviation of the torque residual of each joint.
         condition_number: of the scaled regressor.
         status: how it ended; iterations: its history; stages: intermediate results by name.
-        base_count: number of base parameters b among the p.
         integration_error: relative difference of the torque when the plant's substeps are doubled; integration_shift:
             (p,) by how many standard deviations the values would move then; NaN where it cannot be tried.
         integration: method and substeps of the plant, where they are known.
         colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
             torque log that the case states, or periods that repeat show; None where it is not known.
         noise_is_stated: whether it is the case that states it.
-        jacobian: (N, n, p) sensitivity of the simulated torque; None where the residual is not one of it.
+        dependence: of the residual of each joint on the motion; none where it is not that of a simulated torque.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
+        rivals: parameter and its value at other minima that the data hardly tell from this one.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
 
     estimator: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    value: Array
+    model: LoopModel
     covariance: Array
     freedom: float
     time: Array
@@ -84,19 +85,34 @@ class Estimate:
     status: Status
     iterations: tuple[Iteration, ...]
     stages: Mapping[str, Stage]
-    base_count: int
     integration_error: float = float("nan")
     integration_shift: Array = field(default_factory=lambda: np.full(1, np.nan))
     integration: Integration | None = None
     colours: tuple[Colour, ...] = ()
     known_noise: Array | None = None
     noise_is_stated: bool = True
-    jacobian: Array | None = field(default=None, repr=False)
+    dependence: tuple[Dependence, ...] = ()
     agreements: Mapping[str, Agreement] = field(default_factory=dict)
     roughness: Roughness | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) of the parameters."""
+        return self.model.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """(p,) FMI unit strings."""
+        return self.model.units
+
+    @property
+    def value(self) -> Array:
+        """(p,) identified values."""
+        return self.model.start
 
     @property
     def standard_deviation(self) -> Array:
@@ -116,7 +132,7 @@ class Estimate:
     @property
     def base_value(self) -> Array:
         """(b,) base parameters that all experiments share, without those of the loop."""
-        return self.value[: self.base_count]
+        return self.value[: self.model.parameters.count]
 
     @property
     def relative_deviation_percent(self) -> Array:

@@ -7,17 +7,20 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.data.checks import confirmed
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnosis.motion_dependence import dependence_of, motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
-from fmu_didim.diagnosis.residual import residual_diagnostics
+from fmu_didim.diagnosis.residual import residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.errors import UnknownNameError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
-from fmu_didim.prediction.free_parameter import DELAY, FreeParameter
+from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.noise import motion_frequency
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.roughness import Roughness
 
@@ -51,44 +54,59 @@ ROUGH = CATALOGUE(
     "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
     next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer.",
 )  # fmt: skip
+OTHER_MINIMUM = CATALOGUE(
+    "another-minimum", DOUBT, rank=47,
+    meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
+    "well, and the data do not say which is true.",
+    next_step="Log the torque at more than twice the frequency of that resonance, or give the inertia (known: [...]).",
+)  # fmt: skip
 
 
-def judged(
-    model: LoopModel,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    before: Iterable[Diagnostic] = (),
-) -> Judgement:
+def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Judgement:
     """The judgement of an estimate.
 
     Args:
-        model: with the estimated values; validations: of all experiments.
-        before: what was found before the work.
+        validations: of all experiments.
+        before: what was found before the work; what the fit has cleared up is left out.
     """
+    model = estimate.model
     held = [v for v in validations if v.role == "validation"]
     found = [
-        *before,
+        *confirmed(model, before),
         *held_parameters(model),
-        *limit_diagnostics(model.free_parameters, estimate),
+        *limit_diagnostics(estimate),
         *agreement_diagnostics(estimate.agreements.values()),
         *held_out_diagnostics(
-            model, estimate.value, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
+            model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
-    found += physical_diagnostics(model, estimate.value, estimate.covariance)
+    found += physical_diagnostics(model, estimate.covariance)
     found += residual_diagnostics(estimate.residual_tests)
-    if estimate.jacobian is not None:  # else the residual is not that of a simulated torque
-        left = (model, estimate.value, estimate.residual, estimate.jacobian, estimate.colours)
-        found += motion_diagnostics(dependence_of(*left))
+    found += motion_diagnostics(estimate.dependence)
+    found += slow_diagnostics(estimate.residual_tests, *_bands(model))
     shift = float(np.max(estimate.integration_shift))
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
     found += roughness_diagnostics(estimate.roughness)
+    found += [
+        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
+        for name, value in estimate.rivals
+    ]
     return judgement(found, settled=estimate.status is Status.CONVERGED)
+
+
+def _bands(model: LoopModel) -> tuple[float, float]:
+    """Highest frequency of the motions that were fitted, infinite where a reference has none, and the cut-off of the
+    low-pass of the torque, Hz."""
+    references = [model.experiments[label].reference for label in model.estimation_labels]
+    try:
+        highest = max(motion_frequency(reference, model.joint_count) for reference in references)
+    except UnknownNameError:
+        highest = np.inf
+    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
 
 
 def held_parameters(model: LoopModel) -> list[Diagnostic]:
@@ -122,15 +140,16 @@ def roughness_diagnostics(rough: Roughness | None) -> list[Diagnostic]:
     return found
 
 
-def limit_diagnostics(parameters: Sequence[FreeParameter], estimate: Estimate) -> list[Diagnostic]:
+def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     """Free parameters that ended at a limit."""
     found = []
-    for parameter, value, deviation in zip(parameters, estimate.value, estimate.standard_deviation, strict=True):
+    for parameter, deviation in zip(estimate.model.free_parameters, estimate.standard_deviation, strict=True):
+        value = parameter.value
         natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
         for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
             if abs(value - limit) <= limits.AT_LIMIT * deviation:
                 text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
-                found.append(Diagnostic(AT_LIMIT, text, parameter.name, float(value), float(limit), parameter.unit))
+                found.append(Diagnostic(AT_LIMIT, text, parameter.name, value, float(limit), parameter.unit))
                 break
     return found
 

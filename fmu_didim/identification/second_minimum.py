@@ -1,17 +1,21 @@
-"""A lower minimum beyond a barrier: light joints whose loop resonates above half the rate of the log.
+"""Minima beyond a barrier: light joints whose loop resonates above half the rate of the log.
 
 Such a resonance shows folded back in the samples, and several inertias explain it nearly alike: along the inertia of
-the joint the torque error has a minimum at each, and the iterations end in the one they started in.
+the joint the torque error has a minimum at each, and the iterations end in the one they started in. With a resonance
+at f and a log at the rate R, minima lie apart by
+
+    d ln I = R / f,   because f goes with I^(-1/2) and folds back anew every R/2
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from fmu_didim.diagnosis.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.errors import SimulationError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum
@@ -21,81 +25,102 @@ from fmu_didim.prediction.light_plant import stiffness
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.weighting import NoiseOfResidual
+from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
 
+@dataclass(frozen=True)
+class Valley:
+    """A local minimum of the torque error along an inertia, the other values held.
+
+    Attributes:
+        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual.
+    """
+
+    place: int
+    factor: float
+    cost: float
+
+    def values(self, values: Array) -> Array:
+        """(p,) with that inertia changed."""
+        result = values.copy()
+        result[self.place] *= self.factor
+        return result
+
+
 def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
-    """The same minimum, or a lower one beyond it where its residual is no noise: at a wrong one it follows the motion.
+    """The same minimum, or a lower one beyond it, with those that the data can hardly tell from it.
 
     Args:
         finish: minimises the torque error from a point.
     """
     for _ in range(limits.OTHER_MINIMA):
         fit = minimum.fit
-        if not motion_diagnostics(dependence_of_fit(fit)):
-            break
-        other = lower_elsewhere(fit)
-        if other is None:
-            break
-        values, name = other
-        found = finish(point(fit.model.with_values(values), NoiseOfResidual(fit.model)))
-        place = found.fit.model.index(name)
+        found = valleys(fit)
+        lower = min(found, key=lambda valley: valley.cost, default=None)
+        if lower is None or lower.cost >= fit.chi_square:
+            rivals = tuple(
+                (fit.model.names[valley.place], float(valley.values(fit.values)[valley.place]))
+                for valley in found
+                if valley.cost < fit.chi_square + limits.HARDLY_WORSE
+            )
+            return replace(minimum, rivals=rivals)
+        other = finish(point(fit.model.with_values(lower.values(fit.values)), NoiseOfResidual(fit.model)))
+        name, here, there = fit.model.names[lower.place], fit.values[lower.place], other.fit.values[lower.place]
         text = (
-            f"The torque error has several minima along {name}: {fit.values[place]:.4g} was left for "
-            f"{found.fit.values[place]:.4g}, where it is smaller. A log at a higher rate would show one alone."
+            f"The torque error has several minima along {name}: {here:.4g} was left for {there:.4g}, where it is "
+            "smaller. A log at a higher rate would show one alone."
         )
-        minimum = replace(found, iterations=(*minimum.iterations, *found.iterations), remarks=(*found.remarks, text))
+        minimum = replace(other, iterations=(*minimum.iterations, *other.iterations), remarks=(*other.remarks, text))
     return minimum
 
 
-def lower_elsewhere(fit: Fit) -> tuple[Array, str] | None:
-    """Values (p,) with a lower torque error beyond a barrier and the parameter that moves, or None.
-
-    Along each such inertia the error is taken on a grid; the others stay where they are.
-    """
+def valleys(fit: Fit) -> list[Valley]:
+    """Minima of the torque error beyond barriers, along each inertia that has any: the lowest few of a grid."""
     model = fit.model.integrated_as(fit.values)
-    places = folded_inertias(model, fit.values)
-    if not places:
-        return None
-    begin = _first_samples(model, limits.SCANNED)
-    factors = np.geomspace(1 / limits.FARTHEST_FACTOR, limits.FARTHEST_FACTOR, limits.SCAN_POINTS)
-    for place in places:
-        here = _cost(begin, fit.values, fit.deviation)
-        costs = np.array([_cost(begin, _scaled(fit.values, place, f), fit.deviation) for f in factors])
-        best = _scaled(fit.values, place, float(factors[int(np.argmin(costs))]))
-        if costs.min() < here and _cost(model, best, fit.deviation) < fit.chi_square:
-            return best, model.names[place]
-    return None
-
-
-def folded_inertias(model: LoopModel, values: Array) -> list[int]:
-    """Places of the motor or link inertias of joints whose loop resonates above half the rate of the log: there
-    |C(i w)| > M_jj w^2 with the response C of the controller at that frequency w."""
-    parameters = model.parameters
-    if not isinstance(parameters, RobotParameters):
+    folded = folded_inertias(model, fit.values)
+    if not folded:
         return []
-    label = model.first
-    frequency = np.pi * model.experiments[label].rate_hz
-    if frequency * model.systems[label].step_size > 1:
-        return []  # the control is not faster than the log
-    try:
-        response = np.abs(stiffness(model, label, frequency))
-    except SimulationError:
-        return []
-    robot, base = parameters.model, parameters.base
-    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(model.theta(values, label))
-    fast = response > np.diag(mass) * frequency**2
+    begin, workers = _first_samples(model, limits.SCANNED), model.allowed_workers(fit.values)
     found = []
-    for j in np.flatnonzero(fast) + 1:
-        own = [i for i, name in enumerate(base.standard) if name in (f"Ia{j}", f"ZZ{j}", f"M{j}")]
-        found += own[-1:]
+    for place, distance in folded.items():
+        step = min(limits.SCAN_STEP, limits.SCAN_PART * distance)
+        count = math.ceil(math.log(limits.FARTHEST_FACTOR) / step)
+        factors = np.exp(step * np.arange(-count, count + 1))
+        trials = [Valley(place, float(factor), np.inf).values(fit.values) for factor in factors]
+        costs = np.array(side_by_side([partial(_cost, begin, trial, fit.deviation) for trial in trials], workers))
+        lower = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
+        best = [i for i in lower[np.argsort(costs[lower])] if i != count][: limits.VALLEYS]
+        found += [Valley(place, float(factors[i]), _cost(model, trials[i], fit.deviation)) for i in best]
     return found
 
 
-def _scaled(values: Array, place: int, factor: float) -> Array:
-    result = values.copy()
-    result[place] *= factor
-    return result
+def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
+    """Places of the motor or link inertias of joints whose loop resonates above half the rate of the log, with the
+    distance d ln I of their minima; the highest resonance first. With the response C of the controller at half the rate
+
+        2 pi f = sqrt(|C| / M_jj)
+    """
+    parameters = model.parameters
+    if not isinstance(parameters, RobotParameters):
+        return {}
+    run = model.simulation(values)
+    rate = run.experiment.rate_hz
+    if np.pi * rate * run.step_size > 1:
+        return {}  # the control is not faster than the log
+    try:
+        response = np.abs(stiffness(run, np.pi * rate))
+    except SimulationError:
+        return {}
+    robot, base = parameters.model, parameters.base
+    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(run.theta)
+    resonance = np.sqrt(response / np.diag(mass)) / (2 * np.pi)
+    found = {}
+    for j in np.argsort(-resonance) + 1:
+        own = [i for i, name in enumerate(base.standard) if name in (f"Ia{j}", f"ZZ{j}", f"M{j}")]
+        if resonance[j - 1] > rate / 2 and own:
+            found[own[-1]] = float(rate / resonance[j - 1])
+    return found
 
 
 def _first_samples(model: LoopModel, count: int) -> LoopModel:

@@ -16,12 +16,12 @@ from fmu_didim.errors import IdentificationError, InputError, UnknownNameError
 from fmu_didim.identification import thresholds as limits
 from fmu_didim.prediction.free_parameter import DELAY, delay_parameter
 from fmu_didim.prediction.light_plant import implied_motion
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.reference_start import Motion, rows_of, whole_reference
 from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_paper
+from fmu_didim.statistics import covariance_white
 
 Start = str | Mapping[str, float]
 KINDS = {
@@ -82,15 +82,15 @@ def start_values(model: LoopModel, start: Start) -> Array:
     return np.array(values, dtype=float)
 
 
-def _fitted(model: LoopModel, motion: Callable[[LoopModel, str], Motion], *, held: bool) -> Array:
+def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: bool) -> Array:
     """Values (p,): base parameters by weighted least squares on a motion, as physical links can have them.
 
     Args:
         held: whether each is held at its value in the description, which counts as measured.
     """
-    columns, target = rows_of(model, {label: motion(model, label) for label in model.estimation_labels})
+    columns, target = rows_of(model, motion)
     count = model.linear_count
-    solution, deviation = weighted_solution(model, columns, target, model.names[:count])
+    solution, deviation = weighted_solution(model, columns, target)
     found, table = solution.solution, whitened(columns, deviation)
     if held:
         size = np.linalg.norm(target / deviation) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
@@ -100,7 +100,7 @@ def _fitted(model: LoopModel, motion: Callable[[LoopModel, str], Motion], *, hel
         found = np.linalg.lstsq(table, right, rcond=None)[0]
     values = model.start
     values[:count] = found
-    return _physical(model, values, covariance_paper(table))
+    return _physical(model, values, covariance_white(table))
 
 
 def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:

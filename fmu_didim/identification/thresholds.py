@@ -59,11 +59,9 @@ RISES = TABLE(
     "RISES", 2, "iterations", "So many in a row that do not lower the error: DIDIM hands its best one to the finish."
 )
 SCANNED = TABLE(
-    "SCANNED",
-    300,
-    "samples",
-    "From the begin of a log, on which other minima are looked for first: a third of the time.",
-)
+    "SCANNED", 100, "samples",
+    "From the begin of a log, on which other minima are looked for first; the lowest are then compared on all.",
+)  # fmt: skip
 OTHER_MINIMA = TABLE("OTHER_MINIMA", 3, "minima", "Left for lower ones at most.")
 FARTHEST_FACTOR = TABLE(
     "FARTHEST_FACTOR",
@@ -71,9 +69,21 @@ FARTHEST_FACTOR = TABLE(
     "1",
     "Ratio of inertias up to which a resonance that is folded back is looked for elsewhere.",
 )
-SCAN_POINTS = TABLE(
-    "SCAN_POINTS", 24, "points", "Of that range: 16 % apart, half of the width of the valleys of a TX40's last joint."
+SCAN_STEP = TABLE(
+    "SCAN_STEP",
+    0.15,
+    "1",
+    "Largest step of that search: half of the width of the valleys of a TX40's last joint at 100 Hz.",
 )
+SCAN_PART = TABLE(
+    "SCAN_PART", 0.125, "1", "Step of it over the distance of two minima: each has four points on its slopes."
+)
+VALLEYS = TABLE("VALLEYS", 3, "minima", "Compared on the whole log, the lowest ones.")
+HARDLY_WORSE = TABLE(
+    "HARDLY_WORSE", 10.8, "chi-square",
+    "By which another minimum may be worse, before its other values have been fitted, and count as one that the data "
+    "do not exclude: of one degree of freedom, 0.1 % by chance.",
+)  # fmt: skip
 MAXIMUM_HALVINGS = TABLE("MAXIMUM_HALVINGS", 6, "halvings", "Of a step of DIDIM that leads to nothing better.")
 GROWTH = TABLE("GROWTH", 1.5, "1", "A step after which the error is this many times that of the best point is halved.")
 ERROR_FLOOR = TABLE(

@@ -20,7 +20,7 @@ import numpy as np
 
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.signals import Array
 
 SIMULATIONS = 1 + 1 + 2**2
@@ -76,13 +76,11 @@ class Ladder:
     """Central differences of one parameter in one experiment, simulated as they are asked for.
 
     Args:
-        torque: (N, n) at the values, of the experiment of this label; size: of the parameter, which steps are relative
-            to.
+        run: the experiment at the values; torque: (N, n) there; size: of the parameter, which steps are relative to.
     """
 
-    def __init__(self, model: LoopModel, values: Array, label: str, torque: Array, i: int, size: float) -> None:
-        self._model, self._values, self._label, self._torque, self._i = model, values, label, torque, i
-        self._size = size
+    def __init__(self, run: Simulation, torque: Array, i: int, size: float) -> None:
+        self._run, self._torque, self._i, self._size = run, torque, i, size
         self._tried: dict[int, Difference | None] = {}
 
     def at(self, place: int) -> Difference | None:
@@ -93,11 +91,9 @@ class Ladder:
 
     def _simulated(self, place: int) -> Difference | None:
         change = limits.DIFFERENCE_STEPS[place] * self._size
-        up, down = self._values.copy(), self._values.copy()
-        up[self._i] += change
-        down[self._i] -= change
+        here = self._run.values[self._i]
         try:
-            above, below = (self._model.torque(values, self._label) for values in (up, down))
+            above, below = (self._run.moved(self._i, here + by).torque() for by in (change, -change))
         except SimulationError:
             return None
         first = float(np.linalg.norm(above - below))
@@ -152,8 +148,8 @@ class Ladder:
         known = self._known()
         if not known:
             raise SimulationError(
-                f"The parameter '{self._model.names[self._i]}' cannot be varied.",
-                got=f"no simulation succeeds near {self._values[self._i]:.6g}",
+                f"The parameter '{self._run.model.names[self._i]}' cannot be varied.",
+                got=f"no simulation succeeds near {self._run.values[self._i]:.6g}",
                 next_step="Start from other values.",
             )
         agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]

@@ -9,13 +9,12 @@ import numpy as np
 from fmu_didim.prediction.differences import Steps
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.prediction import Prediction, predict
 from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
-from fmu_didim.prediction.weighting import Weighting, whitened
+from fmu_didim.prediction.weighting import Weighting
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,14 @@ class Fit:
         """(N, n) measured minus simulated torque."""
         return self.model.measured - self.torque
 
+    def simulation(self, label: str) -> Simulation:
+        """An experiment, held out or not, with these values."""
+        return self.model.simulation(self.values, label)
+
+    def residual_in(self, label: str) -> Array:
+        """(N, n) measured minus simulated torque of one experiment, held out or not; raises SimulationError."""
+        return self.model.residual(self.values, label)
+
     @property
     def covariance(self) -> Array:
         """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
@@ -64,11 +71,6 @@ class Fit:
     def condition_number(self) -> float:
         """Of the weighted sensitivity with columns of length one."""
         return Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
-
-    @property
-    def bound(self) -> Array:
-        """(p, p) Cramer-Rao bound (S'S)^-1 with the noise of each joint."""
-        return covariance_efficient(whitened(self.jacobian, self.deviation))
 
 
 def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Set
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fmu_didim.block import Block, choose_substeps
 from fmu_didim.components import Component
 from fmu_didim.linearly_implicit import ROS2
@@ -40,12 +38,10 @@ def integration(plant: Component, step: float) -> Integration | None:
 
 def stable_substeps(block: Block, step: float) -> int:
     """The fewest substeps in a step of so many s that are stable, and resolve what oscillates."""
-    p = block.parameter_values
-    x = block.start(np.zeros(len(block.inputs)), p)
     if block.implicit is not None:
-        return choose_substeps(float(block.implicit.resolution(x, p)), step, minimum=1)
+        return choose_substeps(block.at_start(block.implicit.resolution), step, minimum=1)
     assert block.rate_bound is not None
-    return choose_substeps(float(block.rate_bound(x, p)), step, minimum=2 * STABLE) // STABLE
+    return choose_substeps(block.at_start(block.rate_bound), step, minimum=2 * STABLE) // STABLE
 
 
 def refined(plant: Component, chosen: int | None, factor: int, step: float) -> Component:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from fmu_didim.signals import Array
 
@@ -26,3 +27,21 @@ class Iteration:
     change: float = float("nan")
     condition_number: float = float("nan")
     note: str = ""
+
+
+@dataclass(frozen=True)
+class History:
+    """The iterations so far; ``progress`` is called with each of them as it comes."""
+
+    progress: Callable[[Iteration], None]
+    iterations: list[Iteration] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.iterations)
+
+    def add(self, iteration: Iteration) -> None:
+        """One more."""
+        self.iterations.append(iteration)
+        self.progress(iteration)

@@ -23,7 +23,7 @@ from fmu_didim.master import Connection, Recording, simulate
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.external_torque import held, with_external_torques
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.reference_start import Motion, reference_motion
 from fmu_didim.signals import Array, Variable, trajectory
 
@@ -31,15 +31,13 @@ DRIVE = "light_plant_drive"
 """Columns of the reference that stand for all but the torque of the controller, as an acceleration."""
 
 
-def implied_motion(model: LoopModel, label: str) -> Motion:
-    """q, dq, ddq (K, n) at all ticks of an experiment, as its measured torque implies them.
-
-    All that is free has its start value; that of the plant does not matter.
+def implied_motion(run: Simulation) -> Motion:
+    """q, dq, ddq (K, n) at all ticks of an experiment, as its measured torque implies them, whatever the plant is.
 
     Raises:
         SimulationError: the torque of the loop does not follow from the motion of the joints, or follows it too late.
     """
-    loop = _Loop(model, label)
+    loop = _Loop(run)
     reason = ""
     for halvings in range(limits.BANDWIDTHS):
         try:
@@ -53,27 +51,27 @@ def implied_motion(model: LoopModel, label: str) -> Motion:
     raise SimulationError("No motion was found in which the controller gives the measured torque.", got=reason)
 
 
-def stiffness(model: LoopModel, label: str, frequency: float) -> Array:
+def stiffness(run: Simulation, frequency: float) -> Array:
     """(n,) complex response -d tau_j / d q_j of the controller at a frequency in rad/s; raises SimulationError."""
-    return _Loop(model, label).response(frequency)
+    return _Loop(run).response(frequency)
 
 
 class _Loop:
     """The loop of one experiment with a light plant in place of the robot."""
 
-    def __init__(self, model: LoopModel, label: str) -> None:
-        self._model, self._label, self._values = model, label, model.start
-        self._system = model.simulated(self._values, label)
+    def __init__(self, run: Simulation) -> None:
+        model = self._model = run.model
+        self._run, self._system = run, run.system
         self._step = self._system.step_size
         self.slowest = self._step * max(self._system.every.values(), default=1)
-        reference = model.experiments[label].reference
-        external = with_external_torques(reference, model.external_torques(self._values, label))
+        reference = run.experiment.reference
+        external = with_external_torques(reference, run.external_torques)
         self._reference = held(external, model.subdivision) if model.subdivision > 1 else external
         self._joints = range(1, model.joint_count + 1)
         self._check()
         # What the plant gets late, the reference must be late for, too.
         late = self._system.delays.get(model.plant_name, 0.0) * self._step
-        motion = reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+        motion = reference_motion(reference, model.joint_count)
         time = self._reference.time
         self._q, self._dq, self._ddq = (
             np.column_stack([np.interp(time + late, reference.time, column) for column in table.T]) for table in motion
@@ -99,21 +97,18 @@ class _Loop:
         mass = np.abs(response) / bandwidth**2
         damping = np.maximum(2 * limits.DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
         drive = self._ddq + (damping * self._dq - self._target()) / mass
-        found = self._run(drive, 1 / mass, damping / mass)
-        ticks = self._model.operator(self._values, self._label).ticks
-        every = self._model.subdivision
-        logged = self._model.logged_torque(found, self._values, self._label)[::every][ticks]
-        measured = self._model.experiments[self._label].torque
-        left = measured - self._model.operator(self._values, self._label).apply(logged)
+        found = self._moved(drive, 1 / mass, damping / mass)
+        operator, every, measured = self._run.operator, self._model.subdivision, self._run.experiment.torque
+        left = measured - operator.apply(self._run.logged_torque(found)[::every][operator.ticks])
         q, dq, ddq = (found.table(self._model.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
         return (q, dq, ddq), float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(measured, axis=0)))
 
     def _target(self) -> Array:
         """(K, n) the measured torque at all ticks: a cubic spline through the middles of its samples."""
-        operator = self._model.operator(self._values, self._label)
+        operator = self._run.operator
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
-        spline = CubicSpline(places, self._model.experiments[self._label].torque[rows])
+        spline = CubicSpline(places, self._run.experiment.torque[rows])
         ticks = np.arange(self._reference.time.size) / self._model.subdivision
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
@@ -125,25 +120,22 @@ class _Loop:
         window = np.sin(np.pi * np.clip(time / length, 0, 1)) ** 2
         shape = np.gradient(np.gradient(window * np.sin(bandwidth * time), self._step), self._step)
         nothing = np.zeros(n)
-        still = self._run(self._ddq[: time.size], nothing, nothing)
+        still = self._moved(self._ddq[: time.size], nothing, nothing)
         result = np.zeros(n, dtype=complex)
         for j in range(n):
             size = limits.SHARE_OF_RANGE * (float(np.ptp(self._q[:, j])) or 1.0)
             drive = self._ddq[: time.size].copy()
             drive[:, j] += size * shape
-            moved = self._run(drive, nothing, nothing)
+            moved = self._moved(drive, nothing, nothing)
             kernel = window * np.exp(-1j * bandwidth * time)
             torque, position = (
                 kernel @ (table(moved) - table(still))[:, j]
-                for table in (
-                    lambda run: self._model.logged_torque(run, self._values, self._label),
-                    lambda run: run.table(self._model.joint_signals("q")),
-                )
+                for table in (self._run.logged_torque, lambda run: run.table(self._model.joint_signals("q")))
             )
             result[j] = -torque / position
         return result
 
-    def _run(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
+    def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
         """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
         name, joints = self._model.plant_name, self._joints
         plant = light_plant(self._step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
@@ -156,7 +148,7 @@ class _Loop:
         columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
         columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
         reference = trajectory(self._reference.time[: drive.shape[0]], columns)
-        return simulate(system, reference, bounds=self._model.position_bounds(self._label))
+        return simulate(system, reference, bounds=self._model.position_bounds(self._run.label))
 
 
 def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:

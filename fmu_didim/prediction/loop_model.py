@@ -5,7 +5,8 @@
 A :class:`LoopModel` describes components and wiring, the experiments by label, and what is free anywhere in the loop:
 base parameters of the robot first, then parameters of the controller, of drives and sensors, the delay, the clock of
 the log, and amplitudes and shapes of effects that discovery has added. Tables that speak of several experiments hold
-their samples one below the other, in the order of ``estimation_labels``.
+their samples one below the other, in the order of ``estimation_labels``. A :class:`Simulation` is one experiment of it
+with certain values.
 """
 
 from __future__ import annotations
@@ -16,259 +17,31 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.components import Component, SameObject
+from fmu_didim.components import SameObject
 from fmu_didim.errors import DivergedError
-from fmu_didim.master import (
-    Connection,
-    Observer,
-    Recording,
-    SampleOperator,
-    System,
-    logged_torque,
-    response_key,
-    simulate,
-)
-from fmu_didim.master.system import REFERENCE
+from fmu_didim.master import Observer, Recording, SampleOperator, System, response_key, simulate
+from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
-from fmu_didim.prediction.free_parameter import DELAY, LOG, PLANT, joint_parameter
-from fmu_didim.prediction.integration import Integration, divided, integration, refined, searched
-from fmu_didim.prediction.loop_description import LoopDescription
+from fmu_didim.prediction.free_parameter import LOG
+from fmu_didim.prediction.integration import divided
+from fmu_didim.prediction.parametrised_loop import ParametrisedLoop
 from fmu_didim.prediction.workers import may_run_side_by_side
 from fmu_didim.signals import Array
 
 
 @dataclass(frozen=True)
-class LoopModel(LoopDescription):
+class LoopModel(ParametrisedLoop):
     """The loop of a description, simulated: torque and residual as functions of the values (p,) of what is free."""
 
-    def system(self, values: Array, label: str | None = None) -> System:
-        """The loop of an experiment with these values of the free parameters; all else stays untouched."""
-        label = label or self.first
-        system, by_owner = self.systems[label], self._by_owner(values, label)
-        for samples in by_owner.pop(DELAY, {}).values():
-            system = system.with_delay(self.plant_name, max(samples, 0.0))
-        theta = self.theta(values, label)
-        wanted = {**self.parameters.values(theta), **self.start_values(label), **by_owner.pop(PLANT, {})}
-        offered = {v.name for v in self.plant.parameters}
-        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
-        step, factor = system.step_size / self.subdivision, self.substep_factor
-        if self.substeps is not None:
-            plant = searched(plant, self.substeps, factor, step, self.joint_count)
-        else:
-            refines = self.plant.stated_substeps is not None or self.substep_factor != 1
-            own = self.parameters.substeps(theta, self.start_values(label), system.step_size) if refines else None
-            plant = refined(plant, own, factor, step)
-        system = system.replace(self.plant_name, plant)
-        self._share_shapes(by_owner, plant, label)
-        for owner, own_values in by_owner.items():
-            system = system.replace(owner, system.components[owner].with_parameters(own_values))
-        joints = sorted({external.joint for external in self.experiments[label].external_torques})
-        from_outside = tuple(
-            Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
-        )
-        return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
-
-    def _by_owner(self, values: Array, label: str) -> dict[str, dict[str, float]]:
-        """Values of all but the base parameters: owner -> name there -> value."""
-        found: dict[str, dict[str, float]] = {}
-        count = self.linear_count
-        for parameter, value in zip(self.free_parameters[count:], values[count:], strict=True):
-            if parameter.owner not in (EXTERNAL_TORQUE, LOG) and parameter.acts_in(label):
-                found.setdefault(parameter.owner, {})[parameter.key] = float(value)
-        return found
-
-    def _share_shapes(self, by_owner: dict[str, dict[str, float]], plant: Component, label: str) -> None:
-        """Effects of a joint share shapes, such as the smoothing of friction, wherever they stand."""
-        present = {v.name: v.start for v in plant.parameters}
-        components = self.systems[label].components
-        for owner, joint in self.added_components.items():
-            for v in components[owner].parameters:
-                shared = joint_parameter(v.name, joint, is_shape=True)
-                if shared in present:
-                    by_owner.setdefault(owner, {}).setdefault(v.name, present[shared])
-
-    def start_values(self, label: str) -> dict[str, float]:
-        """Where the plant starts: the first row of the reference."""
-        reference = self.experiments[label].reference
-        first = dict(zip(reference.names, reference.values[0], strict=True))
-        result = {"t_start": float(reference.time[0])}
-        for j in range(1, self.joint_count + 1):
-            if f"q{j}" in first:
-                result[f"q_start{j}"] = float(first[f"q{j}"])
-                result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
-        return result
-
-    @property
-    def can_refine(self) -> bool:
-        """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
-        theta, label = self.parameters.nominal(), self.first
-        known = self.parameters.substeps(theta, self.start_values(label), self.systems[label].step_size)
-        return known is not None and self.plant.with_substeps(2) is not None
-
-    @property
-    def chooses_substeps(self) -> bool:
-        """Whether the number of substeps is free: the case states none, and the equations of the plant are known."""
-        known = self.plant.equations()
-        is_continuous = known is not None and known[0].rate_bound is not None
-        return is_continuous and self.plant.stated_substeps is None and self.plant.with_substeps(2) is not None
-
-    @property
-    def own_states(self) -> int:
-        """States of the plant beyond the motion of its joints: bristles, gears, time; 0 where they are not known."""
-        known = self.plant.equations()
-        return 0 if known is None else len(known[0].states) - 2 * self.joint_count
-
-    def fewest_substeps(self, values: Array) -> int:
-        """The fewest substeps of the plant that are stable in all fitted experiments."""
-        fewest = replace(self, substeps=1, substep_factor=1)
-        systems = (fewest.system(values, label) for label in self.estimation_labels)
-        return max(system.components[self.plant_name].stated_substeps or 1 for system in systems)
-
-    def automatic_substeps(self, values: Array) -> int:
-        """The substeps of the plant by the rule for its fastest rate."""
-        counts = []
-        for label in self.estimation_labels:
-            system = replace(self, substeps=1, substep_factor=1).system(values, label)
-            known = system.components[self.plant_name].equations()
-            assert known is not None
-            counts.append(known[0].automatic_substeps(system.step_size / self.subdivision))
-        return max(counts)
-
-    def integration(self, values: Array) -> Integration | None:
-        """How the plant is integrated; None where its equations are not known."""
-        system = self.system(values)
-        return integration(system.components[self.plant_name], system.step_size / self.subdivision)
-
-    @property
-    def gives_acceleration(self) -> bool:
-        """Whether the plant has outputs for the accelerations; otherwise they are differences of velocity."""
-        offered = {v.name for v in self.plant.outputs}
-        return all(f"ddq{j}" in offered for j in range(1, self.joint_count + 1))
-
-    def joint_signals(self, name: str) -> list[str]:
-        """``plant.q1``, ``plant.q2``, ... for ``q``."""
-        return [f"{self.plant_name}.{name}{j}" for j in range(1, self.joint_count + 1)]
-
-    @cached_property
-    def logged(self) -> tuple[str, ...]:
-        """(n,) ``component.input`` whose recorded values are the logged torque: of the plant, or before it where a
-        drive has a lag or the like."""
-        system, joints = self.systems[self.first], range(1, self.joint_count + 1)
-        return tuple(logged_torque(system, j, plant=self.plant_name) for j in joints)
-
-    def position_bounds(self, label: str) -> dict[str, tuple[float, float]]:
-        """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
-        result, reference = {}, self.experiments[label].reference
-        given = {v.name for v in self.plant.outputs} & set(reference.names)
-        for j in (j for j in range(1, self.joint_count + 1) if f"q{j}" in given):
-            column = reference.select([f"q{j}"])
-            low, high = float(column.min()), float(column.max())
-            room = 10 * max(high - low, 1e-6)
-            result[f"{self.plant_name}.q{j}"] = (low - room, high + room)
-        return result
-
-    def integrated_as(self, values: Array) -> LoopModel:
-        """The same model with the integration steps that it has at these values, wherever its parameters move."""
-        if self.substeps is None:
-            return self
-        stated = self.system(values).components[self.plant_name].stated_substeps
-        plant = self.plant.with_substeps(stated) if stated is not None else None
-        return self if plant is None else replace(self, plant=plant)
-
-    def external_torques(self, values: Array, label: str | None = None) -> tuple[ExternalTorque, ...]:
-        """The torques from outside in an experiment; their times and sizes may be free parameters."""
-        label = label or self.first
-        found = list(self.experiments[label].external_torques)
-        for parameter, value in zip(self.free_parameters, values, strict=True):
-            if parameter.owner == EXTERNAL_TORQUE and parameter.experiment == label:
-                index, _, name = parameter.key.partition(".")
-                found[int(index)] = found[int(index)].moved(name, float(value))
-        return tuple(found)
-
-    def log_shift_s(self, values: Array, label: str | None = None) -> float:
-        """How late the log is stamped, in s, beyond what its operator knows."""
-        label = label or self.first
-        found = {}
-        for parameter, value in zip(self.free_parameters, values, strict=True):
-            if parameter.owner == LOG and parameter.acts_in(label):
-                found[parameter.key] = float(value)
-        return sum(found.values())
-
-    def operator(self, values: Array, label: str | None = None) -> SampleOperator:
-        """How the log of an experiment follows from the command."""
-        label = label or self.first
-        experiment, step = self.experiments[label], self.systems[label].step_size
-        shift = self.log_shift_s(values, label) / step
-        is_free = any(parameter.owner == LOG for parameter in self.free_parameters)
-        return experiment.operator.stamped_later(shift, experiment.reference.time.size, between=is_free)
-
-    def record(
-        self,
-        values: Array,
-        label: str | None = None,
-        *,
-        ticks: NDArray[np.int64] | None = None,
-        all_ticks: bool = False,
-        system: System | None = None,
-        observe: Observer | None = None,
-    ) -> Recording:
-        """Simulate an experiment; raises DivergedError, SimulationError.
-
-        Args:
-            ticks: to record; by default those that the samples need, with ``all_ticks`` all.
-            system: another one like the own; observe: as of :func:`fmu_didim.master.simulate`.
-        """
-        label = label or self.first
-        reference, external = self.experiments[label].reference, self.external_torques(values, label)
-        if ticks is None:
-            ticks = np.arange(reference.time.size) if all_ticks else self.operator(values, label).ticks
-        system = system or self.simulated(values, label)
-        bounds = self.position_bounds(label)
-        response, key = response_key(system) if observe is None else None, None
-        if response is not None:
-            run = (SameObject(reference), external, self.subdivision, ticks.tobytes(), tuple(bounds.items()))
-            key = (response, *run)
-            if known := self.recordings.find(key):
-                return known
-        reference = with_external_torques(reference, external)
-        if self.subdivision > 1:
-            reference, ticks = held(reference, self.subdivision), ticks * self.subdivision
-        recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=self.pool)
-        if key is not None:
-            self.recordings.keep(key, recording)
-        return recording
-
-    def simulated(self, values: Array, label: str | None = None) -> System:
-        """The system as it is run, with the ticks that its components need."""
-        system = self.system(values, label)
-        if self.subdivision == 1:
-            return system
-        return divided(system, self.plant_name, set(self.added_components), self.subdivision)
+    def simulation(self, values: Array, label: str | None = None) -> Simulation:
+        """An experiment, by default the first one, with these values; it runs when something is asked of it."""
+        return Simulation(self, values, label or self.first)
 
     def torque(self, values: Array, label: str | None = None) -> Array:
-        """(N, n) simulated torque at the samples of an experiment, by default of all that are fitted."""
-        if label is None:
-            return np.concatenate([self.torque(values, each) for each in self.estimation_labels])
-        return self.sampled_torque(self.record(values, label), values, label)
-
-    def sampled_torque(self, recording: Recording, values: Array, label: str) -> Array:
-        """(N, n) what the log of an experiment shows of a recording at its ticks; raises DivergedError."""
-        torque = self.operator(values, label).apply(self.logged_torque(recording, values, label))
-        if not np.isfinite(torque).all():
-            raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
-        return self.filtered(torque, label)
-
-    def logged_torque(self, recording: Recording, values: Array, label: str | None = None) -> Array:
-        """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
-        label = label or self.first
-        torque = np.column_stack([recording.inputs[name] for name in self.logged])
-        for external in self.external_torques(values, label):
-            reaches_log = self.logged[external.joint - 1] == f"{self.plant_name}.tau{external.joint}"
-            if reaches_log != external.is_logged:
-                sign = -1.0 if reaches_log else 1.0
-                reference = self.experiments[label].reference.time
-                torque[:, external.joint - 1] += sign * np.interp(recording.time, reference, external.along(reference))
-        return torque
+        """(N, n) simulated torque at the samples of an experiment, by default of all that are fitted; raises
+        DivergedError, SimulationError."""
+        labels = self.estimation_labels if label is None else (label,)
+        return np.concatenate([self.simulation(values, each).torque() for each in labels])
 
     def residual(self, values: Array, label: str | None = None) -> Array:
         """(N, n) measured minus simulated torque of an experiment, by default of all that are fitted."""
@@ -279,4 +52,135 @@ class LoopModel(LoopDescription):
         tool takes part."""
         if self.workers == 1 or not may_run_side_by_side(self.systems[self.first]):
             return 1
-        return self.workers if self.record(values, ticks=np.zeros(1, dtype=np.int64)).compiled else 1
+        return self.workers if self.simulation(values).record(ticks=np.zeros(1, dtype=np.int64)).compiled else 1
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One experiment of a loop with certain values of what is free.
+
+    Attributes:
+        model: the loop; values: (p,); label: of the experiment.
+    """
+
+    model: LoopModel
+    values: Array
+    label: str
+
+    def moved(self, i: int, value: float) -> Simulation:
+        """The same with another value of a free parameter."""
+        values = self.values.copy()
+        values[i] = value
+        return replace(self, values=values)
+
+    def on(self, experiment: Experiment) -> Simulation:
+        """The same with other data."""
+        return replace(self, model=self.model.with_experiment(self.label, experiment))
+
+    @property
+    def experiment(self) -> Experiment:
+        """What was measured, and the reference."""
+        return self.model.experiments[self.label]
+
+    @property
+    def step_size(self) -> float:
+        """Control period, s."""
+        return self.model.systems[self.label].step_size
+
+    @property
+    def theta(self) -> Array:
+        """(b,) base parameters that act here."""
+        return self.model.theta(self.values, self.label)
+
+    @cached_property
+    def external_torques(self) -> tuple[ExternalTorque, ...]:
+        """The torques from outside; their times and sizes may be free parameters."""
+        found = list(self.experiment.external_torques)
+        for parameter, value in zip(self.model.free_parameters, self.values, strict=True):
+            if parameter.owner == EXTERNAL_TORQUE and parameter.experiment == self.label:
+                index, _, name = parameter.key.partition(".")
+                found[int(index)] = found[int(index)].moved(name, float(value))
+        return tuple(found)
+
+    @property
+    def log_shift_s(self) -> float:
+        """How late the log is stamped, in s, beyond what its operator knows."""
+        found = {}
+        for parameter, value in zip(self.model.free_parameters, self.values, strict=True):
+            if parameter.owner == LOG and parameter.acts_in(self.label):
+                found[parameter.key] = float(value)
+        return sum(found.values())
+
+    @cached_property
+    def operator(self) -> SampleOperator:
+        """How the log follows from the command."""
+        is_free = any(parameter.owner == LOG for parameter in self.model.free_parameters)
+        count, shift = self.experiment.reference.time.size, self.log_shift_s / self.step_size
+        return self.experiment.operator.stamped_later(shift, count, between=is_free)
+
+    @cached_property
+    def system(self) -> System:
+        """The system as it is run, with the ticks that its components need."""
+        model, system = self.model, self.model.system(self.values, self.label)
+        if model.subdivision == 1:
+            return system
+        return divided(system, model.plant_name, set(model.added_components), model.subdivision)
+
+    def record(
+        self,
+        *,
+        ticks: NDArray[np.int64] | None = None,
+        all_ticks: bool = False,
+        system: System | None = None,
+        observe: Observer | None = None,
+    ) -> Recording:
+        """Run it; raises DivergedError, SimulationError.
+
+        Args:
+            ticks: to record; by default those that the samples need, with ``all_ticks`` all.
+            system: another one like the own; observe: as of :func:`fmu_didim.master.simulate`.
+        """
+        model, reference, external = self.model, self.experiment.reference, self.external_torques
+        if ticks is None:
+            ticks = np.arange(reference.time.size) if all_ticks else self.operator.ticks
+        system = system or self.system
+        bounds = model.position_bounds(self.label)
+        response, key = response_key(system) if observe is None else None, None
+        if response is not None:
+            run = (SameObject(reference), external, model.subdivision, ticks.tobytes(), tuple(bounds.items()))
+            key = (response, *run)
+            if known := model.recordings.find(key):
+                return known
+        reference = with_external_torques(reference, external)
+        if model.subdivision > 1:
+            reference, ticks = held(reference, model.subdivision), ticks * model.subdivision
+        recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
+        if key is not None:
+            model.recordings.keep(key, recording)
+        return recording
+
+    def torque(self) -> Array:
+        """(N, n) simulated torque at the samples; raises DivergedError, SimulationError."""
+        return self.sampled_torque(self.record())
+
+    def sampled_torque(self, recording: Recording) -> Array:
+        """(N, n) what the log shows of a recording at its ticks; raises DivergedError."""
+        torque = self.operator.apply(self.logged_torque(recording))
+        if not np.isfinite(torque).all():
+            raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
+        return self.model.filtered(torque, self.label)
+
+    def logged_torque(self, recording: Recording) -> Array:
+        """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
+        model, logged, reference = self.model, self.model.logged, self.experiment.reference.time
+        torque = np.column_stack([recording.inputs[name] for name in logged])
+        for external in self.external_torques:
+            reaches_log = logged[external.joint - 1] == f"{model.plant_name}.tau{external.joint}"
+            if reaches_log != external.is_logged:
+                sign = -1.0 if reaches_log else 1.0
+                torque[:, external.joint - 1] += sign * np.interp(recording.time, reference, external.along(reference))
+        return torque
+
+    def sampled(self, table: Array) -> Array:
+        """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
+        return self.model.filtered(self.operator.apply(table), self.label)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.effects import LINK_PARAMETERS, PAYLOAD
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import following_links
 from fmu_didim.signals import Array, Trajectory
@@ -53,21 +53,19 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
 
 
-def simulated_motion(
-    model: LoopModel, values: Array, label: str, description: RobotDescription | None
-) -> Motion | None:
+def simulated_motion(run: Simulation, description: RobotDescription | None) -> Motion | None:
     """The simulated motion of an experiment at all ticks; None if the plant does not give it.
 
     Args:
         description: the robot, whose equations give the loads; None for a plant that is a black box.
     """
     if description is None:
-        return _from_outputs(model, values, label)
-    robot = RobotModel(description)
-    recording = model.record(values, label, all_ticks=True)
+        return _from_outputs(run)
+    robot, model = RobotModel(description), run.model
+    recording = run.record(all_ticks=True)
     q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
     torque = np.column_stack([recording.inputs[name] for name in model.logged])
-    known = model.parameters.values(model.theta(values, label))
+    known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
     return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
 
@@ -90,20 +88,21 @@ def _summed(velocity: Array, step: float) -> Array:
     return position
 
 
-def _from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
+def _from_outputs(run: Simulation) -> Motion | None:
     """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack dq.
 
     A position that the plant does not tell is the integral of its velocity, from the reference's on. Loads and payloads
     are unknown and given as zero.
     """
+    model = run.model
     joints = range(1, model.joint_count + 1)
     given = {v.name for v in model.plant.outputs}
     if not {f"dq{j}" for j in joints} <= given:
         return None
-    recording = model.record(values, label, all_ticks=True)
+    recording = run.record(all_ticks=True)
     dq = recording.table(model.joint_signals("dq"))
     step = float(recording.time[1] - recording.time[0])
-    reference = model.experiments[label].reference
+    reference = run.experiment.reference
     q = np.column_stack(
         [
             recording.applied[f"{model.plant_name}.q{j}"]
@@ -115,7 +114,7 @@ def _from_outputs(model: LoopModel, values: Array, label: str) -> Motion | None:
     links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
     return Motion(
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
-        torque=model.logged_torque(recording, values, label), load=np.zeros_like(q), step=step, links=links,
+        torque=run.logged_torque(recording), load=np.zeros_like(q), step=step, links=links,
     )  # fmt: skip
 
 

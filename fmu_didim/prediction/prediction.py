@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.master import Recording
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.signals import Array
 
@@ -62,7 +62,7 @@ def predict(model: LoopModel, values: Array) -> Prediction:
         one = _by_differences
     else:
         one = _by_accelerations
-    found = {label: one(model, values, label) for label in model.estimation_labels}
+    found = {label: one(model.simulation(values, label)) for label in model.estimation_labels}
     columns = tuple(c for _, _, c in found.values() if c is not None)
     return Prediction(
         torque=np.concatenate([torque for torque, _, _ in found.values()]),
@@ -74,52 +74,48 @@ def predict(model: LoopModel, values: Array) -> Prediction:
 _Found = tuple[Array, Recording, Columns | None]
 
 
-def _by_accelerations(model: LoopModel, values: Array, label: str) -> _Found:
+def _by_accelerations(run: Simulation) -> _Found:
     """From the accelerations that the plant gives."""
-    recording = model.record(values, label)
-    torque = model.sampled_torque(recording, values, label)
+    recording, model = run.record(), run.model
+    torque = run.sampled_torque(recording)
     if not model.parameters.has_regressor:
         return torque, recording, None
 
     def columns() -> tuple[Array, Array]:
         q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
-        regressor, known = sampled_regressor(model, values, label, (q, dq, ddq), _observed(model, recording))
-        return regressor, known + _sampled(model, values, label, _not_in_plant(model, recording, values, label))
+        regressor, known = sampled_regressor(run, (q, dq, ddq), _observed(model, recording))
+        return regressor, known + run.sampled(_not_in_plant(run, recording))
 
     return torque, recording, columns
 
 
-def _by_probing(model: LoopModel, values: Array, label: str) -> _Found:
+def _by_probing(run: Simulation) -> _Found:
     """Where the regressor is measured on the running plant, tick by tick."""
-    theta = model.theta(values, label)
-    probe = RegressorProbe(model.plant_name, model.parameters, theta, model.operator(values, label).ticks.size)
-    recording = model.record(values, label, observe=probe)
-    torque = model.sampled_torque(recording, values, label)
-    rest = model.logged_torque(recording, values, label) - probe.columns @ theta
-    columns = spread(model, label, _sampled(model, values, label, probe.columns))
-    known = _sampled(model, values, label, rest)
+    probe = RegressorProbe(run.model.plant_name, run.model.parameters, run.theta, run.operator.ticks.size)
+    recording = run.record(observe=probe)
+    torque = run.sampled_torque(recording)
+    rest = run.logged_torque(recording) - probe.columns @ run.theta
+    columns, known = spread(run.model, run.label, run.sampled(probe.columns)), run.sampled(rest)
     return torque, recording, lambda: (columns, known)
 
 
-def _by_differences(model: LoopModel, values: Array, label: str) -> _Found:
+def _by_differences(run: Simulation) -> _Found:
     """For a plant without acceleration outputs.
 
     While a command is held, ddq is taken for (dq[k+1] - dq[k]) / h, its mean over the control period; at the last
     tick of the reference for the difference before. The regressor then fits the torque to first order in h.
     """
-    operator, last = model.operator(values, label), model.experiments[label].reference.time.size - 1
-    first = np.minimum(operator.ticks, last - 1)
-    ticks = np.unique(np.concatenate([operator.ticks, first, first + 1]))
-    recording = model.record(values, label, ticks=ticks)
-    here, low, high = (np.searchsorted(ticks, wanted) for wanted in (operator.ticks, first, first + 1))
+    model, wanted = run.model, run.operator.ticks
+    first = np.minimum(wanted, run.experiment.reference.time.size - 2)
+    ticks = np.unique(np.concatenate([wanted, first, first + 1]))
+    recording = run.record(ticks=ticks)
+    here, low, high = (np.searchsorted(ticks, some) for some in (wanted, first, first + 1))
     position, velocity = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
-    acceleration = (velocity[high] - velocity[low]) / model.systems[label].step_size
-    logged = model.logged_torque(recording, values, label)[here]
-    torque = _sampled(model, values, label, logged)
+    acceleration = (velocity[high] - velocity[low]) / run.step_size
+    torque = run.sampled(run.logged_torque(recording)[here])
     motion = (position[here], velocity[here], acceleration)
-    columns, known = sampled_regressor(model, values, label, motion, _observed(model, recording)[here])
-    lost = _not_in_plant(model, recording, values, label)[here]
-    known = known + _sampled(model, values, label, lost)
+    columns, known = sampled_regressor(run, motion, _observed(model, recording)[here])
+    known = known + run.sampled(_not_in_plant(run, recording)[here])
     return torque, recording, lambda: (columns, known)
 
 
@@ -128,20 +124,15 @@ def drive_torque(model: LoopModel, recording: Recording) -> Array:
     return np.column_stack([recording.inputs[name] for name in model.joint_signals("tau")])
 
 
-def _not_in_plant(model: LoopModel, recording: Recording, values: Array, label: str) -> Array:
+def _not_in_plant(run: Simulation, recording: Recording) -> Array:
     """(K, n) torque that the log shows but the plant does not get, because of effects in the drives."""
-    return model.logged_torque(recording, values, label) - drive_torque(model, recording)
+    return run.logged_torque(recording) - drive_torque(run.model, recording)
 
 
 def _observed(model: LoopModel, recording: Recording) -> Array:
     """(K, no) states of effects, time and loads at the recorded ticks, as far as the regressor depends on them."""
     names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
     return recording.table(names) if names else np.zeros((recording.time.size, 0))
-
-
-def _sampled(model: LoopModel, values: Array, label: str, table: Array) -> Array:
-    """Samples (N, ...) of values (K, ...) at the ticks of the log, filtered as it is."""
-    return model.filtered(model.operator(values, label).apply(table), label)
 
 
 def spread(model: LoopModel, label: str, columns: Array) -> Array:
@@ -161,13 +152,13 @@ def spread(model: LoopModel, label: str, columns: Array) -> Array:
 
 
 def sampled_regressor(
-    model: LoopModel, values: Array, label: str, motion: tuple[Array, Array, Array], observed: Array | None = None
+    run: Simulation, motion: tuple[Array, Array, Array], observed: Array | None = None
 ) -> tuple[Array, Array]:
-    """W (N, n, b) and the known torque (N, n) at the samples of an experiment.
+    """W (N, n, b) and the known torque (N, n) at the samples of an experiment, on any motion.
 
     Args:
         motion: q, dq, ddq at the ticks of the operator, (K, n) each.
         observed: (K, no) what the regressor depends on beyond the motion.
     """
-    columns, known = model.parameters.regressor(*motion, observed=observed)
-    return spread(model, label, _sampled(model, values, label, columns)), _sampled(model, values, label, known)
+    columns, known = run.model.parameters.regressor(*motion, observed=observed)
+    return spread(run.model, run.label, run.sampled(columns)), run.sampled(known)

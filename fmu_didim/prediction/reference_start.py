@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import signal
 
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction import thresholds as limits
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.prediction.prediction import sampled_regressor
-from fmu_didim.signals import Array, Trajectory, derivative
+from fmu_didim.signals import Array, Trajectory, derivative, white_noise
 from fmu_didim.statistics import least_squares
 
 Rows = Callable[[Array], tuple[Array, Array]]
@@ -28,45 +29,79 @@ def from_reference(model: LoopModel) -> Array:
     Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
     """
     values, count = model.start, model.linear_count
-    columns, target = rows_of(model, {label: whole_reference(model, label) for label in model.estimation_labels})
+    columns, target = rows_of(model, whole_reference)
     names = model.names[:count]
     values[:count] = least_squares(columns.reshape(-1, count), target.reshape(-1), names=names).solution
     return values
 
 
-def whole_reference(model: LoopModel, label: str) -> Motion:
-    """The motion that was wanted in an experiment."""
-    reference = model.experiments[label].reference
-    return reference_motion(reference, model.joint_count, np.arange(reference.time.size))
+def whole_reference(run: Simulation) -> Motion:
+    """The motion that was wanted in an experiment; smoothed where its accelerations would be noise, because they were
+    computed from a reference that is rounded or was measured."""
+    reference, count = run.experiment.reference, run.model.joint_count
+    q, dq, ddq = reference_motion(reference, count)
+    joints = range(1, count + 1)
+    if all(f"ddq{j}" in reference.names for j in joints):
+        return q, dq, ddq
+    has_velocity = all(f"dq{j}" in reference.names for j in joints)
+    return _smoothed(reference.time, (q, dq, ddq), has_velocity)
 
 
-def rows_of(model: LoopModel, motions: Mapping[str, Motion]) -> tuple[Array, Array]:
+def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
+    """The motion with accelerations of no more than a small fraction of noise.
+
+    White noise of deviation s in a position sampled at the rate f becomes, below the cut-off c of a low-pass,
+
+        s_ddq = s (2 pi)^2 c^2 sqrt(2 c / (5 f)),   and from a velocity   s_ddq = s 2 pi c sqrt(2 c / (3 f))
+
+    Args:
+        motion: q, dq, ddq, (K, n) each; has_velocity: whether dq was given and ddq alone comes from it.
+    """
+    q, dq, ddq = motion
+    given, order = (dq, 1) if has_velocity else (q, 2)
+    noise = np.array([white_noise(column) for column in given.T])
+    rate = (time.size - 1) / (time[-1] - time[0])
+    for part in limits.SMOOTHED:
+        cutoff = part * rate
+        if cutoff < rate / 2:
+            filtered = signal.butter(limits.SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
+            smooth = signal.sosfiltfilt(filtered, given, axis=0)
+            q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
+            ddq = derivative(time, dq)
+        size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))
+        if (size <= limits.NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
+            break
+    return q, dq, ddq
+
+
+def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
     """Regressor (N, n, b) and what the base parameters have to explain (N, n) of the measured torque, on motions that
     were not simulated.
 
     Args:
-        motions: label -> q, dq, ddq at all ticks of its reference.
+        motion: of an experiment, at all ticks of its reference.
     """
-    pairs = [rows_on(model, model.start, label, motion) for label, motion in motions.items()]
+    runs = [model.simulation(model.start, label) for label in model.estimation_labels]
+    pairs = [rows_on(run, motion(run)) for run in runs]
     known = np.concatenate([known for _, known in pairs])
     return np.concatenate([columns for columns, _ in pairs]), model.measured - known
 
 
-def rows_on(model: LoopModel, values: Array, label: str, whole: Motion) -> tuple[Array, Array]:
+def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
     """W (N, n, b) and the torque of all that is known (N, n) at the samples of an experiment, on a motion that was not
     simulated.
 
     Args:
         whole: q, dq, ddq at all ticks of its reference.
     """
-    ticks = model.operator(values, label).ticks
+    ticks, model = run.operator.ticks, run.model
     q, dq, ddq = (table[ticks] for table in whole)
 
     def rows(observed: Array) -> tuple[Array, Array]:
-        return sampled_regressor(model, values, label, (q, dq, ddq), observed[ticks])
+        return sampled_regressor(run, (q, dq, ddq), observed[ticks])
 
-    time = model.experiments[label].reference.time
-    return rows(observed_on(model.parameters, time, whole, model.measured_in(label), rows))
+    time = run.experiment.reference.time
+    return rows(observed_on(model.parameters, time, whole, model.measured_in(run.label), rows))
 
 
 def observed_on(
@@ -93,15 +128,12 @@ def observed_on(
     return parameters.observed_along(time, *motion, theta)
 
 
-def reference_motion(reference: Trajectory, joint_count: int, ticks: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """q, dq, ddq of the reference at the ticks, (K, n) each; derivatives by cubic spline where not given."""
+def reference_motion(reference: Trajectory, joint_count: int) -> Motion:
+    """q, dq, ddq of a reference; derivatives by cubic spline where not given."""
     joints = range(1, joint_count + 1)
-    q = reference.select([f"q{j}" for j in joints])
-    given = set(reference.names)
-    has_velocity = all(f"dq{j}" in given for j in joints)
-    dq = reference.select([f"dq{j}" for j in joints]) if has_velocity else derivative(reference.time, q)
-    if all(f"ddq{j}" in given for j in joints):
-        ddq = reference.select([f"ddq{j}" for j in joints])
-    else:
-        ddq = derivative(reference.time, dq)
-    return q[ticks], dq[ticks], ddq[ticks]
+    tables = [reference.select([f"q{j}" for j in joints])]
+    for kind in ("dq", "ddq"):
+        wanted = [f"{kind}{j}" for j in joints]
+        given = set(wanted) <= set(reference.names)
+        tables.append(reference.select(wanted) if given else derivative(reference.time, tables[-1]))
+    return tables[0], tables[1], tables[2]

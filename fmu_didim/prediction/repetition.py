@@ -9,7 +9,7 @@ import numpy as np
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.noise import period_in_ticks
 from fmu_didim.signals import Array
 
@@ -47,27 +47,23 @@ class Beginning:
     """The first part of an experiment, from which all of a change of its torque follows where that repeats.
 
     Attributes:
-        repetition: how the log repeats; label: of the experiment.
-        torque: (N, n) simulated, of all of it.
+        repetition: how the log repeats; torque: (N, n) simulated, of all of it.
     """
 
     repetition: Repetition
-    label: str
     torque: Array
 
     @staticmethod
-    def of(model: LoopModel, label: str, torque: Array) -> Beginning | None:
+    def of(run: Simulation, torque: Array) -> Beginning | None:
         """The first part of an experiment; None where its torque (N, n) does not repeat early enough."""
-        if model.low_pass is not None or "t_start" in {v.name for v in model.plant.parameters}:
+        if run.model.low_pass is not None or "t_start" in {v.name for v in run.model.plant.parameters}:
             return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
-        experiment = model.experiments[label]
-        found = repetition(experiment, experiment.operator, model.systems[label].step_size, torque)
-        return None if found is None else Beginning(found, label, torque)
+        found = repetition(run.experiment, run.experiment.operator, run.step_size, torque)
+        return None if found is None else Beginning(found, torque)
 
-    def cut(self, model: LoopModel) -> LoopModel:
-        """A model with the first samples of this experiment alone."""
-        experiment = replace(model.experiments[self.label], operator=self.repetition.operator)
-        return model.with_experiment(self.label, experiment)
+    def cut(self, run: Simulation) -> Simulation:
+        """A simulation of the experiment up to the first samples alone."""
+        return run.on(replace(run.experiment, operator=self.repetition.operator))
 
     @property
     def first(self) -> Array:
@@ -76,26 +72,20 @@ class Beginning:
 
 
 def change_of_torque(
-    model: LoopModel,
-    values: Array,
-    label: str,
-    torque: Array,
-    beginning: Beginning | None,
-    *,
-    tolerance: float = limits.REPEATS_COLUMN,
+    run: Simulation, torque: Array, beginning: Beginning | None, *, tolerance: float = limits.REPEATS_COLUMN
 ) -> Array:
-    """(N, n) torque of a model in an experiment minus ``torque``, from its beginning alone where the change repeats.
+    """(N, n) simulated torque minus ``torque``, from the beginning alone where the change repeats.
 
     Args:
         beginning: None where all of the experiment has to be simulated.
         tolerance: largest difference of two periods of the change, relative to its root mean square.
     """
     if beginning is not None:
-        begun = beginning.cut(model).torque(values, label) - beginning.first
+        begun = beginning.cut(run).torque() - beginning.first
         change = beginning.repetition.continued(begun, tolerance=tolerance)
         if change is not None:
             return change
-    return np.asarray(model.torque(values, label) - torque)
+    return np.asarray(run.torque() - torque)
 
 
 def repetition(experiment: Experiment, operator: SampleOperator, step: float, torque: Array) -> Repetition | None:

@@ -17,7 +17,7 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.sensitivity import step_size
 from fmu_didim.prediction.weighting import whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_efficient
+from fmu_didim.statistics import covariance_white
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
         return None
     first = whitened(fit.jacobian, fit.deviation)
     second = whitened(_at_second_steps(fit, sizes), fit.deviation)
-    deviations = [np.sqrt(np.diag(covariance_efficient(table))) for table in (first, second)]
+    deviations = [np.sqrt(np.diag(covariance_white(table))) for table in (first, second)]
     change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
     worst = int(np.argmax(change))
     return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))
@@ -58,7 +58,7 @@ def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
     length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)
-        ladder = Ladder(model, fit.values, label, fit.torque[rows[label]], i, size)
+        ladder = Ladder(fit.simulation(label), fit.torque[rows[label]], i, size)
         for place in _second_places(step.place, 1 / max(float(length[i]) * size, limits.DIFFERENCE_STEPS[0])):
             found = ladder.at(place)
             if found is not None:

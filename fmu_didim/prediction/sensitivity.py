@@ -27,7 +27,7 @@ from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.differences import Difference, Ladder, Steps
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.prediction import Prediction
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.workers import side_by_side
@@ -64,13 +64,14 @@ def sensitivity(
         table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
         acting = [k for k, i in enumerate(chosen) if model.acts(i, label)]
         missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
-        beginning = None if whole else Beginning.of(model, label, torque[rows])
+        run = model.simulation(values, label)
+        beginning = None if whole else Beginning.of(run, torque[rows])
         if exact:
-            varied = by_variation(model, values, label, [chosen[k] for k in missing], beginning)
+            varied = by_variation(run, [chosen[k] for k in missing], beginning)
             for k in [k for k in missing if chosen[k] in varied]:
                 table[:, :, k] = varied[chosen[k]]
             missing = [k for k in missing if chosen[k] not in varied]
-        one = _Experiment(model, values, label, torque[rows], sizes, exact, beginning)
+        one = _Experiment(run, torque[rows], sizes, exact, beginning)
         tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
     workers = model.allowed_workers(values) if len(tasks) > 1 else 1
     _fill(tables, tasks, steps, limits.SMOOTH if exact else limits.ROUGHNESS, workers)
@@ -106,13 +107,7 @@ def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
 
 
 def by_variation(
-    model: LoopModel,
-    values: Array,
-    label: str,
-    wanted: Sequence[int],
-    beginning: Beginning | None = None,
-    *,
-    lasting: bool = False,
+    run: Simulation, wanted: Sequence[int], beginning: Beginning | None = None, *, lasting: bool = False
 ) -> Mapping[int, Array]:
     """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
 
@@ -120,22 +115,23 @@ def by_variation(
         beginning: of the experiment, where columns that repeat need not be followed to its end.
         lasting: whether all these parameters are known to act all the time.
     """
+    model = run.model
     places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
     if not places:
         return {}
-    system, groups = model.simulated(values, label), _groups(list(places.values()), model.workers)
-    tasks = [partial(with_derivatives, system, group) for group in groups]
+    groups = _groups(list(places.values()), model.workers)
+    tasks = [partial(with_derivatives, run.system, group) for group in groups]
     varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
     if len(varied) < len(groups):
         return {}
-    runs = list(zip(varied, map(len, groups), strict=True))
+    systems = list(zip(varied, map(len, groups), strict=True))
     table = None
     late = not lasting and any(not _lasts(model.free_parameters[i]) for i in places)
     if beginning is not None and not late:
-        first = _followed_all(beginning.cut(model), values, label, runs)
+        first = _followed_all(beginning.cut(run), systems)
         table = None if first is None else beginning.repetition.continued(first)
     if table is None:
-        table = _followed_all(model, values, label, runs)
+        table = _followed_all(run, systems)
     return {} if table is None else {i: table[:, :, lane] for lane, i in enumerate(places)}
 
 
@@ -146,23 +142,24 @@ def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str,
     return [places[first : first + size] for first in range(0, len(places), size)]
 
 
-def _followed_all(model: LoopModel, values: Array, label: str, runs: Sequence[tuple[System, int]]) -> Array | None:
-    """(N, n, p) derivatives of the torque from runs side by side; None where Python would run the loop."""
-    tables = side_by_side([partial(_followed, model, values, label, *run) for run in runs], model.workers)
+def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
+    """(N, n, p) derivatives of the torque from systems with so many each, side by side; None where Python would run
+    the loop."""
+    tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.workers)
     found = [table for table in tables if table is not None]
-    return np.concatenate(found, axis=2) if len(found) == len(runs) else None
+    return np.concatenate(found, axis=2) if len(found) == len(systems) else None
 
 
-def _followed(model: LoopModel, values: Array, label: str, varied: System, count: int) -> Array | None:
+def _followed(run: Simulation, varied: System, count: int) -> Array | None:
     """(N, n, count) derivatives of the torque at the samples; None where Python would run the loop."""
-    recording = model.record(values, label, system=varied)
+    recording = run.record(system=varied)
     if not recording.compiled:
         return None
     columns = [
         np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
-        for name in model.logged
+        for name in run.model.logged
     ]
-    return model.filtered(model.operator(values, label).apply(np.stack(columns, axis=1)), label)
+    return run.sampled(np.stack(columns, axis=1))
 
 
 def _lasts(parameter: FreeParameter) -> bool:
@@ -223,41 +220,32 @@ class _Experiment:
     """Columns of one experiment by differences."""
 
     def __init__(
-        self,
-        model: LoopModel,
-        values: Array,
-        label: str,
-        torque: Array,
-        sizes: Array | None,
-        exact: bool,
-        beginning: Beginning | None,
+        self, run: Simulation, torque: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
     ) -> None:
-        self._model, self._values, self._label, self._torque = model, values, label, torque
-        self._sizes, self._exact, self._beginning = sizes, exact, beginning
-        self._smooth = model.can_refine or model.plant.equations() is not None
+        self._run, self._torque, self._sizes, self._exact, self._beginning = run, torque, sizes, exact, beginning
+        self._smooth = run.model.can_refine or run.model.plant.equations() is not None
 
     def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
         """What simulates the column (N, n) of a parameter: a forward difference, or central ones."""
-        parameter = self._model.free_parameters[i]
+        parameter = self._run.model.free_parameters[i]
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
         if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
             return partial(self._forward, i, parameter), None
-        size = step_size(self._model, i, self._sizes)
-        return None, Ladder(self._model, self._values, self._label, self._torque, i, size)
+        return None, Ladder(self._run, self._torque, i, step_size(self._run.model, i, self._sizes))
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
         step = limits.STEP * parameter.scale
         if self._exact and self._sizes is not None and i < self._sizes.size:
             step = limits.SMOOTH_STEP * float(self._sizes[i])
+        here = self._run.values[i]
         for size in (step, -step, step / limits.SHORTER_STEP):
-            moved = self._values.copy()
-            moved[i] += size
-            if not parameter.lowest <= moved[i] <= parameter.highest:
+            there = here + size
+            if not parameter.lowest <= there <= parameter.highest:
                 continue
             beginning = self._beginning if _lasts(parameter) else None
             try:
-                change = change_of_torque(self._model, moved, self._label, self._torque, beginning)
-                return np.asarray(change / (moved[i] - self._values[i]))
+                change = change_of_torque(self._run.moved(i, there), self._torque, beginning)
+                return np.asarray(change / (there - here))
             except SimulationError:
                 continue
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing

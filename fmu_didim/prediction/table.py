@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.signals import Array, Trajectory, Variable
 
 
-def simulated_table(
-    model: LoopModel, values: Array, label: str | None = None, *, motion: Sequence[str] = ("q", "dq")
-) -> Trajectory:
-    """Torque ``tau<j>`` (N.m or N) and motion of an experiment with values (p,), a row a control period.
+def simulated_table(run: Simulation, *, motion: Sequence[str] = ("q", "dq")) -> Trajectory:
+    """Torque ``tau<j>`` (N.m or N) and motion of an experiment, a row a control period.
 
     Args:
         motion: of ``q``, ``dq``, ``ddq`` (rad or m, per s, per s2); those that the plant does not give are left out.
@@ -21,9 +19,9 @@ def simulated_table(
     Raises:
         SimulationError: the loop cannot be simulated.
     """
-    recording = model.record(values, label, all_ticks=True)
+    recording, model = run.record(all_ticks=True), run.model
     joints = range(1, model.joint_count + 1)
-    columns = [model.logged_torque(recording, values, label)]
+    columns = [run.logged_torque(recording)]
     variables = [Variable(f"tau{j}") for j in joints]
     for name in motion:
         if set(model.joint_signals(name)) <= set(recording.applied):
@@ -32,8 +30,8 @@ def simulated_table(
     return Trajectory(recording.time, np.column_stack(columns), tuple(variables))
 
 
-def motion_at_samples(model: LoopModel, values: Array, label: str, table: Trajectory) -> dict[str, Array]:
+def motion_at_samples(run: Simulation, table: Trajectory) -> dict[str, Array]:
     """Positions ``q<j>`` and velocities ``dq<j>`` of a table at the tick before each sample of the log, (N,) each."""
-    times = model.experiments[label].time - model.operator(values, label).lag * model.systems[label].step_size
+    times = run.experiment.time - run.operator.lag * run.step_size
     place = np.clip(np.searchsorted(table.time, times + 1e-9, side="right") - 1, 0, table.time.size - 1)
     return {name: table.column(name)[place] for name in table.names if not name.startswith("tau")}

@@ -53,6 +53,16 @@ MOST_OUTLIERS = TABLE(
     "MOST_OUTLIERS", 0.4, "1", "Unless so large a fraction of them is: then the motion has loud and quiet parts."
 )
 OUTLIER_ROUNDS = TABLE("OUTLIER_ROUNDS", 4, "rounds", "Blocks are left out at most so often.")
+SMOOTHED = TABLE(
+    "SMOOTHED", (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005), "1",
+    "Cut-offs of the low-pass of a reference from which accelerations are computed, of its rate, tried in this order; "
+    "half of it is none. The last one is 5 Hz at 1 kHz, about where the motion of an arm ends.",
+)  # fmt: skip
+SMOOTHED_ORDER = TABLE("SMOOTHED_ORDER", 4, "1", "Of that filter, a Butterworth one run forward and backward.")
+NOISE_OF_ACCELERATION = TABLE(
+    "NOISE_OF_ACCELERATION", 0.1, "1",
+    "Fraction of the deviation of an acceleration that its noise may have: 1 % of its power.",
+)  # fmt: skip
 MOTION_POWER = TABLE(
     "MOTION_POWER", 0.999, "1", "Fraction of the power of the velocities below the highest frequency of a motion."
 )

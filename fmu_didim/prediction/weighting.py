@@ -101,9 +101,8 @@ class JointTriangles:
         first = np.cumsum([0, *(t.shape[0] for t in self.triangles[:-1])])
         return found.solution, np.add.reduceat(found.leverage, first)
 
-    def deviation(self, model: LoopModel, squares: Array, names: tuple[str, ...]) -> Array:
-        """(n,) estimated deviations where the residual has these sums of squares (n,) at its joints."""
-        floor = noise_floor(model.measured)
+    def deviation(self, squares: Array, floor: Array, names: tuple[str, ...]) -> Array:
+        """(n,) estimated deviations, at least ``floor``, where the residual has these sums of squares (n,)."""
         first = deviation_of_sums(squares, np.full(squares.size, float(self.samples)), floor=floor)
         return deviation_of_sums(squares, self.samples - self.solved(first, names)[1], floor=floor)
 
@@ -112,30 +111,27 @@ def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
     """(n,) deviations to weight with, from a residual (N, n) left by columns (N, n, p)."""
     if model.torque_deviation is not None:
         return model.torque_deviation
+    floor = noise_floor(model.measured)
     if model.joint_weights == "equal":
-        whole, floor = float(np.sqrt((residual**2).mean())), noise_floor(model.measured)
+        whole = float(np.sqrt((residual**2).mean()))
         return np.full(residual.shape[1], max(whole, float(floor.max())))
     names = model.names[: columns.shape[2]]
-    return JointTriangles.of(columns, residual).deviation(model, (residual**2).sum(axis=0), names)
+    return JointTriangles.of(columns, residual).deviation((residual**2).sum(axis=0), floor, names)
 
 
-def weighted_solution(
-    model: LoopModel, columns: Array, target: Array, names: tuple[str, ...]
-) -> tuple[LeastSquares, Array]:
-    """Least squares of target (N, n) on columns (N, n, p), joints weighted; and the deviations (n,) used.
+def weighted_solution(model: LoopModel, columns: Array, target: Array) -> tuple[LeastSquares, Array]:
+    """Least squares of target (N, n) on columns (N, n, p), those of the first p free parameters, joints weighted; and
+    the deviations (n,) used.
 
     With estimated weights a first, unweighted solution gives the noise of each joint.
-
-    Args:
-        names: (p,) of the columns, for error messages.
     """
-    deviation = np.ones(target.shape[1])
+    names, deviation = model.names[: columns.shape[2]], np.ones(target.shape[1])
     if model.torque_deviation is not None:
         deviation = model.torque_deviation
     elif model.joint_weights == "estimated" and target.shape[1] > 1:
-        triangles = JointTriangles.of(columns, target)
+        triangles, floor = JointTriangles.of(columns, target), noise_floor(model.measured)
         # Twice: the first residual comes from weights that ignore the noise.
         for _ in range(2):
             first, _ = triangles.solved(deviation, names)
-            deviation = triangles.deviation(model, triangles.squares(first), names)
+            deviation = triangles.deviation(triangles.squares(first), floor, names)
     return least_squares(whitened(columns, deviation), whitened(target, deviation), names=names), deviation

@@ -1,6 +1,6 @@
 """Robots: description and models."""
 
-from fmu_didim.robot.description import Joint, RobotDescription, read_robot, write_robot
+from fmu_didim.robot.description import RobotDescription, read_robot, write_robot
 from fmu_didim.robot.model import RobotModel
 
-__all__ = ["Joint", "RobotDescription", "RobotModel", "read_robot", "write_robot"]
+__all__ = ["RobotDescription", "RobotModel", "read_robot", "write_robot"]

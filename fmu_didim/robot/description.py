@@ -22,9 +22,6 @@ from fmu_didim.effects import (
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.signals import Variable
 
-INERTIAL: tuple[tuple[str, str, str], ...] = tuple((v.name, v.unit, v.description) for v in LINK_PARAMETERS)
-"""Name, unit and meaning of the ten inertial parameters of a link, about the origin of its frame."""
-
 
 class Joint(Strict):
     """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).

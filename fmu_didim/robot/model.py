@@ -229,10 +229,6 @@ class RobotModel:
     def _square(self) -> tuple[int, int]:
         return self.joint_count, self.joint_count
 
-    def minimum_inertia(self, q: Array, chi: Array) -> float:
-        """The smallest of :meth:`inertia_along`."""
-        return float(self.inertia_along(q, chi).min())
-
     def inertia_columns(self, q: Array) -> Array:
         """(n, n, ns) derivatives of M at a position (n,) by the standard parameters; without what changes with time."""
         columns = self._inertia_columns.at(q[None])

@@ -61,11 +61,12 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
         columns = {f"measured{j}": measured[:, j - 1] for j in joints}
         every: dict[str, Array] = {}
         for name, fit in (("base", base), ("final", final)):
-            torque = fit.model.torque(fit.values, label)
+            run = fit.simulation(label)
+            torque = run.torque()
             columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
-            table = simulated_table(fit.model, fit.values, label)
+            table = simulated_table(run)
             every |= {f"{name}{j}": table.column(f"tau{j}") for j in joints}
-        columns |= motion_at_samples(final.model, final.values, label, table)
+        columns |= motion_at_samples(run, table)
         files |= _written(out, f"signals_{label}", experiment.time, columns)
         files |= _written(out, f"simulated_{label}", table.time, every)
     return files
@@ -114,7 +115,7 @@ def _augmented_case(fit: Fit, document: dict[str, Any]) -> dict[str, Any]:
     document["robot"] = ROBOT_FILE
     chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
     document["plant"] = {"kind": "fmu", **chosen}
-    shift = fit.model.log_shift_s(fit.values)
+    shift = fit.simulation(fit.model.first).log_shift_s
     runs = [document[key] for key in ("train", "validation") if key in document]
     logs = [run.get("torque") for run in (*runs, *document.get("experiments", {}).values())]
     for log in (log for log in logs if log and shift):
@@ -174,8 +175,8 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
 
 def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> tuple[dict[str, str], str]:
     """The loop with the parts in its wiring as an SSP archive, and how well it gives the fitted torque."""
-    bare = without_external_torques(fit.model)
-    system = bare.simulated(fit.values)
+    run = without_external_torques(fit.model).simulation(fit.values)
+    system = run.system
     try:
         for component in system.components:
             if f"part_{component}" in files:
@@ -184,14 +185,14 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
                 alone = load_fmu(out / files[f"part_{component}"]).with_parameters(values)
                 system = system.replace(component, alone)
         path = write_ssp(system, out / SYSTEM_FILE, name=name)
-        recording = bare.record(fit.values, system=read_ssp(path))
+        recording = run.record(system=read_ssp(path))
     except (InputError, SimulationError) as error:
         return {}, f"The augmented loop could not be written as an SSP archive: {error}"
-    torque = bare.operator(fit.values).apply(bare.logged_torque(recording, fit.values))
-    wanted = bare.torque(fit.values)
+    torque = run.sampled_torque(recording)
+    wanted = run.torque()
     worst = float(np.abs(torque - wanted).max() / np.abs(wanted).max())
     note = f"The augmented loop, read back and run, gives the fitted torque to {worst:.1e} of its peak."
-    shift = fit.model.log_shift_s(fit.values)
+    shift = fit.simulation(fit.model.first).log_shift_s
     stated = f" A case with it states of the torque log: log_shift_s: {shift:.6g}." if shift else ""
     return {"system": path.name}, note + stated
 

@@ -125,7 +125,7 @@ def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
     case = case if isinstance(case, Case) else load_case(case)
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = _of_the_plant(case, model)
-    diagnostics += case_diagnostics(case, model)
+    diagnostics += case_diagnostics(case)
     found = Checked(
         name=case.name,
         parameters=model.names,

@@ -5,14 +5,13 @@ from __future__ import annotations
 from fmu_didim.case import Case
 from fmu_didim.diagnosis.data.checks import data_diagnostics
 from fmu_didim.diagnostics import Diagnostic
-from fmu_didim.prediction.loop_model import LoopModel
 
 
-def case_diagnostics(case: Case, model: LoopModel) -> list[Diagnostic]:
+def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     """What is wrong or doubtful with the data of a case, the weightiest first.
 
     Args:
-        model: the loop of the case, with all that is free in it.
+        causes: see :func:`~fmu_didim.diagnosis.data.checks.data_diagnostics`.
     """
-    runs = case.document.runs
-    return data_diagnostics(model, without_torque=[label for label, run in runs.items() if run.torque is None])
+    without = [label for label, run in case.document.runs.items() if run.torque is None]
+    return data_diagnostics(case.model, without_torque=without, causes=causes)

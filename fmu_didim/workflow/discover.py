@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from fmu_didim.case import Case
+from fmu_didim.diagnostics import refuse_problems
 from fmu_didim.discovery.findings import FINDINGS_FILE, FindingsDocument, save_findings
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.run import Found
@@ -29,6 +29,7 @@ from fmu_didim.workflow.augmented_files import (
     write_signals,
 )
 from fmu_didim.workflow.case_files import case_files, repeating
+from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.discovered import Discovered
 from fmu_didim.workflow.result_folder import ResultFolder, checked_case
 
@@ -79,27 +80,23 @@ def discover(
     for name in (*forbid, *prefer):
         if name not in catalogue:
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
-    description = _description(case)
-    record = provenance(model, {"name": "discover"}, files=case_files(case))
     chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
-    record |= repeating("discover", case, chosen)
+    record = provenance(model, {"name": "discover"}, files=case_files(case)) | repeating("discover", case, chosen)
+    of_data = refuse_problems(case_diagnostics(case, causes=False))
+    run = _Run(case, _description(case), watch, folder, show or (lambda found: None))
     found = discover_in(
         model,
-        description=description,
+        description=run.description,
         name=case.name,
         effects=catalogue,
         options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
         provenance={**record, "loop": model.systems[model.first].describe()},
         watch=watch,
-        keep=None if folder is None else partial(_kept, folder, watch.say),
+        keep=None if folder is None else run.keep,
         case=case.path.name,
+        of_data=of_data,
     )
-    tell = show or (lambda found: None)
-    if folder is not None:
-        return _saved(case, found, description, folder, watch, tell)
-    answer = Discovered(found.document, found)
-    tell(answer)
-    return answer
+    return run.answer(found)
 
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
@@ -111,15 +108,6 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files", figures)
 
 
-def _kept(folder: ResultFolder, say: Callable[[str], None], document: FindingsDocument) -> None:
-    """The answer so far written down, without anything of an earlier run; the search goes on where that fails."""
-    try:
-        with folder.written() as new:
-            save_findings(document, new)
-    except InputError as error:
-        say(f"the answer so far could not be written: {error.got}")
-
-
 def _description(case: Case) -> RobotDescription | None:
     """The robot, if the plant is built from it: to any other plant effects can only be added from outside."""
     source = case.document.plant_source
@@ -129,54 +117,69 @@ def _description(case: Case) -> RobotDescription | None:
     return robot.description if isinstance(robot, RobotModel) else None
 
 
-def _saved(
-    case: Case,
-    found: Found,
-    description: RobotDescription | None,
-    folder: ResultFolder,
-    watch: Watch,
-    show: Callable[[Discovered], None],
-) -> Discovered:
-    """What was found, shown and then in its folder; where that fails, shown as far as it came."""
-    answer = Discovered(found.document, found)
-    with folder.written() as new:
+@dataclass(frozen=True)
+class _Run:
+    """One discovery and where it is shown and written.
+
+    Attributes:
+        description: the robot, None for a plant that is a black box.
+        folder: of the results, None where nothing is written.
+    """
+
+    case: Case
+    description: RobotDescription | None
+    watch: Watch
+    folder: ResultFolder | None
+    show: Callable[[Discovered], None]
+
+    def keep(self, document: FindingsDocument) -> None:
+        """The answer so far written down, without anything of an earlier run; the search goes on where that fails."""
+        assert self.folder is not None
         try:
-            answer = Discovered(_written(case, found, description, new, folder.folder, watch), found)
-            if folder.figures:
-                from fmu_didim.report.paper import write_figures
+            with self.folder.written() as new:
+                save_findings(document, new)
+        except InputError as error:
+            self.watch.say(f"the answer so far could not be written: {error.got}")
 
-                write_figures(new)
-        finally:
-            show(answer)
-    return answer
+    def answer(self, found: Found) -> Discovered:
+        """What was found, shown and then in its folder; where that fails, shown as far as it came."""
+        answer = Discovered(found.document, found)
+        if self.folder is None:
+            self.show(answer)
+            return answer
+        with self.folder.written() as new:
+            try:
+                answer = Discovered(self._written(found, new, self.folder.folder), found)
+                if self.folder.figures:
+                    from fmu_didim.report.paper import write_figures
+
+                    write_figures(new)
+            finally:
+                self.show(answer)
+        return answer
+
+    def _written(self, found: Found, new: Path, home: Path) -> FindingsDocument:
+        """Everything written to a folder whose files will lie in ``home``, and the document that names it."""
+        from fmu_didim.report.discovery_page import write_discovery_report
+
+        files = write_signals(found, new)
+        notes = list(found.document.notes)
+        if found.discovery.final.model.added_effects:
+            self.watch.say("writing the augmented model")
+            augmented, note = write_augmented(self.case, found, self.description, new, home)
+            files |= augmented
+            notes.append(note)
+        document = found.document
+        proposed: dict[str, str] = {}
+        if self.description is not None and not self.watch.is_over:
+            document, proposed = _with_experiment(found, new, self.watch.say)
+        document = document.model_copy(update={"files": files | proposed, "notes": notes})
+        save_findings(document, new)
+        write_discovery_report(new)
+        return document
 
 
-def _written(
-    case: Case, found: Found, description: RobotDescription | None, new: Path, home: Path, watch: Watch
-) -> FindingsDocument:
-    """Everything written to a folder whose files will lie in ``home``, and the document that names it."""
-    from fmu_didim.report.discovery_page import write_discovery_report
-
-    files = write_signals(found, new)
-    notes = list(found.document.notes)
-    if found.discovery.final.model.added_effects:
-        watch.say("writing the augmented model")
-        augmented, note = write_augmented(case, found, description, new, home)
-        files |= augmented
-        notes.append(note)
-    document = found.document
-    proposed: dict[str, str] = {}
-    if description is not None and not watch.is_over:
-        document, proposed = _with_experiment(found, case, new, watch.say)
-    document = document.model_copy(update={"files": files | proposed, "notes": notes})
-    save_findings(document, new)
-    write_discovery_report(new)
-    return document
-
-
-def _with_experiment(
-    found: Found, case: Case, out: Path, say: Callable[[str], None]
-) -> tuple[FindingsDocument, dict[str, str]]:
+def _with_experiment(found: Found, out: Path, say: Callable[[str], None]) -> tuple[FindingsDocument, dict[str, str]]:
     """The document with a motion that splits the first ambiguous set of fitted effects, and the file of that motion."""
     document, final = found.document, found.discovery.final
     first = len(document.findings) - len(found.discovery.steps)  # torques from outside come before

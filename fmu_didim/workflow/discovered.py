@@ -187,8 +187,9 @@ class Discovered:
             raise UnknownNameError("experiment", label, final.model.experiments, where=self.document.name)
         models = {}
         for name, fit in {"base model": base, **({"final model": final} if self.findings else {})}.items():
-            every = simulated_table(fit.model, fit.values, label).first(fit.model.joint_count)
-            models[name] = Simulated(fit.model.torque(fit.values, label), every.time, every.values)
+            run = fit.simulation(label)
+            every = simulated_table(run).first(fit.model.joint_count)
+            models[name] = Simulated(run.torque(), every.time, every.values)
         time, measured = final.model.experiments[label].time, final.model.measured_in(label)
         return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 

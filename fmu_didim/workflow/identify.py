@@ -20,7 +20,6 @@ from fmu_didim.identification.estimate import Estimate, RefusedError
 from fmu_didim.identification.judge import judged
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import RESULT_FILE, save_result
-from fmu_didim.identification.start import with_free_delay
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import write_robot
@@ -83,7 +82,7 @@ def identify(
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     refusal = _Refusal(case, folder, record)
     try:
-        of_data = refuse_problems(case_diagnostics(case, model))
+        of_data = refuse_problems(case_diagnostics(case))
         consistency, of_plant = _known_of_plant(case, model)
     except DiagnosedError as error:
         refusal.save(error, error.found)
@@ -140,21 +139,14 @@ class _Refusal:
 
 
 def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Outcome:
-    found = _found(case.model, estimate)
-    validations = [validate(found, found.start, label) for label in found.experiments]
-    judgement = judged(found, estimate, validations, before=before)
+    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    judgement = judged(estimate, validations, before=before)
     document = result_document(
-        case.name, found, estimate, validations,
+        case.name, estimate, validations,
         judged=judgement, description=case.document.description, case=case.path.name,
     )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
-    return Outcome(document, estimate, tuple(validations), found)
-
-
-def _found(model: LoopModel, estimate: Estimate) -> LoopModel:
-    """The model with the identified values; a delay that only the estimator freed is among them."""
-    found = with_free_delay(model) if len(estimate.names) > len(model.names) else model
-    return found.with_values(estimate.value)
+    return Outcome(document, estimate, tuple(validations))
 
 
 def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:

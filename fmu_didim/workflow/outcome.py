@@ -31,13 +31,16 @@ class Outcome:
         document: the content of ``result.json``.
         estimate: the estimate with its arrays.
         validations: of each experiment, fitted or held out, in the order of the case.
-        model: the loop with the identified values as start values, for simulations and further fits.
     """
 
     document: ResultDocument
     estimate: Estimate
     validations: tuple[Validation, ...]
-    model: LoopModel
+
+    @property
+    def model(self) -> LoopModel:
+        """The loop with the identified values as start values, for simulations and further fits."""
+        return self.estimate.model
 
     @property
     def parameters(self) -> Mapping[str, ParameterResult]:

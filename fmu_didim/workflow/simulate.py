@@ -46,7 +46,7 @@ def simulate(
         raise InputError(
             f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {})
         )
-    return simulated_table(model, values, motion=("q", "dq", "ddq"))
+    return simulated_table(model.simulation(values), motion=("q", "dq", "ddq"))
 
 
 def model_without_data(case: Case, label: str | None) -> LoopModel:

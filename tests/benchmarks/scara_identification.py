@@ -12,7 +12,7 @@ def run(settings: Settings) -> list[Figure]:
     model, estimator = scara.model(), scara.case().estimator
     estimate, runs = simulated(model, estimator)
     count = len(runs.plain) + len(runs.varied)
-    program = scara.program(model.start).runner(model.operator(model.start).ticks)
+    program = scara.program(model.start).runner(model.simulation(model.start).operator.ticks)
     times = interleaved({"ours": lambda: estimator.estimate(afresh(model)), "c": program}, repeats=2 * settings.repeats)
     iterations = len(estimate.iterations)
     raw = {

@@ -41,7 +41,7 @@ def run(settings: Settings) -> list[Figure]:
     motion = tx40.excitation(duration_s=duration_s)
     loop = tx40.program(motion)
     here, _ = model(duration_s)
-    reference, ticks = here.experiments[here.first].reference, here.operator(here.start).ticks
+    reference, ticks = here.experiments[here.first].reference, here.simulation(here.start).operator.ticks
     count = int(ticks[-1]) + 1
     every = loop.runner(np.arange(count))
     record = every()

@@ -90,5 +90,5 @@ def test_what_is_refused(
 
 def test_a_validation_without_log_is_told() -> None:
     case = load_case(SCARA).with_(validation={"torque": None})
-    (found,) = case_diagnostics(case, case.model)
+    (found,) = case_diagnostics(case)
     assert (found.code.name, found.place) == ("validation-without-torque", "validation")

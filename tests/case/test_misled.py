@@ -43,7 +43,7 @@ def case(
 
 
 def codes(made: Case) -> dict[str, set[str]]:
-    found = case_diagnostics(made, made.model)
+    found = case_diagnostics(made)
     return {s.value: {d.code.name for d in found if d.code.severity is s} for s in (PROBLEM, DOUBT)}
 
 

@@ -132,7 +132,7 @@ def test_jittered_reference_is_refused_with_the_figure_or_resampled_where_asked(
         scara(uneven)
     case = scara(uneven, resample=True)
     assert_allclose(case.model.experiments["estimation"].reference.values, motion.values, atol=2e-3)
-    found = case_diagnostics(case, case.model)
+    found = case_diagnostics(case)
     assert "reference-resampled" in codes(found)
 
 
@@ -142,4 +142,4 @@ def test_a_reference_without_velocities_gives_the_values_of_one_that_has_them() 
     made = case.model.experiments["estimation"].reference
     for name in ("dq1", "dq2"):
         assert_allclose(made.column(name), motion.column(name), atol=1e-4)
-    assert "reference-derived" in codes(case_diagnostics(case, case.model))
+    assert "reference-derived" in codes(case_diagnostics(case))

@@ -88,7 +88,7 @@ def test_uncertainty_of_the_values_counts():
 
 def test_no_held_out_data_are_a_remark_and_a_failure_a_doubt():
     nothing = at(np.zeros((1, 2)))
-    found = held_out_diagnostics(None, np.zeros(2), np.eye(2), nothing, {}, {})  # type: ignore[arg-type]
+    found = held_out_diagnostics(None, np.eye(2), nothing, {}, {})  # type: ignore[arg-type]
     assert [d.code.name for d in found] == ["no-held-out"]
-    found = held_out_diagnostics(None, np.zeros(2), np.eye(2), nothing, {}, {"check": "diverged"})  # type: ignore[arg-type]
+    found = held_out_diagnostics(None, np.eye(2), nothing, {}, {"check": "diverged"})  # type: ignore[arg-type]
     assert [(d.code.name, d.place) for d in found] == [("held-out-not-simulated", "check")]

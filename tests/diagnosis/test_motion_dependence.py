@@ -19,6 +19,7 @@ from fmu_didim.diagnosis.motion_dependence import (
     motion_diagnostics,
 )
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.loop_model import Simulation
 from tests.helpers import model_of
 
 RNG = np.random.default_rng
@@ -109,7 +110,7 @@ def test_what_is_told(most, alone, p_value, codes):
 
 def test_functions_follow_the_motion_at_the_samples():
     model = model_of(Path("examples/scara/identify.yaml"))
-    functions = functions_of_motion(model, model.start, model.first)
+    functions = functions_of_motion(model.simulation(model.start))
     torque = model.torque(model.start, model.first)
     assert len(functions) == 2
     for j, one in enumerate(functions):
@@ -126,6 +127,6 @@ def test_a_motion_that_breaks_off_after_the_log_says_nothing(monkeypatch):
         raise SimulationError("It diverges.")
 
     model = model_of(Path("examples/scara/identify.yaml"))
-    monkeypatch.setattr(type(model), "record", diverged)
+    monkeypatch.setattr(Simulation, "record", diverged)
     residual, columns = np.zeros((100, 2)), np.zeros((100, 2, 8))
     assert motion_dependence(model, model.start, {model.first: residual}, {model.first: columns}, {}) == []

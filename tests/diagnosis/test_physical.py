@@ -124,10 +124,10 @@ def test_inertia_matrix_that_fails_far_from_the_motion_is_found() -> None:
 def test_all_are_asked_of_a_model() -> None:
     model = load_case("examples/scara/identify.yaml").model
     covariance = np.diag((0.03 * np.abs(model.start) + 0.002) ** 2)
-    assert physical_diagnostics(model, model.start, covariance) == []
+    assert physical_diagnostics(model, covariance) == []
     values = model.start.copy()
     values[model.index("Fc2")], values[model.index("ZZ2")] = -0.05, -0.03
-    found = physical_diagnostics(model, values, covariance)
+    found = physical_diagnostics(model.with_values(values), covariance)
     assert {d.code.name for d in found} == {"friction-negative", "not-physical", "mass-matrix-indefinite"}
 
 
@@ -136,10 +136,10 @@ def test_own_values_of_an_experiment_are_looked_at() -> None:
     model = load_case("examples/scara/two_payloads.yaml").model
     own = [i for i, p in enumerate(model.free_parameters) if p.experiment is not None and p.key == "ZZ2"]
     covariance = np.diag((0.03 * np.abs(model.start) + 0.002) ** 2)
-    assert physical_diagnostics(model, model.start, covariance) == []
+    assert physical_diagnostics(model, covariance) == []
     values = model.start.copy()
     values[own] = -0.05
-    assert "not-physical" in {d.code.name for d in physical_diagnostics(model, values, covariance)}
+    assert "not-physical" in {d.code.name for d in physical_diagnostics(model.with_values(values), covariance)}
 
 
 def test_range_of_the_joints() -> None:

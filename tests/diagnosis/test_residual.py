@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics
+from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnostics import Severity
 from fmu_didim.prediction.uncertainty import Colour
 
@@ -86,3 +86,31 @@ def test_figures_are_in_the_sentence() -> None:
     assert str(above).startswith("joint 3: the residual is larger than the known noise (chi-square per sample 7.8,")
     assert (above.value, above.bound) == (7.8, 1.2)
     assert "discover" in above.advice
+
+
+def coloured(rate_hz: float, *, memory_s: float, order: int = 1) -> ResidualTest:
+    """A residual whose noise is a first-order autoregression."""
+    coefficients = np.full(order, np.exp(-1 / (rate_hz * memory_s)))
+    return ResidualTest(1, rate_hz, None, None, None, False, 0.9, order, coefficients, 0.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("test", "motion_hz", "cutoff_hz", "told"),
+    [
+        (coloured(200, memory_s=0.05), 0.5, np.inf, False),  # noise of a current sensor
+        (coloured(200, memory_s=0.05), 1.25, np.inf, False),
+        (coloured(200, memory_s=0.05), 0.5, 4.0, False),  # and a low-pass of the torque
+        (coloured(100, memory_s=2.0), 1.0, np.inf, True),  # 94 % below 1 Hz
+        (coloured(100, memory_s=2.0), 1.0, 1.5, False),  # nothing is left to compare with
+        (coloured(4, memory_s=2.0), 1.25, np.inf, False),  # the motion fills the band
+        (coloured(100, memory_s=2.0, order=0), 1.0, np.inf, False),  # white
+        (replace(coloured(100, memory_s=2.0), chi_square_per_sample=9.0, chi_square_bound=1.2), 1.0, np.inf, False),
+    ],
+)
+def test_a_residual_that_is_as_slow_as_the_motion(
+    test: ResidualTest, motion_hz: float, cutoff_hz: float, told: bool
+) -> None:
+    found = slow_diagnostics([test], motion_hz, cutoff_hz)
+    assert [d.code.name for d in found] == (["residual-slow"] if told else [])
+    if told:  # power of the autoregression below f: 2/pi atan(2 pi f memory)
+        assert found[0].value == pytest.approx(2 / np.pi * np.arctan(2 * np.pi * motion_hz * 2.0), abs=0.01)

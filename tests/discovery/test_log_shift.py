@@ -124,10 +124,11 @@ def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, Loop
 
 def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     model = shifted[-1]
-    ticks = model.operator(model.start).ticks
+    run = model.simulation(model.start)
+    ticks = run.operator.ticks
     samples = model.measured.shape[0]
     assert ticks.size <= 2 * samples
-    assert model.record(model.start).time.size == ticks.size
+    assert run.record().time.size == ticks.size
 
 
 def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path, LoopModel, LoopModel]) -> None:

@@ -567,7 +567,7 @@ def test_amplitudes_are_identified_from_the_reference(name: str) -> None:
 def test_states_along_a_motion_are_those_of_the_simulation() -> None:
     """For the start of an estimation: states integrated along a table of positions and velocities."""
     model, truth = arm_model("presliding")
-    recording = model.record(truth, all_ticks=True)
+    recording = model.simulation(truth).record(all_ticks=True)
     assert recording.time.size == 601
     q, dq, ddq = (recording.table([f"plant.{n}{j}" for j in (1, 2)]) for n in ("q", "dq", "ddq"))
     assert isinstance(model.parameters, RobotParameters)

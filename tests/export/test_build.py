@@ -5,14 +5,17 @@ from __future__ import annotations
 import ctypes
 import logging
 import platform
+import shlex
+import sys
 from pathlib import Path
 
 import pytest
 
 from fmu_didim.cli import main
 from fmu_didim.errors import BuildError
-from fmu_didim.export import build, compile_shared_library
-from fmu_didim.export.build import wrapper_source
+from fmu_didim.export import build, build_fmu, compile_shared_library
+from fmu_didim.export.build import find_compiler, wrapper_source
+from tests.export.helpers import pendulum
 
 SHOWN = '__attribute__((visibility("default"))) '
 
@@ -121,3 +124,20 @@ def test_what_stands_for_the_run_time_library_on_windows(tmp_path: Path) -> None
     library.text.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_double]
     buffer = ctypes.create_string_buffer(20)
     assert library.text(buffer, 20, 0.125) == 10 and buffer.value == b"x is 0.125"
+
+
+def test_whichever_python_starts_ziglang_the_same_fmu_is_met_again(
+    commands: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = build_fmu(pendulum())
+    commands.clear()
+    monkeypatch.setattr(sys, "executable", f"{sys.executable}-by-another-name")
+    assert build_fmu(pendulum()) == first and not commands
+
+
+def test_another_cc_or_other_options_of_it_is_another_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version_with(options: str) -> str:
+        monkeypatch.setenv("CC", f"{shlex.quote(sys.executable)} -P -m ziglang cc {options}".rstrip())
+        return find_compiler().version
+
+    assert len({version_with(""), version_with("-O0"), version_with("-O3")}) == 3

@@ -210,6 +210,10 @@ def small_disk(place: Place, report: Report) -> None:
     subprocess.run(["umount", str(disk)], check=True)
 
 
+def _is_told(done: Done) -> bool:
+    return "cannot be written" in done.errors or "is a file" in done.errors
+
+
 def places_to_write(place: Place, report: Report) -> None:
     """Folders that are missing, read-only, files, or parts of files: told before any work, exit code 1."""
     verb = place.verbs["identify"]
@@ -222,9 +226,9 @@ def places_to_write(place: Place, report: Report) -> None:
         wrong |= {"read-only": read_only, "below a read-only one": read_only / "deep" / "out"}
     for what, out in wrong.items():
         done = place.call(verb, "a", out)
-        told = "cannot be written" in done.errors or "is a file" in done.errors
-        report.check(what, done.code == 1 and done.is_clean and told, done)
-        report.check(f"{what}, before the work", "Reading" not in done.output, done.output)
+        report.check(what, done.code == 1 and done.is_clean and _is_told(done), done)
+        done = run(["identify", str(place.folder / "no_such_case.yaml"), "--out", str(out)], place.cache)
+        report.check(f"{what}, before the case is read", done.code == 1 and _is_told(done), done)
         cached = place.call(verb, "a", place.folder / "unused", cache=out)
         told = "cache" in cached.errors and "FMU_DIDIM_CACHE" in cached.errors
         report.check(f"{what} as cache", cached.code == 1 and cached.is_clean and told, cached)

@@ -25,7 +25,7 @@ def outcome() -> Outcome:
 
 def again(outcome: Outcome, **changes: object) -> list[str]:
     estimate = replace(outcome.estimate, **changes)
-    found = judged(outcome.model, estimate, outcome.validations)
+    found = judged(estimate, outcome.validations)
     return [d.code.name for d in found.reasons]
 
 
@@ -47,6 +47,12 @@ def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: f
     assert again(outcome, roughness=Roughness(change, "ZZ1", jitter)) == told * ["sensitivity-rough"]
 
 
+def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Outcome) -> None:
+    found = judged(replace(outcome.estimate, rivals=(("Ia6", 0.0068),)), outcome.validations)
+    assert (found.verdict, [d.code.name for d in found.reasons]) == ("doubtful", ["another-minimum"])
+    assert (found.reasons[0].place, found.reasons[0].value) == ("Ia6", 0.0068)
+
+
 def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path: Path) -> None:
     """Friction of joint 2 left out of the list: the values of the others depend on what the description has."""
     assert not any("Not identified" in remark for remark in outcome.document.remarks)
@@ -64,8 +70,8 @@ def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path
 @pytest.mark.parametrize(("value", "told"), [(1.0, 0), (0.0, 0), (LONGEST_DELAY, 1)])
 def test_limits(outcome: Outcome, value: float, told: int) -> None:
     """A delay of zero is a value as any other; its highest one is a limit."""
-    estimate = replace(outcome.estimate, value=np.array([value]), covariance=np.array([[0.01]]))
-    found = limit_diagnostics([delay_parameter(1.0)], estimate)
+    model = replace(outcome.model, free_parameters=(replace(delay_parameter(1.0), value=value),))
+    found = limit_diagnostics(replace(outcome.estimate, model=model, covariance=np.array([[0.01]])))
     assert len(found) == told
     assert all(d.place == "delay" and d.bound == LONGEST_DELAY for d in found)
 

@@ -11,14 +11,22 @@ import pytest
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators.didim import Didim
-from fmu_didim.identification.second_minimum import folded_inertias
+from fmu_didim.identification import second_minimum
+from fmu_didim.identification.conclude import Minimum, integration_error
+from fmu_didim.identification.second_minimum import Valley, folded_inertias, lowest
 from fmu_didim.identification.start import start_sequence, start_values
+from fmu_didim.prediction.fit import point
+from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.reference_start import from_reference
+from fmu_didim.prediction.weighting import NoiseOfResidual
 from fmu_didim.statistics import relative_error_percent
 from tests.benchmarks import tx40
+from tests.diagnosis.data.right import loaded
 from tests.helpers import ROOT
+from tests.verdict.catalogue import right
+from tests.verdict.run import answer, named
 
 PD_1_KHZ = ROOT / "examples/tx40/pd_1khz.yaml"
 NOISE = 0.01
@@ -102,4 +110,39 @@ def test_second_minimum_is_left(folder: Path) -> None:
     estimate = Didim(start=dict(zip(model.names, begin, strict=True))).estimate(model)
     assert (np.abs(estimate.value - truth) <= 4 * estimate.standard_deviation).all()
     assert estimate.remarks[-1].startswith("The torque error has several minima along Ia6")
-    assert place in folded_inertias(model, truth)
+    assert not estimate.rivals
+
+
+def test_resonances_above_half_the_rate_of_the_log(folder: Path) -> None:
+    """Joint 6, whose controller is a spring of Kp Ktau N.m/rad and whose inertia is Ia6 + ZZ6, swings at 71 Hz."""
+    model = measured(folder, 2)
+    folded = folded_inertias(model, model.start)
+    spring, inertia = 358.858725 * 6.56, 0.0114 + 0.000353
+    assert next(iter(folded)) == model.index("Ia6")
+    assert folded[model.index("Ia6")] == pytest.approx(100 * 2 * np.pi / np.sqrt(spring / inertia), rel=0.02)
+    assert all(distance < 2 for distance in folded.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1002, 1003, 1006])
+def test_minima_are_told_apart_at_20_hz(seed: int) -> None:
+    """There they lie 3 to 30 % of the inertia apart, and from the usual start the iterations end in a wrong one."""
+    found = answer(right("tx40", seed, rate_hz=20.0), named(loaded("tx40")))
+    assert found.farthest <= 4
+
+
+def test_a_minimum_that_is_nearly_as_low_is_a_rival(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By how much another one may be worse decides, and nothing else."""
+    model = measured(folder, 2)
+    fit = point(model, NoiseOfResidual(model))
+    minimum = Minimum(fit, integration_error(fit), fit_uncertainty(fit))
+    place = model.index("Ia6")
+    for worse, told in ((10.7, True), (10.9, False)):
+        valley = Valley(place, 0.5, fit.chi_square + worse)
+        monkeypatch.setattr(second_minimum, "valleys", lambda _, valley=valley: [valley])
+        found = lowest(minimum, finish=fail)
+        assert found.rivals == ((("Ia6", pytest.approx(0.5 * fit.values[place])),) if told else ())
+
+
+def fail(_: object) -> Minimum:
+    raise AssertionError("nothing is lower")

@@ -11,6 +11,7 @@ import numpy as np
 
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
 from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.signals import Array
 
 Law = Callable[[Mapping[str, float], str], Array]
@@ -127,13 +128,25 @@ class LawModel:
             self.calls.append((tuple(named.values()), one))
         return np.concatenate([self.law(named, one) for one in labels])
 
-    def simulated(self, values: Array, label: str) -> Any:
-        """A loop with a component whose equations are not known."""
-        return SimpleNamespace(connections=(), order=(self.plant_name,), components={self.plant_name: self.plant})
+    def simulation(self, values: Array, label: str) -> LawSimulation:
+        return LawSimulation(self, values, label)  # type: ignore[arg-type]
 
     def residual(self, values: Array, label: str | None = None) -> Array:
         measured = self.measured if label is None else self.data[label]
         return measured - self.torque(values, label)
+
+
+class LawSimulation(Simulation):
+    """An experiment of a law model."""
+
+    @property
+    def system(self) -> Any:
+        """A loop with a component whose equations are not known."""
+        name, plant = self.model.plant_name, self.model.plant
+        return SimpleNamespace(connections=(), order=(name,), components={name: plant})
+
+    def torque(self) -> Array:
+        return self.model.torque(self.values, self.label)
 
 
 GUARDED = {"any": SimpleNamespace(reference=SimpleNamespace(names=(), time=np.arange(3.0)))}

@@ -128,8 +128,8 @@ def test_a_search_among_models_takes_less_care() -> None:
 
 def ladder(law: Callable[[float], Array], start: float = 1.0) -> Ladder:
     one = LawModel(lambda v, _: law(v["a"])[:, None], {"one": np.zeros((COUNT, 1))}, (free("a", start),))
-    values = np.array([start])
-    return Ladder(one, values, "one", one.torque(values), 0, 1.0)  # type: ignore[arg-type]
+    run = one.simulation(np.array([start]), "one")
+    return Ladder(run, run.torque(), 0, 1.0)
 
 
 @pytest.mark.parametrize("wanted", [1e-3, 1e-6])

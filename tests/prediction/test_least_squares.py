@@ -77,7 +77,7 @@ def test_near_the_minimum_one_sensitivity_more_is_enough(model: LoopModel, diffe
     assert found.fit.settled
     assert len(differentiated) == 1
     # Where the last sensitivity was taken is the minimum but for STALE of a standard deviation.
-    moved = np.abs(found.fit.values - differentiated[0]) / np.sqrt(np.diag(found.fit.bound))
+    moved = np.abs(found.fit.values - differentiated[0]) / np.sqrt(np.diag(found.fit.covariance))
     assert moved.max() <= STALE
 
 
@@ -85,7 +85,7 @@ def test_the_minimum_does_not_depend_on_where_the_sensitivity_is_taken(model: Lo
     found, far = finished(at(model, NEAR)), finished(at(model, 1.2 * NEAR))
     assert found.fit.settled
     assert far.fit.settled
-    sigma = np.sqrt(np.diag(found.fit.bound))
+    sigma = np.sqrt(np.diag(found.fit.covariance))
     assert (np.abs(far.fit.values - found.fit.values) <= 2e-5 * sigma).all()
 
 
@@ -93,7 +93,7 @@ def test_at_the_minimum_the_gradient_vanishes(model: LoopModel) -> None:
     """By central differences of the cost, which the solver never looks at."""
     known = replace(model, torque_deviation=noise_of(model).deviation)
     fit = finished(at(known, NEAR)).fit
-    sigma = np.sqrt(np.diag(fit.bound))
+    sigma = np.sqrt(np.diag(fit.covariance))
     assert fit.chi_square == pytest.approx(cost(model, fit.values), rel=1e-9)
     for i in range(NEAR.size):
         step = np.zeros(NEAR.size)
@@ -132,7 +132,7 @@ def test_a_step_to_an_impossible_arm_is_damped(model: LoopModel) -> None:
     fit = minimise(model.with_values(FAR), NoiseOfResidual(model), stopping=SETTLE, progress=seen.append)
     assert fit.settled
     assert any(it.note.startswith("step damped: the inertia matrix is not positive definite") for it in seen)
-    sigma = np.sqrt(np.diag(fit.bound))
+    sigma = np.sqrt(np.diag(fit.covariance))
     assert (np.abs(fit.values - finished(at(model, NEAR)).fit.values) <= 2e-5 * sigma).all()
 
 
@@ -189,7 +189,7 @@ def test_at_a_limit_the_others_go_on(model: LoopModel) -> None:
 
     # Of all others the slope vanishes.
     others = np.delete(fit.values, i)
-    sigma = np.sqrt(np.diag(np.linalg.inv(np.delete(np.delete(np.linalg.inv(fit.bound), i, 0), i, 1))))
+    sigma = np.sqrt(np.diag(np.linalg.inv(np.delete(np.delete(np.linalg.inv(fit.covariance), i, 0), i, 1))))
     for k in range(others.size):
         step = np.zeros(others.size)
         step[k] = 0.1 * sigma[k]

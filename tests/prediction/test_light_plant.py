@@ -34,11 +34,12 @@ def scara(**changes: object) -> LoopModel:
 
 def tracking_and_rest(model: LoopModel) -> tuple[Array, Array]:
     """(n,) how far the true motion is from the reference, and from what the torque implies; where the start is over."""
-    recording = model.record(TRUTH, "estimation", all_ticks=True)
+    recording = model.simulation(TRUTH, "estimation").record(all_ticks=True)
     true = recording.table(model.joint_signals("q"))
     begun = slice(true.shape[0] // 10, -true.shape[0] // 10)
-    tracking = true - whole_reference(model, "estimation")[0]
-    rest = true - implied_motion(model, "estimation")[0]
+    run = model.simulation(model.start, "estimation")
+    tracking = true - whole_reference(run)[0]
+    rest = true - implied_motion(run)[0]
     return tuple(np.sqrt((error[begun] ** 2).mean(axis=0)) for error in (tracking, rest))
 
 
@@ -72,7 +73,7 @@ def test_controller_that_does_not_look_is_not_inverted() -> None:
         components = {**loop.components, "controller": blind}
         systems[label] = replace(loop, components=components, connections=(*kept, *wires))
     with pytest.raises(SimulationError, match="does not follow from the motion of the joints"):
-        implied_motion(replace(model, systems=systems), "estimation")
+        implied_motion(replace(model, systems=systems).simulation(model.start, "estimation"))
 
 
 def test_light_plant_is_that_of_its_equation() -> None:

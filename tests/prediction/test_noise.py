@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.diagnosis.data.checks import data_diagnostics
 from fmu_didim.diagnosis.log_noise import friction_columns
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.errors import InputError
@@ -284,15 +285,16 @@ def test_samples_that_are_missing_are_left_out_of_the_noise(tmp_path: Path) -> N
     )
     less = replace(whole, time=whole.time[kept], torque=whole.torque[kept], operator=operator)
     assert less.rate_hz == pytest.approx(whole.rate_hz)
-    prepared = prepare(model.with_experiment(model.first, less))
+    lacking = model.with_experiment(model.first, less)
+    prepared = prepare(lacking)
     everything = prepare(model.with_experiment(model.first, whole)).fit.noise
     assert prepared.fit.noise.source == "periods"
     assert prepared.fit.noise.period_s == pytest.approx(4.0)
     assert prepared.fit.noise.deviation == pytest.approx(everything.deviation, rel=0.03)
     assert prepared.fit.noise.correlation == pytest.approx(everything.correlation, abs=0.03)
     assert prepared.fit.noise.slow == pytest.approx(everything.slow, abs=0.03)
-    (note,) = prepared.notes
-    assert "6 of 1200 torque samples are missing, the first of them after t = 1.49 s" in note
+    (told,) = data_diagnostics(lacking, causes=False)
+    assert "6 of 1200 torque samples are missing, the first of them after t = 1.49 s" in str(told)
 
 
 def test_exact_repetition_with_a_gap_gives_finite_weights() -> None:

@@ -40,7 +40,7 @@ def fitted(size: float, width: float, seed: int = 5) -> tuple[Fit, Array]:
 def test_values_and_deviations_are_those_without_jitter(size: float, width: float) -> None:
     fit, ideal = fitted(size, width)
     sigma = SIGMA * deviations(slopes(ideal))
-    np.testing.assert_allclose(np.sqrt(np.diag(fit.bound)), sigma, rtol=0.1)
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), sigma, rtol=0.1)
     assert fit.settled and (np.abs(fit.values - ideal) <= 0.6 * sigma).all()
     assert (np.abs(fit.values - 1) <= 3 * sigma).all()
     found = roughness(fit)

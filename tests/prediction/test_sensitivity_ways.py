@@ -18,7 +18,7 @@ from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
 from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
 from fmu_didim.signals import Array
-from tests.prediction.law_model import LawModel, free
+from tests.prediction.law_model import LawModel, LawSimulation, free
 
 T = np.linspace(0, 1, 5)[:, None]
 
@@ -175,7 +175,7 @@ class Varied:
             self.places = places
             return None if absent else "varied"
 
-        def record(model: Any, values: Array, label: str, *, system: Any) -> Any:
+        def record(run: Any, *, system: Any) -> Any:
             lanes = range(len(self.places))
             inputs = {
                 derivative_name(n, k): np.full(7, 10.0 * k + j)
@@ -185,11 +185,9 @@ class Varied:
             return SimpleNamespace(compiled=compiled, inputs=inputs)
 
         monkeypatch.setattr(ways, "with_derivatives", with_derivatives)
-        monkeypatch.setattr(LawModel, "record", record, raising=False)
+        monkeypatch.setattr(LawSimulation, "record", record)
         monkeypatch.setattr(LawModel, "logged", ("drive.u1", "drive.u2"), raising=False)
-        monkeypatch.setattr(
-            LawModel, "operator", lambda *_: SimpleNamespace(apply=lambda table: table[:5]), raising=False
-        )
+        monkeypatch.setattr(LawSimulation, "operator", SimpleNamespace(apply=lambda table: table[:5]))
         monkeypatch.setattr(LawModel, "filtered", lambda model, table, label: table + 0.5, raising=False)
 
 

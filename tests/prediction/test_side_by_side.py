@@ -62,7 +62,7 @@ def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> N
     assert replace(model, workers=1).allowed_workers(TRUTH) == 1
     by_python = with_component(several, "plant", component("control", scara().block()))
     assert may_run_side_by_side(by_python.system(TRUTH))
-    assert not by_python.record(TRUTH).compiled
+    assert not by_python.simulation(TRUTH).record().compiled
     assert by_python.allowed_workers(TRUTH) == 1
     plant = model.plant
     foreign = with_component(several, "plant", replace(plant, fmu=replace(plant.fmu, tool="Another tool")))

@@ -116,7 +116,7 @@ class TestModels:
         model = RobotModel(random_robot(count, seed))
         q, dq, ddq = motion(count, seed)
         chi, s = model.parameter_values, model.shape_values
-        assert model.minimum_inertia(q, chi) > 0
+        assert model.inertia_along(q, chi).min() > 0
         for k in range(q.shape[0]):
             mass = model.mass_matrix(q[k], chi).full()
             torque = model.inverse(q[k], dq[k], ddq[k], chi, s).full().ravel()
@@ -159,9 +159,9 @@ def test_not_positive_definite_inertia_is_seen() -> None:
     q = np.zeros((1, 2))
     chi = model.parameter_values
     chi[model.parameter_index("ZZ1")] = -1.0
-    assert model.minimum_inertia(q, chi) <= 0
+    assert model.inertia_along(q, chi).min() <= 0
     chi[model.parameter_index("ZZ1")] = 1e-4
-    assert model.minimum_inertia(q, chi) <= 0  # coupling larger than the inertias allow
+    assert model.inertia_along(q, chi).min() <= 0  # coupling larger than the inertias allow
 
 
 def test_a_wrong_description_lists_all_its_problems() -> None:

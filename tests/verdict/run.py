@@ -29,12 +29,15 @@ class Answer:
     Attributes:
         verdict: of the judgement; codes: of its reasons, the weightiest first.
         farthest: the largest error of a value in its standard deviations; held_out: the largest ratio of a joint.
+        inside: how many true values lie in the 95 % intervals, out of ``compared``.
     """
 
     verdict: str
     codes: tuple[str, ...]
     farthest: float = 0.0
     held_out: float = 0.0
+    inside: int = 0
+    compared: int = 0
 
     @property
     def is_wrong(self) -> bool:
@@ -56,16 +59,21 @@ def answer(model: LoopModel, truth: Mapping[str, float]) -> Answer:
         estimate = Didim(start="torque").estimate(model)
     except FmuDidimError:
         return Answer("refused", told)
-    found = model.with_values(estimate.value)
-    validations = [validate(found, found.start, label) for label in found.experiments]
-    judgement = judged(found, estimate, validations, before=before)
+    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    judgement = judged(estimate, validations, before=before)
     codes = tuple(reason.code.name for reason in judgement.reasons)
-    return Answer(judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations))
+    inside = _inside(estimate, truth)
+    return Answer(judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations), sum(inside), len(inside))
 
 
 def _farthest(estimate: Estimate, truth: Mapping[str, float]) -> float:
     pairs = zip(estimate.names, estimate.value, estimate.standard_deviation, strict=True)
     return max((abs(value - truth[name]) / sigma for name, value, sigma in pairs if name in truth), default=0.0)
+
+
+def _inside(estimate: Estimate, truth: Mapping[str, float]) -> list[bool]:
+    rows = zip(estimate.names, estimate.interval(), strict=True)
+    return [bool(low <= truth[name] <= high) for name, (low, high) in rows if name in truth]
 
 
 def _ratio(validations: list[Validation]) -> float:

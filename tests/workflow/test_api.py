@@ -15,6 +15,8 @@ import pytest
 
 import fmu_didim
 from fmu_didim import InputError, identify, load_case, simulate, trajectory
+from fmu_didim.case.changes import CaseChanges
+from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli import main
 from tests.workflow.three_experiments import FOLDER, content
 
@@ -111,6 +113,10 @@ def test_logs_are_read_only_where_they_are_needed() -> None:
         _ = case.model
     with pytest.raises(InputError, match="A data file is absent"):
         load_case(document, folder=FOLDER)
+
+
+def test_every_entry_of_a_case_can_be_changed() -> None:
+    assert set(CaseChanges.__annotations__) == set(CaseDocument.model_fields) - {"schema_version"}
 
 
 @pytest.mark.parametrize(

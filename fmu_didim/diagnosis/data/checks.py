@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,15 @@ import numpy as np
 from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import expected
 from fmu_didim.diagnosis.data.log import log_diagnostics
-from fmu_didim.diagnosis.data.nearby import nearby
+from fmu_didim.diagnosis.data.nearby import Nearby, along, nearby
 from fmu_didim.diagnosis.data.reference import reference_diagnostics
 from fmu_didim.diagnosis.data.relation import relation_diagnostics
-from fmu_didim.diagnosis.data.robot import another_robot, length_unit_diagnostics
+from fmu_didim.diagnosis.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
 from fmu_didim.diagnosis.data.runs import run_diagnostics
 from fmu_didim.diagnosis.data.timing import timing
 from fmu_didim.diagnosis.data.units import unit_diagnostics
 from fmu_didim.diagnostics import Diagnostic, by_weight
+from fmu_didim.errors import SimulationError
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
@@ -41,18 +43,45 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     for label, experiment in model.experiments.items():
         found += experiment.told
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
-        given = expected(model, label)
-        found += log_diagnostics(experiment, label, given, 1 / model.systems[label].step_size)
-        of_log = unit_diagnostics(model, label, given) or relation_diagnostics(given, gains, label)
+        run = model.simulation(model.start, label)
+        given = expected(run)
+        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if not causes or of_log or (held_out and explained) or (near := nearby(model, label)) is None:
+        if not causes or of_log or (held_out and explained) or (near := nearby(model.on(label))) is None:
             continue
-        offered = [*timing(near, label, clock_alone=held_out)]
-        if not held_out:
-            offered += another_robot(near, label)
-        explained += near.best(offered)
+        explained += _explained(near, held_out=held_out)
     return by_weight([*found, *explained])
+
+
+def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """The diagnostics without those scales and lengths that explain nothing along the motion of a fit.
+
+    Before a fit the simulated motion is only near the measured one. What is left along it is then no noise, and a
+    scale or a length may make up for a part of that.
+
+    Args:
+        model: with the values of the fit; found: before it.
+    """
+    found = list(found)
+    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH)]
+    if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
+        return found
+    again: list[Diagnostic] = []
+    for label in model.estimation_labels:
+        with suppress(SimulationError):
+            again += _explained(along(model.on(label).simulation(model.start)))
+    codes = {d.code for d in again}
+    return [d for d in found if d not in doubted or d.code in codes]
+
+
+def _explained(near: Nearby, *, held_out: bool = False) -> list[Diagnostic]:
+    """What another timing, scale or length would explain of a log, the best first."""
+    offered = [*timing(near, clock_alone=held_out)]
+    if not held_out:
+        offered += another_robot(near)
+    return near.best(offered)
 
 
 def drive_gains(model: LoopModel) -> Array:

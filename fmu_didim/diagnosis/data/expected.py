@@ -14,7 +14,7 @@ import numpy as np
 from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array
@@ -78,19 +78,19 @@ def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array)
     return np.asarray(columns @ solution + offset)
 
 
-def expected(model: LoopModel, label: str) -> Expected:
+def expected(run: Simulation) -> Expected:
     """What is expected of the log of an experiment: one simulation and one regressor at most."""
-    values, measured = model.start, model.measured_in(label)
+    model, measured = run.model, run.model.measured_in(run.label)
     nominal = columns = known = None
-    if not mass_matrix_problem(model, values):
+    if not mass_matrix_problem(model, run.values):
         try:
-            nominal = model.torque(values, label)
+            nominal = run.torque()
         except SimulationError:
             nominal = None  # the fit deals with such a start
-    names = model.experiments[label].reference.names
+    names = run.experiment.reference.names
     if model.parameters.has_regressor and all(f"q{j}" in names for j in range(1, model.joint_count + 1)):
         try:
-            columns, known = rows_on(model, values, label, whole_reference(model, label))
+            columns, known = rows_on(run, whole_reference(run))
         except FmuDidimError:
             columns = known = None  # effects whose loads no fit along the reference gives
     return Expected(measured, nominal, columns, known)

@@ -23,7 +23,7 @@ from fmu_didim.errors import FmuDidimError
 from fmu_didim.master import SampleOperator
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import TINY, effective_fraction
 from fmu_didim.prediction.prediction import predict
 from fmu_didim.prediction.reference_start import from_reference
@@ -44,13 +44,12 @@ class Nearby:
     """A simulated motion at all ticks of an experiment, and its regressor.
 
     Attributes:
-        model: the loop with that experiment alone; values: (p,) simulated.
+        run: the simulation, of a loop with that experiment alone.
         motion: q, dq, ddq, (K, n) each; observed: (K, no) what the regressor depends on beyond them.
         columns: (K, n, b); known: (K, n), so that the logged torque is columns theta + known.
     """
 
-    model: LoopModel
-    values: Array
+    run: Simulation
     motion: tuple[Array, Array, Array]
     observed: Array | None
     columns: Array
@@ -59,7 +58,7 @@ class Nearby:
     @property
     def experiment(self) -> Experiment:
         """The experiment."""
-        return self.model.experiments[self.model.first]
+        return self.run.experiment
 
     @cached_property
     def size(self) -> Array:
@@ -122,27 +121,27 @@ class Nearby:
 
     def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
         def sampled(values: Array) -> Array:
-            return self.model.filtered(operator.apply(values[operator.ticks]), self.model.first)
+            return self.run.model.filtered(operator.apply(values[operator.ticks]), self.run.label)
 
-        measured = self.model.measured_in(self.model.first)
+        measured = self.run.model.measured_in(self.run.label)
         return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
 
 
-def nearby(model: LoopModel, label: str) -> Nearby | None:
-    """The motion of an experiment after a few steps of DIDIM; None where it cannot be brought near enough."""
-    one = model.on(label)
-    if not one.parameters.has_regressor or one.linear_count < len(one.free_parameters):
+def nearby(model: LoopModel) -> Nearby | None:
+    """The motion of a model of one experiment after a few steps of DIDIM; None where it cannot be brought near
+    enough."""
+    if not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return None
-    for start in _starts(one):
-        reached = _steps(one, start)
+    for start in _starts(model):
+        reached = _steps(model, start)
         if reached is not None and reached[0] <= limits.NEAR:
-            return along(one, reached[1])
+            return along(model.simulation(reached[1]))
     return None
 
 
-def along(model: LoopModel, values: Array) -> Nearby:
-    """The motion of a model of one experiment with values (p,), with its regressor; raises SimulationError."""
-    recording = model.record(values, all_ticks=True)
+def along(run: Simulation) -> Nearby:
+    """A motion with its regressor; raises SimulationError."""
+    recording, model = run.record(all_ticks=True), run.model
     q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
     if model.gives_acceleration:
         ddq = recording.table(model.joint_signals("ddq"))
@@ -151,8 +150,8 @@ def along(model: LoopModel, values: Array) -> Nearby:
     names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
-    known = model.logged_torque(recording, values) - columns @ model.theta(values)
-    return Nearby(model, values, (q, dq, ddq), observed, columns, known)
+    known = run.logged_torque(recording) - columns @ run.theta
+    return Nearby(run, (q, dq, ddq), observed, columns, known)
 
 
 def _starts(model: LoopModel) -> Iterator[Array]:

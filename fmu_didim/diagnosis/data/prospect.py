@@ -19,7 +19,7 @@ from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.signals import Array
-from fmu_didim.statistics import correlation, covariance_efficient
+from fmu_didim.statistics import correlation, covariance_white
 
 NOT_SIGNIFICANT = CATALOGUE(
     "parameters-not-significant", REMARK, rank=60,
@@ -84,7 +84,7 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | Non
     if not np.abs(columns).any(axis=0).all():
         return None
     try:
-        covariance = covariance_efficient(columns)
+        covariance = covariance_white(columns)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(covariance).all():
@@ -131,11 +131,10 @@ def resonances(model: LoopModel, values: Array) -> Array:
     torque that follows has a peak above its beginning where a pair of poles is weakly damped. It is the response of
     the sampled loop, drives and delay included, linearised about the motion.
     """
-    label = model.first
-    experiment, step = model.experiments[label], model.systems[label].step_size
-    reference = experiment.reference
+    run = model.simulation(values)
+    reference, step = run.experiment.reference, run.step_size
     ticks = np.arange(min(reference.time.size, round(limits.RINGING_S / step)))
-    before = model.logged_torque(model.record(values, label, ticks=ticks), values, label)
+    before = run.logged_torque(run.record(ticks=ticks))
     found = np.zeros(model.joint_count)
     for j in range(model.joint_count):
         name = next((n for n in (f"dq{j + 1}", f"q{j + 1}") if n in reference.names), None)
@@ -144,8 +143,8 @@ def resonances(model: LoopModel, values: Array) -> Array:
         kicked = reference.values.copy()
         column = reference.names.index(name)
         kicked[0, column] += limits.KICK * max(float(np.ptp(kicked[:, column])), limits.STANDSTILL)
-        other = model.with_experiment(label, replace(experiment, reference=replace(reference, values=kicked)))
-        after = other.logged_torque(other.record(values, label, ticks=ticks), values, label)
+        other = run.on(replace(run.experiment, reference=replace(reference, values=kicked)))
+        after = other.logged_torque(other.record(ticks=ticks))
         # The first tick shows the jump of the reference itself, not what the loop makes of it.
         found[j] = ringing((after - before)[1:, j], step)
     return found

@@ -111,7 +111,8 @@ def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
     error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
     rows, best = linear_sum_assignment(error)
     own, other = float(np.trace(error)), float(error[rows, best].sum())
-    if own < limits.WRONG_ORDER * size.size or other > limits.OTHER_ORDER * own:
+    doubted = limits.WRONG_ORDER * size.size
+    if own < doubted or other > min(limits.OTHER_ORDER * own, doubted):  # a simulation that is far off tells nothing
         return _order_by_shape(correlations(measured, simulated), label)
     moved = [f"column {j + 1} shows joint {k + 1}" for j, k in zip(rows, best, strict=True) if j != k]
     text = (

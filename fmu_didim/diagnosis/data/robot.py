@@ -54,14 +54,14 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
     ]  # fmt: skip
 
 
-def another_robot(near: Nearby, label: str) -> Iterator[Explanation]:
+def another_robot(near: Nearby) -> Iterator[Explanation]:
     """What another length or another scale would explain of a log, one at a time."""
-    yield from _scales(near, label)
+    yield from _scales(near)
     yield from _link_lengths(near)
 
 
-def _scales(near: Nearby, label: str) -> Iterator[Explanation]:
-    n = near.model.joint_count
+def _scales(near: Nearby) -> Iterator[Explanation]:
+    n = near.run.model.joint_count
     for j in range(n if n > 1 else 0):
         rows = np.arange(n) == j
 
@@ -75,12 +75,12 @@ def _scales(near: Nearby, label: str) -> Iterator[Explanation]:
                 f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
             )
             bound = math.exp(math.copysign(max(limits.SHIFT_SIGMAS * deviation, limits.LEAST_SCALE), x))
-            told = Diagnostic(TORQUE_SCALE, text, f"{label}: joint {j + 1}", math.exp(x), bound, "1")
+            told = Diagnostic(TORQUE_SCALE, text, f"{near.run.label}: joint {j + 1}", math.exp(x), bound, "1")
             yield Explanation(least, near.gain(least), told)
 
 
 def _link_lengths(near: Nearby) -> Iterator[Explanation]:
-    robot, parameters = _description(near.model), near.model.parameters
+    robot, parameters = _description(near.run.model), near.run.model.parameters
     if robot is None or not isinstance(parameters, RobotParameters):
         return
     lengths = _lengths(robot)

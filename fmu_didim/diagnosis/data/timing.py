@@ -20,7 +20,7 @@ from fmu_didim.diagnosis.data.nearby import Explanation, Nearby, along, nearby
 from fmu_didim.diagnosis.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import InputError, SimulationError
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 
 CLOCK_LATE = CATALOGUE(
     "clock-late", DOUBT, rank=21,
@@ -44,30 +44,30 @@ SAMPLING_KIND = CATALOGUE(
 )  # fmt: skip
 
 
-def timing(near: Nearby, label: str, *, clock_alone: bool = False) -> Iterator[Explanation]:
+def timing(near: Nearby, *, clock_alone: bool = False) -> Iterator[Explanation]:
     """What another timing would explain of a log.
 
     Args:
         clock_alone: for held-out data, whose logger and loop are those of the others.
     """
-    yield from _clock(near, label)
+    yield from _clock(near)
     if not clock_alone:
-        yield from _kinds(near, label)
-        yield from _delay(near, label)
+        yield from _kinds(near)
+        yield from _delay(near)
 
 
-def _clock(near: Nearby, label: str) -> Iterator[Explanation]:
+def _clock(near: Nearby) -> Iterator[Explanation]:
     """The shift of the log; the motion is brought near anew with it, because a late log moves that, too."""
-    experiment, step = near.experiment, near.model.systems[label].step_size
+    experiment, step = near.experiment, near.run.step_size
     late, deviation, here = 0.0, np.inf, near
     for _ in range(limits.SHIFT_PASSES):
-        further, deviation = _least_misfit(here, label)
+        further, deviation = _least_misfit(here)
         late += further
         bound = max(limits.SHIFT_SIGMAS * deviation, limits.LEAST_SHIFT * step)
         if abs(further) < bound:
             break
         operator = experiment.operator.stamped_later(late / step, experiment.reference.time.size)
-        aligned = nearby(near.model.with_experiment(label, replace(experiment, operator=operator)), label)
+        aligned = nearby(near.run.on(replace(experiment, operator=operator)).model)
         if aligned is None:
             return
         here = aligned
@@ -80,13 +80,13 @@ def _clock(near: Nearby, label: str) -> Iterator[Explanation]:
         )
         advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
         advice += "to estimate it: identify: {clock: {of: log}}."
-        told = Diagnostic(code, text, label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice)
+        told = Diagnostic(code, text, near.run.label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice)
         yield Explanation(least, near.gain(least), told)
 
 
-def _least_misfit(near: Nearby, label: str) -> tuple[float, float]:
+def _least_misfit(near: Nearby) -> tuple[float, float]:
     """The shift in s with the least misfit, and its standard deviation; infinite where the misfit has no minimum."""
-    experiment, step = near.experiment, near.model.systems[label].step_size
+    experiment, step = near.experiment, near.run.step_size
     count = experiment.reference.time.size
 
     def misfit(late_s: float) -> float:
@@ -104,11 +104,11 @@ def _least_misfit(near: Nearby, label: str) -> tuple[float, float]:
     return late, float(np.sqrt(2 * least / (near.samples * curvature))) if curvature > 0 else np.inf
 
 
-def _kinds(near: Nearby, label: str) -> Iterator[Explanation]:
+def _kinds(near: Nearby) -> Iterator[Explanation]:
     period_ms, ways = 1000 / near.experiment.rate_hz, []
     for kind, window in WAYS:
         try:
-            operator = sampled_as(near.model, label, kind, window)
+            operator = sampled_as(near.run, kind, window)
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
         if not same_sampling(operator, near.experiment.operator):
@@ -116,8 +116,7 @@ def _kinds(near: Nearby, label: str) -> Iterator[Explanation]:
     if not ways:
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
-    other = near.model.with_experiment(label, replace(near.experiment, operator=operator))
-    misfit = _brought_near(near, other, label, misfit)
+    misfit = _brought_near(near, near.run.on(replace(near.experiment, operator=operator)), misfit)
     shows = "points" if kind == "point" else f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp"
     entry = "sampling: point" if kind == "point" else f"sampling: average, window: {window}"
     text = (
@@ -125,17 +124,18 @@ def _kinds(near: Nearby, label: str) -> Iterator[Explanation]:
         "as it is."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    told = Diagnostic(SAMPLING_KIND, text, label, misfit, limits.WORTH_IT, "1", advice)
+    told = Diagnostic(SAMPLING_KIND, text, near.run.label, misfit, limits.WORTH_IT, "1", advice)
     yield Explanation(misfit, near.gain(misfit, 0.0), told)
 
 
-def _delay(near: Nearby, label: str) -> Iterator[Explanation]:
-    model = near.model
+def _delay(near: Nearby) -> Iterator[Explanation]:
+    label, model = near.run.label, near.run.model
     system = model.systems[label]
     samples = float(system.delays.get(model.plant_name, 0.0)) + 1
-    later = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
+    delayed = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
+    later = replace(near.run, model=delayed)
     try:
-        misfit = _brought_near(near, later, label, near.misfit_of(along(later, near.values)))
+        misfit = _brought_near(near, later, near.misfit_of(along(later)))
     except SimulationError:
         return
     text = (
@@ -147,9 +147,9 @@ def _delay(near: Nearby, label: str) -> Iterator[Explanation]:
     yield Explanation(misfit, near.gain(misfit, 0.0), told)
 
 
-def _brought_near(near: Nearby, other: LoopModel, label: str, misfit: float) -> float:
-    """The misfit of another model, with a motion of its own where it promises anything along this one."""
+def _brought_near(near: Nearby, other: Simulation, misfit: float) -> float:
+    """The misfit of another simulation, with a motion of its own where it promises anything along this one."""
     if misfit >= limits.WORTH_IT:
         return misfit
-    own = nearby(other, label)
+    own = nearby(other.model)
     return misfit if own is None else min(misfit, near.misfit_of(own))

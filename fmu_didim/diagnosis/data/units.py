@@ -19,7 +19,7 @@ from fmu_didim.diagnosis.data.expected import Expected
 from fmu_didim.diagnosis.data.relation import relation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.errors import FmuDidimError
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array, Trajectory
 
@@ -42,32 +42,28 @@ UNITS = (
 """Unit of torque of the joints that are asked -> unit suspected, factor, largest range that a machine has."""
 
 
-def unit_diagnostics(model: LoopModel, label: str, given: Expected) -> list[Diagnostic]:
+def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
     """Units of the reference that would explain the log where those that it should have do not."""
-    if (
-        given.columns is None
-        or unlikeness(given.measured, _nominal(model, given.columns, given.known)) <= limits.UNLIKE
-    ):
+    if given.columns is None or unlikeness(given.measured, _nominal(run, given.columns, given.known)) <= limits.UNLIKE:
         return []
-    reference = model.experiments[label].reference
+    reference = run.experiment.reference
     for kind, words, factor, largest, unit in UNITS:
-        joints = [j for j, of in enumerate(model.parameters.torque_units, start=1) if of == kind]
+        joints = [j for j, of in enumerate(run.model.parameters.torque_units, start=1) if of == kind]
         if not joints:
             continue
-        converted = _converted(reference, joints, factor)
-        other = model.with_experiment(label, replace(model.experiments[label], reference=converted))
+        other = run.on(replace(run.experiment, reference=_converted(reference, joints, factor)))
         try:
-            columns, known = rows_on(other, model.start, label, whole_reference(other, label))
+            columns, known = rows_on(other, whole_reference(other))
         except FmuDidimError:
             continue
-        left = unlikeness(given.measured, _nominal(model, columns, known))
+        left = unlikeness(given.measured, _nominal(run, columns, known))
         if left <= limits.LIKE:
             widest = max(float(np.ptp(reference.column(f"q{j}"))) for j in joints)
             code = REFERENCE_UNIT if widest > largest else REFERENCE_UNIT_DOUBT
             text = (
                 f"The reference seems to be in {words}: converted, it explains the log, and its range is {widest:.4g}."
             )
-            return [Diagnostic(code, text, label, widest, largest, unit)]
+            return [Diagnostic(code, text, run.label, widest, largest, unit)]
     return []
 
 
@@ -83,8 +79,8 @@ def unlikeness(measured: Array, expected: Array) -> float:
     return float(np.mean(np.minimum(1 - correlation + apart, 2.0)[moving]))
 
 
-def _nominal(model: LoopModel, columns: Array, known: Array | None) -> Array:
-    torque = columns @ model.start[: columns.shape[2]]
+def _nominal(run: Simulation, columns: Array, known: Array | None) -> Array:
+    torque = columns @ run.values[: columns.shape[2]]
     return torque if known is None else torque + known
 
 

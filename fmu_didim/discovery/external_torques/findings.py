@@ -29,7 +29,7 @@ def refitted(fitted_torques: FittedExternalTorques, final: Fit) -> tuple[Fit, Fi
         free = minimise(model.with_free(further), final.noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
     except SimulationError:
         return final, fitted_torques.free
-    held = model.pushed(label, free.model.external_torques(free.values, label)).with_values(free.values[:count])
+    held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
     fixed = replace(free, model=held, values=free.values[:count], jacobian=free.jacobian[:, :, :count])
     return fixed, free
 
@@ -69,7 +69,7 @@ def external_torque_windows(free: Fit, label: str) -> list[WindowResult]:
             joint=p.joint, begin_s=p.begin_s, end_s=p.end_s, torque=p.torque, experiment=label,
             score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, limits.SMALLEST_DEVIATION),
         )
-        for i, p in enumerate(free.model.external_torques(free.values, label), start=1)
+        for i, p in enumerate(free.simulation(label).external_torques, start=1)
     ]  # fmt: skip
 
 
@@ -95,7 +95,7 @@ def _gaps(before: Fit, after: Fit) -> Mapping[str, GapPair]:
     result = {}
     for label in before.model.experiments:
         try:
-            pair = [f.model.residual(f.values, label) for f in (before, after)]
+            pair = [f.residual_in(label) for f in (before, after)]
         except SimulationError:
             continue
         result[label] = gap_pair(pair[0], pair[1], after.noise)

@@ -136,7 +136,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         if moved is not None:
             better = minimise(moved, noise, stopping=Stopping(limits.FIRST_STEPS))
             free = better if better.chi_square < free.chi_square else free
-        held = model.pushed(label, free.model.external_torques(free.values, label))
+        held = model.pushed(label, free.simulation(label).external_torques)
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None

@@ -15,7 +15,7 @@ Source: orthogonal matching pursuit, Pati, Rezaiifar, Krishnaprasad, Asilomar 19
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
@@ -34,16 +34,15 @@ from fmu_didim.signals import Array
 def step_response(fit: Fit, label: str, joint: int) -> Array | None:
     """(K,) change of the command by a lasting unit torque on the joint in an experiment, from the tick on at which it
     begins."""
-    model = fit.model
-    experiment = model.experiments[label]
-    time = experiment.reference.time
-    size = float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
+    run = fit.simulation(label)
+    time, already = run.experiment.reference.time, run.experiment.external_torques
+    size = float(np.sqrt(np.mean(run.model.measured_in(label)[:, joint - 1] ** 2)))
     begin = time.size // 2
     try:
-        still = model.logged_torque(model.record(fit.values, label, all_ticks=True), fit.values, label)
+        still = run.logged_torque(run.record(all_ticks=True))
         external = ExternalTorque(joint, float(time[begin]), float(time[-1] + 1.0), size)
-        moved = model.pushed(label, (*experiment.external_torques, external))
-        after = moved.logged_torque(moved.record(fit.values, label, all_ticks=True), fit.values, label)
+        moved = run.on(replace(run.experiment, external_torques=(*already, external)))
+        after = moved.logged_torque(moved.record(all_ticks=True))
     except SimulationError:
         return None
     return np.asarray((after - still)[begin:, joint - 1] / size)

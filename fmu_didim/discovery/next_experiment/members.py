@@ -10,7 +10,6 @@ import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import Proposal, parameter_cost
 from fmu_didim.discovery.next_experiment import thresholds
-from fmu_didim.discovery.next_experiment.motions import motion_table
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.discovery.screening.thresholds import LARGEST_COLUMN
 from fmu_didim.effects import Effect, JointTorque, TorqueEffect
@@ -18,6 +17,7 @@ from fmu_didim.errors import InputError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.motion import Motion, motion_of
 from fmu_didim.prediction.noise import Noise
+from fmu_didim.prediction.reference_start import reference_motion
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
 from fmu_didim.signals import Array, Trajectory
@@ -74,7 +74,7 @@ class ProjectedMotion:
     ) -> None:
         self._setting, self._model, self.joints = context, model, model.joint_count
         self.is_quick = most is not None
-        moved = motion_table(reference, self.joints) if context.follow is None else context.follow(reference)
+        moved = reference_motion(reference, self.joints) if context.follow is None else context.follow(reference)
         time = reference.time
         step, none = float(time[1] - time[0]), np.zeros_like(moved[0])
         # Only what states need; torque and load are computed where something asks for them.

@@ -8,6 +8,7 @@ import numpy as np
 
 from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.errors import InputError
+from fmu_didim.prediction.reference_start import reference_motion
 from fmu_didim.signals import Array, Trajectory, trajectory
 
 
@@ -31,22 +32,9 @@ class Limits:
 
     def keeps(self, motion: Trajectory) -> bool:
         """Whether a motion stays within the limits."""
-        q, dq, ddq = motion_table(motion, self.low.size)
+        q, dq, ddq = reference_motion(motion, self.low.size)
         inside = (q >= self.low).all() and (q <= self.high).all()
         return bool(inside and (np.abs(dq) <= self.speed).all() and (np.abs(ddq) <= self.acceleration).all())
-
-
-def motion_table(reference: Trajectory, joints: int) -> tuple[Array, Array, Array]:
-    """q, dq, ddq (K, n) of a reference; derivatives that it lacks by differences."""
-    names = range(1, joints + 1)
-    table = [reference.select([f"q{j}" for j in names])]
-    for kind in ("dq", "ddq"):
-        wanted = [f"{kind}{j}" for j in names]
-        if set(wanted) <= set(reference.names):
-            table.append(reference.select(wanted))
-        else:
-            table.append(np.gradient(table[-1], reference.time, axis=0))
-    return table[0], table[1], table[2]
 
 
 def limits_of(
@@ -58,7 +46,7 @@ def limits_of(
     Raises:
         InputError: a joint does not move.
     """
-    q, dq, ddq = motion_table(reference, joints)
+    q, dq, ddq = reference_motion(reference, joints)
     middle, half = (q.max(axis=0) + q.min(axis=0)) / 2, np.ptp(q, axis=0) / 2 * position_scale
     speed, acceleration = np.abs(dq).max(axis=0) * speed_scale, np.abs(ddq).max(axis=0) * acceleration_scale
     return Limits(middle - half, middle + half, speed, acceleration)

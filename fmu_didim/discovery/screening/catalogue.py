@@ -70,7 +70,7 @@ class SignatureCatalogue:
         self._signatures: list[Signature] = []
         self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
         torque, rows = fit.torque, fit.model.rows
-        self._beginnings = {label: Beginning.of(fit.model, label, torque[part]) for label, part in rows.items()}
+        self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
         derived = self._by_derivatives(smooth) if smooth else {}
         watch, left = watch or Watch(), list[EffectAtJoint]()
@@ -222,7 +222,7 @@ class SignatureCatalogue:
         wanted = [i for places in own.values() for i in places]
         pinned, parts = model.integrated_as(model.start), []
         for label in model.estimation_labels:
-            varied = by_variation(pinned, model.start, label, wanted, self._beginnings[label], lasting=True)
+            varied = by_variation(pinned.simulation(model.start, label), wanted, self._beginnings[label], lasting=True)
             if len(varied) < len(wanted):
                 return None
             parts.append(np.stack([varied[i] for i in wanted], axis=2))
@@ -243,7 +243,10 @@ class SignatureCatalogue:
             try:
                 parts = [
                     change_of_torque(
-                        model, model.start, label, torque[part], self._beginnings[label], tolerance=limits.REPEATS
+                        model.simulation(model.start, label),
+                        torque[part],
+                        self._beginnings[label],
+                        tolerance=limits.REPEATS,
                     )
                     for label, part in rows.items()
                 ]
@@ -268,10 +271,7 @@ class _Along:
 
     @staticmethod
     def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
-        response, motion = (
-            load_response(fit, label),
-            simulated_motion(fit.model, fit.values, label, builder.description),
-        )
+        response, motion = load_response(fit, label), simulated_motion(fit.simulation(label), builder.description)
         return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:

@@ -11,7 +11,7 @@ Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
 
@@ -71,8 +71,8 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     Args:
         seed: of the telegraph signal.
     """
-    model = fit.model
-    reference = model.experiments[label].reference
+    run = fit.simulation(label)
+    model, reference = run.model, run.experiment.reference
     time, step = reference.time, reference.step
     every = max(round(limits.SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
@@ -81,14 +81,14 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     table = toeplitz(switched, np.zeros(length))
     normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
     try:
-        still = _command(model, fit.values, label, ())
+        still = _command(run, ())
         joints = range(1, model.joint_count + 1)
-        tasks = [_answer(model, fit.values, label, still, switched, time[ticks], j) for j in joints]
+        tasks = [_answer(run, still, switched, time[ticks], j) for j in joints]
         answers = side_by_side(tasks, model.allowed_workers(fit.values))
         taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
     except SimulationError:
         taps = np.eye(model.joint_count)[None]
-    return LoadResponse(ticks, taps, _sampling(fit, label, every, ticks.size))
+    return LoadResponse(ticks, taps, _sampling(run, every, ticks.size))
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
@@ -101,13 +101,11 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
     return signal
 
 
-def _answer(
-    model: LoopModel, values: Array, label: str, still: Array, switched: Array, time: Array, joint: int
-) -> Callable[[], Array]:
+def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: int) -> Callable[[], Array]:
     """What simulates the change (ticks, n) of the command by the telegraph signal on a joint, for its unit size."""
 
     def simulated() -> Array:
-        size = limits.SIZE * float(np.sqrt(np.mean(model.measured_in(label)[:, joint - 1] ** 2)))
+        size = limits.SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]
@@ -115,20 +113,20 @@ def _answer(
             ExternalTorque(joint, float(a), float(b), float(level))
             for a, b, level in zip(time[edges], ends, levels, strict=True)
         ]
-        return (_command(model, values, label, external_torques) - still) / size
+        return (_command(run, external_torques) - still) / size
 
     return simulated
 
 
-def _command(model: LoopModel, values: Array, label: str, further: Sequence[ExternalTorque]) -> Array:
+def _command(run: Simulation, further: Sequence[ExternalTorque]) -> Array:
     """(ticks, n) command at all ticks, the external torques left out of it."""
-    model = model.pushed(label, (*model.experiments[label].external_torques, *further))
-    return model.logged_torque(model.record(values, label, all_ticks=True), values, label)
+    run = run.on(replace(run.experiment, external_torques=(*run.experiment.external_torques, *further)))
+    return run.logged_torque(run.record(all_ticks=True))
 
 
-def _sampling(fit: Fit, label: str, every: int, count: int) -> sparse.csr_array:
+def _sampling(run: Simulation, every: int, count: int) -> sparse.csr_array:
     """(N, K): straight lines between the ticks of the response, then the samples of the log."""
-    operator = fit.model.operator(fit.values, label)
+    operator = run.operator
     place = np.minimum(operator.ticks / every, count - 1.0)
     left = np.minimum(place.astype(int), max(count - 2, 0))
     part = place - left

@@ -1,4 +1,4 @@
-"""Right data of three robots, made by their own loops: random motions, white noise, start values off by up to 2.5."""
+"""Right data of five robots, made by their own loops: random motions, noise, start values off by up to 2.5."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from fmu_didim.campaigns.truth import unit_noise
 from fmu_didim.case import load_case
 from fmu_didim.excitation import Fourier
 from fmu_didim.master import sample_operator
@@ -20,12 +21,16 @@ CASES = {
     "scara": "examples/scara/identify.yaml",
     "arm": "examples/arm2r/discover.yaml",
     "tx40": "examples/tx40/discover_load.yaml",
+    "puma560": "tests/verdict/robots/puma560_case.yaml",
+    "rv2sq": "tests/verdict/robots/rv2sq_case.yaml",
 }
-RATES = {"scara": 50.0, "arm": 100.0, "tx40": 100.0}
+RATES = {"scara": 50.0, "arm": 100.0, "tx40": 100.0, "puma560": 100.0, "rv2sq": 100.0}
 OFF = 2.5
 """Largest factor by which start values are wrong, up or down."""
 NOISE = 0.03
 """Standard deviation of the noise, of that of the torque."""
+MEMORY_S = 0.05
+"""Memory of the coloured part of the noise."""
 
 
 @cache
@@ -59,12 +64,13 @@ def right(
     rate_hz: float | None = None,
     change: Callable[[LoopModel], LoopModel] | None = None,
     noise: float = NOISE,
+    coloured: float = 0.0,
 ) -> LoopModel:
     """The loop with logs of its own, a share of noise, and start values that are wrong.
 
     Args:
         change: what the real loop is other than the model says: the logs are then wrong.
-        noise: its standard deviation, of that of the torque.
+        noise: its standard deviation, of that of the torque; coloured: share of its variance that is autoregressive.
     """
     truth = loaded(robot)
     rng = np.random.default_rng([seed, 7])
@@ -73,7 +79,8 @@ def right(
         run = logged(truth, label, motion(robot, seed, label), rate_hz or RATES[robot])
         real = run if change is None else change(run.on(label))
         torque = real.torque(real.start, label)
-        errors = noise * torque.std(axis=0) * rng.normal(size=torque.shape)
+        unit = unit_noise(rng, run.experiments[label].time, torque.shape[1], coloured=coloured, memory_s=MEMORY_S)
+        errors = noise * torque.std(axis=0) * unit
         experiments[label] = replace(run.experiments[label], torque=torque + errors)
     model = replace(truth, experiments=experiments)
     while True:

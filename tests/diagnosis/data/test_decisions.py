@@ -103,6 +103,11 @@ def test_another_order_by_size(own: float, other: float, told: bool) -> None:
     assert ("joint-order" in names(found(measured, simulated))) is told
 
 
+def test_a_simulation_that_is_far_off_says_nothing_of_the_order() -> None:
+    """The other order leaves a thousandth of the error, and still six times the torque's square for each joint."""
+    assert names(found(np.column_stack([100 * A, B]), np.column_stack([C, 300 * C]))) == []
+
+
 @pytest.mark.parametrize(("own", "other", "told"), [(0.2, 0.75, True), (0.3, 0.75, False), (0.1, 0.69, False)])
 def test_another_order_by_shape(own: float, other: float, told: bool) -> None:
     """Correlations of two torques with their own and with the other simulated one; sizes say nothing."""

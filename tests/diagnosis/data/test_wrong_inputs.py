@@ -145,7 +145,7 @@ def averaged(window: str) -> Callable[[LoopModel], LoopModel]:
     return lambda model: with_experiment(
         model,
         model.first,
-        operator=sampled_as(model, model.first, "average", window),  # type: ignore[arg-type]
+        operator=sampled_as(model.simulation(model.start), "average", window),  # type: ignore[arg-type]
     )
 
 

@@ -21,7 +21,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
-from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of, motion_table
+from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
@@ -41,6 +41,7 @@ from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.parameters import RobotParameters
+from fmu_didim.prediction.reference_start import reference_motion
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.signals import Array, Trajectory
 from tests.helpers import PERIOD, ROOT, on_reference
@@ -213,7 +214,7 @@ def on_pendulum(*proposals: Proposal) -> tuple[ProjectedMotion, list[AmbiguousEf
     reference, model = motion(**SLOWER), RobotModel(PENDULUM)
     context = DesignContext(PENDULUM, model.parameter_values, PENDULUM_NOISE, 50.0, EFFECTS)
     members = [AmbiguousEffect(p, context, model) for p in proposals]
-    q, dq, ddq = (v[: reference.time.size - 1 : 4, 0] for v in motion_table(reference, 1))
+    q, dq, ddq = (v[: reference.time.size - 1 : 4, 0] for v in reference_motion(reference, 1))
     return ProjectedMotion(context, model, reference), members, np.column_stack([ddq, np.cos(q), np.sin(q), dq]), dq
 
 
@@ -252,7 +253,7 @@ def test_limits_are_kept(seed: int) -> None:
             built = candidate.build(u)
             found = built if isinstance(built, Trajectory) else built.trajectory(1 / PERIOD)
             assert found.time[-1] == pytest.approx(12.0)
-            q, dq, ddq = motion_table(found, 3)
+            q, dq, ddq = reference_motion(found, 3)
             assert (q >= limits.low).all() and (q <= limits.high).all()
             assert (np.abs(dq) <= limits.speed).all() and (np.abs(ddq) <= limits.acceleration).all()
             for table in (dq[0], dq[-1], ddq[0], q[0] - q[-1]):

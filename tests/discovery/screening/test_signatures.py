@@ -203,7 +203,7 @@ def test_states_do_not_look_ahead() -> None:
 
 def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
     """Torque minus load is the friction of the joint."""
-    motion = simulated_motion(bench.fit.model, bench.fit.values, "estimation", bench.builder.description)
+    motion = simulated_motion(bench.fit.simulation("estimation"), bench.builder.description)
     assert motion is not None
     friction = motion.torque - motion.load
     for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
@@ -222,7 +222,7 @@ def test_grid_of_the_shapes() -> None:
 
 def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     """Columns at some ticks are those of all ticks, there."""
-    motion = simulated_motion(bench.fit.model, bench.fit.values, "estimation", bench.builder.description)
+    motion = simulated_motion(bench.fit.simulation("estimation"), bench.builder.description)
     assert motion is not None
     effect = EFFECTS["load_dependent_friction"]
     assert isinstance(effect, TorqueEffect)

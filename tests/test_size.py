@@ -1,0 +1,68 @@
+"""Functions fit on a page, and modules stay small."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "fmu_didim"
+LONGEST_FUNCTION = 60
+"""Lines of code, without docstring, blank lines and comments."""
+MEDIAN_MODULE = 150
+
+
+def lines_of_code(text: str) -> dict[str, int]:
+    """Name and first line of each function -> its lines of code."""
+    lines, found = text.splitlines(), {}
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        assert node.end_lineno is not None
+        said = node.body[0] if ast.get_docstring(node) is not None else None
+        of_docstring = range(0) if said is None else range(said.lineno, (said.end_lineno or 0) + 1)
+        own = [lines[i - 1].strip() for i in range(node.lineno, node.end_lineno + 1) if i not in of_docstring]
+        found[f"{node.name}:{node.lineno}"] = sum(bool(line) and not line.startswith("#") for line in own)
+    return found
+
+
+FUNCTIONS = '''
+def f(
+    a,
+):
+    """One.
+
+    Two."""
+    # why
+
+    return a  # it
+
+async def g(): pass
+
+class A:
+    def f(self):
+        def g():
+            return 1
+        return g
+'''
+
+
+def test_lines_of_code_are_counted() -> None:
+    assert lines_of_code(FUNCTIONS) == {"f:2": 4, "g:12": 1, "f:15": 4, "g:16": 2}
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.iterdir()), ids=lambda path: path.name)
+def test_no_function_is_longer_than_a_page(path: Path) -> None:
+    modules = [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
+    found = {
+        f"{module.relative_to(PACKAGE)}:{name}": count
+        for module in modules
+        for name, count in lines_of_code(module.read_text(encoding="utf-8")).items()
+    }
+    assert {name: count for name, count in found.items() if count > LONGEST_FUNCTION} == {}
+
+
+def test_most_modules_are_small() -> None:
+    assert median(len(p.read_text(encoding="utf-8").splitlines()) for p in PACKAGE.rglob("*.py")) <= MEDIAN_MODULE
