@@ -83,6 +83,7 @@ def test_what_is_found_out(
         # The 5th of January or the 1st of May.
         ("t,q1\n05/01/2026 12:00:00,1\n05/01/2026 12:00:01,2\n", r"day or with the month[\s\S]*05/01/2026"),
         ("t,q1\n2026-02-31 12:00:00,1\n2026-02-31 12:00:01,2\n", r"no rows of numbers|not a row of numbers"),
+        ("t,q1\n01:00:00 PM,1\n01:00:01 PM,2\n", r"no rows of numbers|not a row of numbers"),
         # A column is of stamps or of numbers.
         ("t,q1\n12:00:00,1\n5,2\n", r"line 3"),
         ("t,q1\n1,1\n12:00:00,2\n", r"line 3"),
@@ -114,6 +115,12 @@ def test_calendar_stamps_are_seconds_of_the_day(tmp_path: Path, text: str, secon
     assert f"calendar times, counted in s from {note}" in table.notes
     assert_array_equal(table.columns["q1"][-1], 2)
     assert read_trajectory(tmp_path / "a.csv", time="t").time.tolist() == seconds
+
+
+def test_times_of_day_do_not_go_on_over_midnight_unseen(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", "t,q1\n23:59:59.5,1\n0:00:00,2\n0:00:00.5,3\n")
+    with pytest.raises(InputError, match=r"Time does not increase[\s\S]*86399"):
+        read_trajectory(path)
 
 
 def test_layout_may_be_stated(tmp_path: Path) -> None:
