@@ -97,13 +97,16 @@ def markdown(text: str) -> str:
 
 
 def _paragraphs(text: str) -> str:
-    """Paragraphs as markdown; those that are indented are code."""
-    blocks = re.split(r"\n\n+", text)
-    return "\n\n".join(
-        f"```text\n{inspect.cleandoc(b)}\n```" if b.startswith("    ") else markdown(" ".join(b.split()))
-        for b in blocks
-        if b.strip()
-    )
+    """Paragraphs as markdown; those that are indented are code, those whose lines begin with a star are lists."""
+    return "\n\n".join(_paragraph(block) for block in re.split(r"\n\n+", text) if block.strip())
+
+
+def _paragraph(block: str) -> str:
+    if block.startswith("    "):
+        return f"```text\n{inspect.cleandoc(block)}\n```"
+    if block.startswith("* "):
+        return "\n".join(f"- {markdown(' '.join(item.split()))}" for item in re.split(r"(?:^|\n)\* ", block)[1:])
+    return markdown(" ".join(block.split()))
 
 
 def _model(model: type[BaseModel], level: int = 2) -> list[str]:
@@ -267,7 +270,9 @@ def _commands(parser: argparse.ArgumentParser) -> list[str]:
         usage = " ".join([parser.prog, *(_usage(a) for a in plain if not a.option_strings)])
         head = f"## {parser.prog}\n\n{_paragraphs(parser.description or '')}"
         rows = [(f"`{_option(a)}`", markdown(a.help or "")) for a in plain]
-        parts.append("\n\n".join(filter(None, [head, f"```text\n{usage}\n```", _table(("argument", "meaning"), rows)])))
+        examples = f"```text\n{parser.epilog}\n```" if parser.epilog else ""
+        table = _table(("argument", "meaning"), rows)
+        parts.append("\n\n".join(filter(None, [head, f"```text\n{usage}\n```", table, examples])))
     for action in nested:
         for name in sorted(action.choices):
             parts += _commands(action.choices[name])

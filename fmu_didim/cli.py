@@ -256,7 +256,7 @@ def _add_fmu(commands: _Commands) -> None:
     tasks = four.add_subparsers(required=True, metavar="info|check")
     for name, run in (("info", _fmu_info), ("check", _fmu_check)):
         task = _verb(tasks, name, run, run.__doc__ or "", f"fmu {name}")
-        task.add_argument("file", type=Path, metavar="FILE.fmu")
+        task.add_argument("file", type=Path, metavar="FILE.fmu", help="the FMU")
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")

@@ -11,6 +11,7 @@ from fmu_didim.errors import InputError
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SHELLS = ("bash", "zsh", "tcsh")
+KINDS = ("case", "robot", "controller", "effect", "campaign")
 _INIT = """examples:
   fmu-didim init log.csv                          reference and torque in one file
   fmu-didim init ref.csv torque.csv ref_test.csv torque_test.csv --out mycase
@@ -41,7 +42,7 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     """
     verbs = [_add_init(commands), _add_validate(commands), _add_effects(commands), _add_schema(commands)]
     shell = _verb(commands, "completion", "print the completion of commands and options for a shell", _COMPLETION)
-    shell.add_argument("shell", choices=SHELLS)
+    shell.add_argument("shell", choices=SHELLS, help=", ".join(SHELLS))
     shell.set_defaults(run=_completion, parser=parser)
     return [*verbs, shell]
 
@@ -70,7 +71,7 @@ def _add_init(commands: Commands) -> argparse.ArgumentParser:
 
 def _add_validate(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(commands, "validate", "find all mistakes in a case and in the files that it names, at once", _VALIDATE)
-    verb.add_argument("case", type=Path, metavar="CASE.yaml")
+    verb.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
     verb.add_argument("--json", action="store_true", help="print them as JSON")
     verb.set_defaults(run=_validate)
     return verb
@@ -78,7 +79,7 @@ def _add_validate(commands: Commands) -> argparse.ArgumentParser:
 
 def _add_effects(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(commands, "effects", "list the physical effects, or explain one", _EFFECTS)
-    verb.add_argument("name", nargs="?", metavar="NAME")
+    verb.add_argument("name", nargs="?", metavar="NAME", help="an effect, or package.module:Name of one of your own")
     verb.add_argument("--json", action="store_true", help="print the entry, or all of them, as JSON")
     verb.set_defaults(run=_effects)
     return verb
@@ -91,7 +92,7 @@ def _add_schema(commands: Commands) -> argparse.ArgumentParser:
         "print the JSON Schema of a case, robot, controller or campaign file, or of an effect",
         _SCHEMA,
     )
-    verb.add_argument("kind", choices=("case", "robot", "controller", "effect", "campaign"))
+    verb.add_argument("kind", choices=KINDS, help=", ".join(KINDS))
     verb.set_defaults(run=_schema)
     return verb
 

@@ -54,10 +54,11 @@ class Strict(BaseModel):
         schema = handler(core)
         own = handler.resolve_ref_schema(schema)
         own["description"] = about(cls)
-        texts = key_texts(cls, cls.model_fields) | {"schema_version": "Number of this form of the document."}
-        for name, info in cls.model_fields.items():
-            if name in texts:
-                own["properties"][info.alias or name].setdefault("description", texts[name])
+        keys = {name: info.alias or name for name, info in cls.model_fields.items()}
+        texts = key_texts(cls, {*keys, *keys.values()}) | {"schema_version": "Number of this form of the document."}
+        for name, key in keys.items():
+            if text := texts.get(name, texts.get(key)):
+                own["properties"][key].setdefault("description", text)
         return schema
 
 
@@ -216,10 +217,32 @@ def validate(model: type[Model], content: dict[str, Any], *, where: str, lines: 
     try:
         made = model.model_validate(content)
     except ValidationError as error:
+        if other := _other_kind(content, model):
+            raise InputError(f"This is {other}.", where=where, next_step=KINDS[other][1]) from error
         raise problems_error([*open_, *problems(error, model, lines)], where=where) from error
     if open_:
         raise problems_error(open_, where=where)
     return made
+
+
+KINDS = {
+    "a controller description": (
+        "law",
+        "Name it in a case, controller: {source: ...}; fmu-didim export makes an FMU.",
+    ),
+    "a campaign": ("vary", "fmu-didim campaign run takes it."),
+    "a case": ("train", "fmu-didim identify, check and discover take it; with --ssp export does, too."),
+    "a case of several experiments": ("experiments", "fmu-didim identify, check and discover take it."),
+    "a robot description": ("joints", "Name it in a case, robot: ...; fmu-didim export makes an FMU."),
+}
+"""Kind of a file -> the key by which it is known, and what it is for."""
+
+
+def _other_kind(content: dict[str, Any], model: type[BaseModel]) -> str:
+    """Which kind a document is instead, by keys that this model has not; empty where it has one that the model has."""
+    known = {info.alias or name for name, info in model.model_fields.items()}
+    found = {kind: mark in known for kind, (mark, _) in KINDS.items() if mark in content}
+    return "" if not found or any(found.values()) else next(iter(found))
 
 
 def problems(error: ValidationError, model: type[BaseModel], lines: Lines | None = None) -> list[str]:

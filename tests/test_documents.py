@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -214,3 +215,27 @@ def test_a_command_needs_a_gain_for_each_joint(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     with pytest.raises(InputError, match=r"One drive gain is needed for each joint[\s\S]*2 numbers"):
         load_case(path)
+
+
+@pytest.mark.parametrize(
+    ("read", "file", "told"),
+    [
+        (load_case, "fmus/scara/robot.yaml", r"This is a robot description[\s\S]*robot: \.\.\."),
+        (load_case, "controllers/scara_pd.yaml", r"This is a controller description"),
+        (load_case, "examples/campaigns/controller_swap.yaml", r"This is a campaign[\s\S]*campaign run"),
+        (read_robot, "examples/scara/identify.yaml", r"This is a case\."),
+        (read_robot, "examples/scara/two_payloads.yaml", r"This is a case of several experiments"),
+        (read_robot, "controllers/scara_pd.yaml", r"This is a controller description|law: unknown key"),
+    ],
+)
+def test_another_kind_of_file_is_told(read: Callable[[str], object], file: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        read(file)
+    assert file.rpartition("/")[2] in str(caught.value)
+
+
+def test_a_stray_key_makes_no_other_kind(tmp_path: Path) -> None:
+    text = Path("examples/scara/identify.yaml").read_text(encoding="utf-8")
+    (tmp_path / "case.yaml").write_text(f"{text}law: pd\n", encoding="utf-8")
+    with pytest.raises(InputError, match="law: unknown key"):
+        load_case(tmp_path / "case.yaml")

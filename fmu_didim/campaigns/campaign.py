@@ -7,7 +7,7 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import cpu_count
 from pathlib import Path
 from typing import Any
@@ -231,13 +231,16 @@ def campaign(
     """
     if isinstance(source, Mapping):
         content, folder, stem = dict(source), Path(folder), str(source.get("name", "campaign")).replace("/", "_")
+        file = ""
     else:
         content, folder = load_yaml(source), Path(source).parent
+        file = Path(source).name
         stem = f"{Path(source).resolve().parent.name}-{Path(source).stem}"
     plan, found = read_campaign(content, folder)
     if plan is None:
         raise problems_error(found, where=stem if isinstance(source, Mapping) else str(source))
-    return Campaign(plan, Path(out) if out is not None else Path("results") / stem, told_before=found)
+    out = Path(out) if out is not None else Path("results") / stem
+    return Campaign(replace(plan, file=file), out, told_before=found)
 
 
 def study(
@@ -280,6 +283,7 @@ def opened(folder: Path | str) -> Campaign:
     store = Store(folder)
     head = store.head()
     found = campaign(head["campaign"], Path(folder), folder=head["folder"])
+    found.plan = replace(found.plan, file=head.get("file", ""))
     ids = set(store.planned()["id"].to_pylist())
     if ids != set(found.plan.by_id):
         code = "the code" if head["code"] != code_digest() else "a file"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fmu-didim campaign run campaign.yaml --out results/study --workers 4",
     ),
     "retry": ("fmu-didim campaign retry results/study", "fmu-didim campaign retry results/study --only 3f2a"),
-    "status": ("fmu-didim campaign status results/study",),
+    "status": ("fmu-didim campaign status results/study", "fmu-didim campaign status results/study --json | jq .open"),
     "report": ("fmu-didim campaign report results/study",),
     "show": ("fmu-didim campaign show results/study", "fmu-didim campaign show results/study 3f2a --files run"),
 }
@@ -40,7 +42,7 @@ def add_campaign(commands: Any, say: Say) -> None:
         return found
 
     one = task("run", _run, "run what is not in the folder yet; the exit code is 3 where runs have failed")
-    one.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml")
+    one.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml", help="the campaign file")
     one.add_argument("--out", type=Path, metavar="RUN", help="folder of the results (results/<campaign>)")
     one.add_argument("--dry-run", action="store_true", help="check all, tell count, first runs and time, by two trials")
     two = task("retry", _retry, "run again what has failed, or the runs named by --only")
@@ -54,6 +56,7 @@ def add_campaign(commands: Any, say: Say) -> None:
     five = task("show", _show, "what one run is and gave, or which runs have failed")
     for each in (two, three, four, five):
         each.add_argument("folder", type=Path, metavar="RUN", help="folder of the results of a campaign")
+    three.add_argument("--json", action="store_true", help="print it as JSON")
     five.add_argument("id", nargs="?", metavar="ID", help="a run, or the first digits of its id")
     five.add_argument("--files", type=Path, metavar="DIR", help="write its case and data there")
 
@@ -109,7 +112,7 @@ def _status(options: argparse.Namespace, say: Say) -> int:
     from fmu_didim.campaigns.store import Store
 
     status = status_of(Store(options.folder))
-    for line in status.lines():
+    for line in [json.dumps(asdict(status), indent=1)] if options.json else status.lines():
         say(line)
     return NOT_DONE if status.open or sum(status.failures.values()) else 0
 

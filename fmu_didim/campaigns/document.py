@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.documents import Positive, Strict
+from fmu_didim.documents import AlsoWritten, Positive, Strict
 
 
 def _values(value: Any) -> Any:
@@ -39,7 +39,11 @@ KINDS = ("grid", "zip", "list", "random", "latin_hypercube")
 
 
 class Span(Strict):
-    """A range from which values are drawn, evenly or evenly in the logarithm."""
+    """A range from which values are drawn.
+
+    Attributes:
+        low, high: its ends; scale: whether values are spread evenly, or evenly in their logarithm.
+    """
 
     low: float
     high: float
@@ -62,6 +66,7 @@ class Block(Strict):
         zip: path -> values, as many for each; the first ones together, the second ones, ...
         list: mappings from path to value, one a combination.
         random, latin_hypercube: path -> range or list of choices; ``count`` combinations are drawn with ``seed``.
+        count: how many combinations are drawn; seed: of the drawing, the same one draws the same.
     """
 
     grid: Mapping[str, Values] | None = None
@@ -112,6 +117,7 @@ class Noise(Strict):
     Attributes:
         relative: standard deviation of the torque as a part of each joint's RMS torque; std: in N.m or N, one a joint.
         coloured: part of its power that is a first-order autoregression with the memory ``memory_s``.
+        memory_s: time in s after which the coloured part is correlated by 1/e.
         position_std: of simulated positions, in rad or m, for all joints.
     """
 
@@ -142,7 +148,12 @@ class Limits(Strict):
 
 
 class Options(Strict):
-    """Options of ``discover``, as of the verb."""
+    """Options of ``discover``, as of the verb.
+
+    Attributes:
+        forbid: effects that are never proposed; prefer: effects that are taken first where they fit.
+        effects: further candidates, ``package.module:Name``; rounds: largest number of effects that are named.
+    """
 
     forbid: tuple[str, ...] = ()
     prefer: tuple[str, ...] = ()
@@ -161,6 +172,7 @@ class CampaignDocument(Strict):
     """A campaign file.
 
     Attributes:
+        name: of the campaign, shown on top of its results; description: what it is about.
         case: the base case: its file, relative to the campaign, or its content.
         verb: what is done with every case.
         vary: path of a field of the case (``train.torque.rate_hz``, ``controller.source``, ``estimator.start``) -> its
@@ -171,7 +183,7 @@ class CampaignDocument(Strict):
         truth: entries of the case in which the simulated machine differs from it; ``{}`` for none. Without ``truth``
             and ``noise`` the data are those that the case names.
         noise: of the simulated data.
-        options: of ``discover``. limits: of a run.
+        options: of ``discover``; limits: of a run.
         keep: whether all result files of every run are kept, its page and the tables of its torque among them.
     """
 
@@ -180,8 +192,8 @@ class CampaignDocument(Strict):
     description: str = ""
     case: str | dict[str, Any] | None = None
     verb: Literal["identify", "discover"] = "identify"
-    vary: tuple[Block, ...] = ()
-    seeds: tuple[int, ...] = (0,)
+    vary: Annotated[tuple[Block, ...], AlsoWritten(("object",))] = ()
+    seeds: Annotated[tuple[int, ...], AlsoWritten(("integer",))] = (0,)
     truth: dict[str, Any] | None = None
     noise: Noise | None = None
     options: Options = Options()

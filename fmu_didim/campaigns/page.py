@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 from pyarrow.csv import write_csv
@@ -17,19 +17,18 @@ from pyarrow.parquet import write_table
 
 from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
+from fmu_didim.campaigns.charts import page_figures
+from fmu_didim.campaigns.notebook import banner
 from fmu_didim.campaigns.quality import USED
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
 from fmu_didim.campaigns.texts import shown
-from fmu_didim.report.charts import SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
-from fmu_didim.report.tables import Matrix, Table, matrix, table
+from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
-from fmu_didim.report.verdict import Banner
 
 TEMPLATE = "campaign.html.j2"
-PANEL_HEIGHT = 220
 DISCOVERY_REPORT = "discovery.html"
 
 
@@ -78,15 +77,17 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
     head = results.head
     campaign = head["campaign"]
     runs = results.to_frame(parameters=False)
-    figures = _figures(results)
+    figures = page_figures({path: results.by_parameter(path) for path in results.paths})
     confusion = results.confusion()
-    provenance = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
+    provenance: dict[str, Any] = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
     provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
+    if head.get("file"):
+        provenance["command"] = shlex.join(["fmu-didim", "campaign", "run", head["file"]])
     write_page(
         path,
         TEMPLATE,
         document=SimpleNamespace(name=campaign["name"], provenance=provenance),
-        verdict=_banner(status.planned, status.open, sum(status.failures.values()), status.lines()),
+        verdict=banner(status),
         description=campaign.get("description", ""),
         cards=_cards(summary, status.planned - status.open, status.planned),
         remarks=results.remarks(),
@@ -94,21 +95,13 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         groups=_groups(results, summary, runs),
         axes=_axes(results),
         parameters=_parameters(results, quality),
+        rows_open=limits.ROWS_OPEN,
         figures=figures,
         confusion=None if confusion.empty else _confusion(confusion),
         rows=_rows(results, runs),
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
         left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
         show=f"fmu-didim campaign show {results.folder}",
-    )
-
-
-def _banner(planned: int, open_: int, failed: int, lines: Sequence[str]) -> Banner:
-    """Whether the campaign is complete; of its answers the tables speak."""
-    if open_:
-        return Banner("doubtful", "NOT COMPLETE", "\n".join(lines))
-    return Banner(
-        "doubtful" if failed else "good", "COMPLETE" + (", WITH FAILURES" if failed else ""), "\n".join(lines)
     )
 
 
@@ -125,9 +118,21 @@ def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, st
     return cards
 
 
+def _counts(summary: pd.DataFrame) -> list[str]:
+    """The counts of groups that say something: none that is zero everywhere, no data where each run has its own."""
+    told = [name for name in ("doubtful", "not_settled", "refused", "failed", "open") if summary[name].any()]
+    data = ["data"] if (summary["data"] != summary["runs"]).any() else []
+    return ["runs", *data, "valid", *told]
+
+
 def _group_heads(results: Results, summary: pd.DataFrame) -> tuple[str, ...]:
-    found = [*results.paths, "runs", "data", "valid", "doubtful", "not settled", "refused", "failed", "open"]
-    found += ["iterations", "torque error %", "s"]
+    found = [
+        *results.paths,
+        *(name.replace("_", " ") for name in _counts(summary)),
+        "iterations",
+        "torque error %",
+        "s",
+    ]
     return (
         *found,
         *(("coverage", "95 % interval", "with misses", "largest bias / σ") if "coverage" in summary else ()),
@@ -141,13 +146,15 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
     members = {_key(key): group for key, group in grouped}
     listed = set(runs.head(limits.ROWS_SHOWN)["id"])
+    counts = _counts(summary)
     cells = []
     for row in summary.to_dict("records"):
         texts = [shown(row[path]) for path in results.paths]
-        texts += [str(row[name]) for name in ("runs", "data", *USED, "not_settled", "refused", "failed", "open")]
+        texts += [str(row[name]) for name in counts]
         texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
         if "coverage" in row:
-            interval = f"{_percent(row['coverage_low'])} to {_percent(row['coverage_high'])}"
+            low, high = row["coverage_low"], _percent(row["coverage_high"])
+            interval = f"{100 * low:.1f} to {high}" if low == low else MISSING
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
             texts.append(significant(row["largest_bias_in_sigma"], 2))
         group = members[_key(tuple(row[path] for path in results.paths))].head(limits.CELL_RUNS)
@@ -165,7 +172,7 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
     found = []
     for path in results.paths if len(results.paths) > 1 else []:
         summary = results.groups(path)
-        names = ["runs", "valid", "doubtful", "not_settled", "refused", "failed"]
+        names = _counts(summary)
         heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
         if "coverage" in summary:
             heads += ["coverage", "with misses", "largest bias / σ"]
@@ -193,43 +200,6 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
     ]  # fmt: skip
     words = tuple(range(len(results.paths) + 2))
     return table(heads, rows, words, is_aligned=False) if rows else None
-
-
-def _figures(results: Results) -> list[tuple[str, Chart | None, Matrix | None]]:
-    """Bias and sigma over each field of numbers; over the others a map of the bias of each parameter."""
-    found: list[tuple[str, Chart | None, Matrix | None]] = []
-    for path in results.paths:
-        quality = results.by_parameter(path)
-        if quality.empty or quality[path].nunique() < 2:
-            continue
-        quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)
-        if all(isinstance(v, int | float) and not isinstance(v, bool) for v in quality[path]):
-            found.append((path, _over_numbers(quality, path, f"field-{len(found) + 1}"), None))
-        elif not quality["bias_in_sigma"].isna().all():
-            found.append((path, None, _over_names(quality, path)))
-    return found
-
-
-def _over_numbers(quality: pd.DataFrame, path: str, name: str) -> Chart:
-    panels = []
-    for head, column in (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias")):
-        series = [
-            Series(str(parameter), group[path].to_numpy(float), np.abs(group[column] / group["size"]).to_numpy(float),
-                   f"series{k % SERIES}")
-            for k, (parameter, group) in enumerate(quality.sort_values(path).groupby("parameter", sort=False))
-        ]  # fmt: skip
-        panels.append(Panel("% of the value", series, head, PANEL_HEIGHT, log=True))
-    title = f"σ and bias of each parameter over {path}, in percent of its true, else of its mean value"
-    return Chart(name, title, panels, path, log=bool((quality[path] > 0).all()))
-
-
-def _over_names(quality: pd.DataFrame, path: str) -> Matrix:
-    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
-        index="shown", columns="parameter", values="bias_in_sigma", sort=False
-    )
-    rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
-    most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
-    return matrix(f"bias / σ over {path}", list(map(str, cross.columns)), rows, largest=most, digits=1)
 
 
 def _confusion(counts: pd.DataFrame) -> Table:

@@ -91,12 +91,13 @@ class Plan:
     """The runs of a campaign.
 
     Attributes:
-        document: the campaign; folder: to which its paths are relative.
+        document: the campaign; folder: to which its paths are relative; file: its name there, empty without one.
     """
 
     document: CampaignDocument
     folder: Path
     references: References = field(default_factory=References)
+    file: str = ""
 
     @property
     def code(self) -> str:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,11 @@ from fmu_didim.campaigns.quality import USED, by_parameter, of_all_parameters, p
 from fmu_didim.campaigns.status import VERDICTS, Status, status_of
 from fmu_didim.campaigns.store import FAILURES, Store
 from fmu_didim.campaigns.texts import groups_text
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.report.table import wrapped
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 
 class Results:
@@ -168,6 +172,32 @@ class Results:
     @cached_property
     def _qualities(self) -> dict[tuple[str, ...], pd.DataFrame]:
         return {}
+
+    def plot(self, field: str | None = None) -> Figure:
+        """A plotly figure: sigma and, where true values are known, bias of each parameter over a field that varies.
+
+        Args:
+            field: its path, the first one by default.
+
+        Raises:
+            UnknownNameError: nothing of this name varies; InputError: nothing varies, or there is nothing to draw.
+        """
+        from fmu_didim.campaigns.charts import field_chart
+        from fmu_didim.report.figures import plotly_figure
+
+        if field is None and not self.paths:
+            raise InputError(
+                "There is no axis to draw over: only the seeds vary.", where=str(self.folder),
+                next_step="by_parameter() has bias, sigma and coverage; or let the campaign vary a field.",
+            )  # fmt: skip
+        path = field or self.paths[0]
+        return plotly_figure(field_chart(self.by_parameter(path), path))
+
+    def _repr_html_(self) -> str:
+        """For notebooks: how far it is, the groups, and what to have in mind with their figures."""
+        from fmu_didim.campaigns.notebook import results_html
+
+        return results_html(self.status(), self.groups(), self.paths, self.remarks())
 
     def confusion(self) -> pd.DataFrame:
         """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""

@@ -93,7 +93,7 @@ class Store:
             )  # fmt: skip
         head = {
             "campaign": plan.document.model_dump(mode="json", by_alias=True, exclude_unset=True),
-            "folder": str(plan.folder.resolve()), "code": plan.code, "version": __version__,
+            "file": plan.file, "folder": str(plan.folder.resolve()), "code": plan.code, "version": __version__,
             "planned": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "count": len(plan.runs),
             "paths": list(plan.paths),
         }  # fmt: skip

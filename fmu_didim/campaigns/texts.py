@@ -13,18 +13,23 @@ from fmu_didim.report.table import column, joined
 
 def groups_text(summary: pd.DataFrame, names: Sequence[str]) -> str:
     """The groups by some fields, one a line."""
-    columns = [column(name, [shown(v) for v in summary[name]], left=True) for name in names]
+    found = group_columns(summary, names)
+    return "\n".join(joined([column(head, texts, left=head in names) for head, texts in found.items()]))
+
+
+def group_columns(summary: pd.DataFrame, names: Sequence[str]) -> dict[str, list[str]]:
+    """What is shown of groups by some fields: head of a column -> a text a group."""
+    columns = {name: [shown(v) for v in summary[name]] for name in names}
     others = [name for name in ("not_settled", "refused", "failed", "open") if summary[name].any()]
-    counts = ["runs", "valid", "doubtful", *others]
-    columns += [column(n.replace("_", " "), [str(v) for v in summary[n]]) for n in counts]
-    columns.append(column("torque error %", [f"{v:.2f}" for v in summary["error_percent"]]))
+    columns |= {n.replace("_", " "): [str(v) for v in summary[n]] for n in ("runs", "valid", "doubtful", *others)}
+    columns["torque error %"] = [f"{v:.2f}" for v in summary["error_percent"]]
     if "coverage" in summary:
         low, high = summary["coverage_low"], summary["coverage_high"]
         ranges = zip(summary["coverage"], low, high, strict=True)
-        columns.append(column("coverage (95 % interval)", [f"{c:.3f} ({a:.2f} to {b:.2f})" for c, a, b in ranges]))
-        columns.append(column("with misses", [f"{v:.3f}" for v in summary["coverage_least"]]))
-        columns.append(column("largest bias/σ", [f"{v:.2f}" for v in summary["largest_bias_in_sigma"]]))
-    return "\n".join(joined(columns))
+        columns["coverage (95 % interval)"] = [f"{c:.3f} ({a:.2f} to {b:.2f})" for c, a, b in ranges]
+        columns["with misses"] = [f"{v:.3f}" for v in summary["coverage_least"]]
+        columns["largest bias/σ"] = [f"{v:.2f}" for v in summary["largest_bias_in_sigma"]]
+    return columns
 
 
 def duration(seconds: float) -> str:

@@ -33,6 +33,9 @@ FEW_RUNS = TABLE(
     "FEW_RUNS", 20, "runs",
     "Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %.",
 )  # fmt: skip
+ROWS_OPEN = TABLE(
+    "ROWS_OPEN", 48, "rows", "Of the table of parameters up to which the page shows it unfolded: six groups of eight."
+)
 PREPARED = TABLE("PREPARED", 4, "cases", "Loaded cases that a worker keeps; runs of one case follow each other.")
 TRIED = TABLE(
     "TRIED",

@@ -117,7 +117,7 @@ class SignalFile(Strict):
     Attributes:
         file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
         columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
-            sign: -1, gear_ratio: ..., torque_constant: ...}``.
+            zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``.
         time: name of the time column, or ``{name: ..., unit: ms}``, or ``{rate_hz: ...}`` where there is none.
         csv: how a CSV file is written, where that cannot be found out.
         obtain: where a user gets the file, shown when it is absent.

@@ -8,7 +8,8 @@ import numpy as np
 
 from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.discovery import thresholds as limits
-from fmu_didim.errors import InputError
+from fmu_didim.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.identification.start import start_sequence, start_text, start_values
 from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
@@ -35,11 +36,27 @@ class Prepared:
 
 
 def prepare(model: LoopModel) -> Prepared:
-    """Noise and base fit of a loop model.
+    """Noise and base fit of a loop model, from its own values or, where the loop fails with them, as identification.
+
+    A robot of which nothing is known, as ``init`` writes it, has no inertia at all.
 
     Raises:
-        InputError: the torque logs are too short.
+        InputError: the torque logs are too short; SimulationError: no start holds.
     """
+    try:
+        return _from_start(model)
+    except SimulationError as failed:
+        for kind in start_sequence(model, "description")[1:]:
+            try:
+                found = _from_start(model.with_values(start_values(model, kind)))
+            except (SimulationError, IdentificationError):
+                continue
+            note = f"The search starts from {start_text(kind)}: with the values of the description the loop fails."
+            return replace(found, notes=(note, *found.notes))
+        raise failed
+
+
+def _from_start(model: LoopModel) -> Prepared:
     samples, count = model.measured.shape[0], model.parameters.count
     if samples < limits.FEWEST_SAMPLES * count:
         raise InputError(

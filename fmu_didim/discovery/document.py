@@ -101,6 +101,7 @@ def findings_document(
         candidates=_candidates(discovery),
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
         base_fit=values_found(discovery.base, lambda parameter: parameter.effect is None),
+        regrouping=discovery.base.model.parameters.relations(),
         friction=friction_curves(builder, discovery.base, discovery.final),
         torque_unit=list(units),
         seconds=0.0,

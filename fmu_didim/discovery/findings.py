@@ -240,6 +240,7 @@ class FindingsDocument(_Document):
     candidates: list[CandidateResult] = Field([], description="of each round")
     base_parameters: list[ValueFound]
     base_fit: list[ValueFound] = Field([])
+    regrouping: list[str] = Field([], description="of the base parameters: relations such as ZZ1R = ZZ1 + Ia1")
     friction: list[FrictionResult] = Field([])
     torque_unit: list[str]
     seconds: float

@@ -30,11 +30,20 @@ class Wire:
     gains: tuple[float, ...]
 
     @property
-    def text(self) -> str:
-        """The signals, and the gain where it is not one."""
-        shown = ", ".join(self.signals[:SHOWN_SIGNALS]) + (", …" if len(self.signals) > SHOWN_SIGNALS else "")
+    def signal_text(self) -> str:
+        """The signals, the first ones where there are many."""
+        return ", ".join(self.signals[:SHOWN_SIGNALS]) + (", …" if len(self.signals) > SHOWN_SIGNALS else "")
+
+    @property
+    def gain_text(self) -> str:
+        """The gain where it is not one."""
         gains = [f"{gain:.4g}" for gain in self.gains if gain != 1]
-        return shown + (f" × {', '.join(gains[:2])}{', …' if len(gains) > 2 else ''}" if gains else "")
+        return f"× {', '.join(gains[:2])}{', …' if len(gains) > 2 else ''}" if gains else ""
+
+    @property
+    def text(self) -> str:
+        """Both."""
+        return f"{self.signal_text} {self.gain_text}".strip()
 
 
 def wires(connections: Sequence[object]) -> list[Wire]:
@@ -106,12 +115,17 @@ def _cut(text: str) -> str:
 
 
 def _straight(wire: Wire, left: Mapping[str, int], top: int, loop: Mapping[str, Any]) -> str:
-    """A wire between neighbours, with the delay at its end."""
+    """A wire between neighbours, its signals above, its gain and the delay at its end below."""
     begin, end, y = left[wire.source] + BOX_WIDTH, left[wire.target], top + BOX_HEIGHT // 2
     samples = float(dict(loop.get("delay_samples") or {}).get(wire.target, 0.0) or 0.0)
-    text = f'<text class="small" text-anchor="middle" x="{(begin + end) / 2}" y="{y - 9}">{escape(wire.text)}</text>'
-    late = f'<text class="late" text-anchor="middle" x="{(begin + end) / 2}" y="{y + 20}">delay {samples:.4g}</text>'
-    return f'<path class="wire" d="M{begin} {y}H{end}"/>{_tip(end, y, "right")}{text}{late if samples else ""}'
+    below = [("small", wire.gain_text), ("late", f"delay {samples:.4g}" if samples else "")]
+    lines = [("small", y - 9, wire.signal_text)]
+    lines += [(style, y + 18 + 15 * k, text) for k, (style, text) in enumerate(line for line in below if line[1])]
+    texts = "".join(
+        f'<text class="{style}" text-anchor="middle" x="{(begin + end) / 2}" y="{at}">{escape(text)}</text>'
+        for style, at, text in lines
+    )
+    return f'<path class="wire" d="M{begin} {y}H{end}"/>{_tip(end, y, "right")}{texts}'
 
 
 def _around(wire: Wire, left: Mapping[str, int], edge: int, away: int) -> str:

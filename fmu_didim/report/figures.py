@@ -46,6 +46,9 @@ def plotly_figure(chart: Chart) -> go.Figure:
         height=total + 120, hovermode="x unified", template="plotly_white", modebar={"remove": list(SENDS_DATA)},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "yref": "container"},
     )  # fmt: skip
+    if chart.ticks:
+        places, texts = zip(*chart.ticks, strict=True)
+        figure.update_xaxes(tickvals=places, ticktext=texts)
     return figure
 
 

@@ -12,6 +12,9 @@ from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict
 
 TEMPLATE = "notebook.html.j2"
+HEADS = ("parameter", "value", "σ", "unit", "95 % from", "to")
+WORDS = (0, 3)
+"""Columns that hold words, which begin at the left."""
 
 
 def result_html(document: ResultDocument) -> str:
@@ -30,9 +33,10 @@ def result_html(document: ResultDocument) -> str:
         TEMPLATE,
         name=document.name,
         verdict=verdict(document),
-        heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
+        heads=HEADS,
+        words=WORDS,
         groups=rows,
-        note="* not significantly different from zero" if any(t.insignificant for _, g in groups for t in g) else "",
+        notes=["* not significantly different from zero"] * any(t.insignificant for _, g in groups for t in g),
         figures=[(f"torque error, {title}", text) for title, text in errors],
     )
 
@@ -49,9 +53,10 @@ def discovery_html(document: FindingsDocument) -> str:
         TEMPLATE,
         name=document.name,
         verdict=verdict_of(document),
-        heads=("parameter", "value", "σ", "unit", "95 % from", "to"),
+        heads=HEADS,
+        words=WORDS,
         groups=groups,
-        note="",
+        notes=(),
         figures=[
             (f"gap / noise, {words.experiment_name(document, label)}", words.step_text(pair, changed=changed))
             for label, pair in document.gap.items()

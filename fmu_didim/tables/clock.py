@@ -40,7 +40,7 @@ def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | 
         )  # fmt: skip
     if time.name is not None:
         return table.column(time.name)
-    found = next(iter(own), None) or _by_name(table)
+    found = next(iter(own), None) or _by_name(table) or (table.calendar[0] if len(table.calendar) == 1 else None)
     if found is None:
         raise InputError(
             "The file has no time column.", where=table.source, got=", ".join(table.columns),
@@ -85,6 +85,11 @@ def instants(table: Table, time: TimeColumn, clock: str | None, count: int) -> t
 def _seconds(table: Table, clock: str, time: TimeColumn) -> float:
     unit = time.unit or table.unit(clock)
     known = known_unit(unit) if unit else None
+    if clock in table.calendar and known != known_unit("s"):
+        raise InputError(
+            "The time column holds dates or times of day, which have no unit.", where=f"{table.source}, column {clock}",
+            got=unit, next_step="Leave out unit: in time: {...}.",
+        )  # fmt: skip
     if known is not None and known.powers != {"s": 1}:
         raise InputError(
             "The unit of the time column is none of time.", where=f"{table.source}, column {clock}", got=unit,

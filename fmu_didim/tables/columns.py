@@ -15,7 +15,7 @@ from fmu_didim.units import UnitDefinition, known_unit
 class Column(Strict):
     """A column of a file; written short as its name alone.
 
-        signal = sign * scale * number * (its unit in SI) * torque_constant * gear
+        signal = sign * (scale * number - zero) * (its unit in SI) * torque_constant * gear
 
     where gear is 1 / gear_ratio of positions, velocities and accelerations, and gear_ratio of torques.
 
@@ -23,6 +23,8 @@ class Column(Strict):
         name: in the file; a number counts the columns from 1 where the file has no header.
         unit: of the numbers times ``scale``, such as deg, rpm, mm, Nm, A; by default what the file states, else SI.
         scale: such as 0.01 where the file counts hundredths; sign: -1 where the axis counts the other way round.
+        zero: what the file shows, times ``scale`` and in ``unit``, where the signal is zero: the offset of an axis, or
+            of a current sensor.
         gear_ratio: where the column is of the motor side: turns of the motor in one of the joint; of a prismatic joint
             rad of the motor for 1 m.
         torque_constant: of a torque logged as a current, in N.m/A (N/A), of the same kind of ampere as the log.
@@ -32,6 +34,7 @@ class Column(Strict):
     unit: str | None = None
     scale: float = Field(default=1.0, allow_inf_nan=False)
     sign: Literal[1, -1] = 1
+    zero: float = Field(default=0.0, allow_inf_nan=False)
     gear_ratio: Positive | None = None
     torque_constant: Positive | None = None
 
@@ -134,7 +137,7 @@ def _powers(unit: str) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Conversion:
-    """signal = factor * number.
+    """signal = factor * number - shift.
 
     Attributes:
         unit: of the column; from_file: whether the file states it and numbers had to be converted from it.
@@ -142,6 +145,7 @@ class Conversion:
     """
 
     factor: float
+    shift: float = 0.0
     unit: str = ""
     from_file: bool = False
     contradicts: str = ""
@@ -167,7 +171,7 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     other = known_unit(stated) if stated and column.unit is not None else None
     differs = other is not None and definition is not None and other != definition
     from_file = column.unit is None and definition is not None and definition.factor != 1.0
-    return Conversion(factor, unit, from_file, stated if differs else "")
+    return Conversion(factor, factor / column.scale * column.zero, unit, from_file, stated if differs else "")
 
 
 def _gear(column: Column, wanted: Target) -> float:

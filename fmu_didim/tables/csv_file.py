@@ -22,6 +22,7 @@ from pydantic import Field
 from fmu_didim.documents import Strict
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Array
+from fmu_didim.tables.calendar_time import SLASHES, Calendar
 from fmu_didim.tables.table import Table
 from fmu_didim.units import known_unit
 
@@ -57,6 +58,7 @@ class _Parsed:
     units: tuple[str, ...]
     data: Array
     lines_before: int
+    calendar: Calendar
 
     def same(self, other: _Parsed) -> bool:
         return self.names == other.names and np.array_equal(self.data, other.data, equal_nan=True)
@@ -89,18 +91,19 @@ def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
         else:
             if parsed is not None and not any(parsed.same(other) for other in found):
                 found.append(parsed)
-    _refuse_if_unclear(path, found, misfits)
+    _refuse_if_unclear(path, lines, found, misfits)
     only = found[0]
     notes = list(_notes(only, layout, encoding))
     names = only.names or tuple(str(i + 1) for i in range(only.data.shape[1]))
     doubled = sorted(name for name, count in Counter(names).items() if count > 1)
     if doubled:
         raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200])
-    units = dict(zip(names, only.units, strict=False))
+    stamps = [names[k] for k in sorted(only.calendar.columns)]
+    units = dict(zip(names, only.units, strict=False)) | dict.fromkeys(stamps, "s")
     return Table(
         columns={name: only.data[:, i] for i, name in enumerate(names)},
         units={name: unit for name, unit in units.items() if unit not in _NO_UNIT},
-        notes=tuple(notes), source=str(path), has_header=bool(only.names),
+        notes=tuple(notes), source=str(path), has_header=bool(only.names), calendar=tuple(stamps),
     )  # fmt: skip
 
 
@@ -126,8 +129,11 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     before: list[tuple[int, list[str]]] = []
     data: list[list[float]] = []
     count = 0
+    calendar = Calendar()
     for number, cells in _rows(lines, delimiter):
-        numbers = _numbers(cells, decimal)
+        if not data:
+            calendar = Calendar()  # what stands above the numbers is none of their stamps
+        numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
         if not data:
             count = len(cells)
             if numbers is None:
@@ -144,7 +150,7 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
         return None
     names, units = _header(before, count, delimiter, decimal)
     used = bool(names) + bool(units)
-    return _Parsed(delimiter, decimal, names, units, np.array(data), len(before) - used)
+    return _Parsed(delimiter, decimal, names, units, np.array(data), len(before) - used, calendar)
 
 
 def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
@@ -162,15 +168,45 @@ def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
             yield rows.line_num, cells
 
 
-def _numbers(cells: list[str], decimal: str) -> list[float] | None:
+def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -> list[float] | None:
+    """The numbers of a row; None if it is none.
+
+    Args:
+        calendar: where cells may be its stamps, in the same columns as before, and beside at least one number.
+    """
+    plain = cells
     if decimal == ",":
-        if not all(_COMMA.fullmatch(cell) for cell in cells):
-            return None
-        cells = [cell.replace(",", ".") for cell in cells]
+        plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else "" for cell in cells]
+    if any("_" in cell for cell in cells):  # 1_0 is no ten
+        return None
     try:
-        return None if any("_" in cell for cell in cells) else [float(cell) for cell in cells]  # 1_0 is no ten
+        found, stamps = [float(cell) for cell in plain], set[int]()
+    except ValueError:
+        if calendar is None:
+            return None
+        values = [_number(cell) for cell in plain]
+        stamps = {k for k, value in enumerate(values) if value is None}
+        values = [calendar.seconds(cells[k]) if k in stamps else value for k, value in enumerate(values)]
+        found = [value for value in values if value is not None]
+        if len(found) < len(cells) or len(stamps) == len(cells):
+            return None
+    if calendar is not None and stamps != calendar.columns:
+        if calendar.columns:
+            return None
+        calendar.columns = stamps
+    return found
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
     except ValueError:
         return None
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell is no name, because it is a number, whichever the decimal sign, or a stamp."""
+    return any(_numbers([cell], sign) is not None for sign in ".,") or Calendar().seconds(cell) is not None
 
 
 def _header(
@@ -184,7 +220,7 @@ def _header(
     if above and len(above[0][1]) == count and len(last) <= count and _is_unit_row(last):
         units = [cell.strip("[]() ") for cell in last]
         line, last = above[0]
-    if len(last) != count or any(_numbers([cell], decimal) is not None for cell in last):
+    if len(last) != count or any(_is_value(cell) for cell in last):
         raise _MisfitError(line, last, count, delimiter, decimal)
     return tuple(name.lstrip("#%").strip() if i == 0 else name for i, name in enumerate(last)), tuple(units)
 
@@ -197,7 +233,7 @@ def _is_unit_row(cells: list[str]) -> bool:
     return bool(stated) and (of_time or None not in known)
 
 
-def _refuse_if_unclear(path: Path, found: list[_Parsed], misfits: list[_MisfitError]) -> None:
+def _refuse_if_unclear(path: Path, lines: list[str], found: list[_Parsed], misfits: list[_MisfitError]) -> None:
     if len(found) > 1:
         raise InputError(
             "The CSV file can be read in several ways.", where=str(path), got="; ".join(_in_words(f) for f in found),
@@ -205,6 +241,13 @@ def _refuse_if_unclear(path: Path, found: list[_Parsed], misfits: list[_MisfitEr
         )  # fmt: skip
     if found:
         return
+    slashed = [line for line in lines if SLASHES.search(line)]
+    if 2 * len(slashed) > len(lines):
+        raise InputError(
+            "A date with slashes may begin with the day or with the month.", where=str(path), got=slashed[0][:80],
+            valid="2026-05-31 12:00:00.5, 31.05.2026 12:00:00.5 or 12:00:00.5",
+            next_step="Let the logger write dates so; or leave them out and count the rows: time: {rate_hz: ...}.",
+        )  # fmt: skip
     if not misfits:
         raise InputError("The CSV file holds no rows of numbers.", where=str(path))
     worst = max(misfits, key=lambda m: (m.line, m.count))
@@ -233,6 +276,8 @@ def _notes(parsed: _Parsed, layout: CsvLayout, encoding: str) -> Iterator[str]:
         yield f"read as {encoding}"
     if parsed.lines_before:
         yield f"lines before the header that were left out: {parsed.lines_before}"
+    if parsed.calendar.note:
+        yield parsed.calendar.note
     if parsed.units:
         yield f"a row of units under the header ({', '.join(parsed.units)})"
     if not parsed.names:

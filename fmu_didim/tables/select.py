@@ -62,7 +62,9 @@ def selected(
         column = columns.get(signal, Column(name=name))
         stated = table.unit(name)
         how = conversion(signal, column, stated, wanted, where=f"{table.source}, column {name}")
-        made[signal] = table.columns[name] * how.factor if how.factor != 1.0 else table.columns[name]
+        numbers = table.columns[name]
+        numbers = numbers * how.factor if how.factor != 1.0 else numbers
+        made[signal] = numbers - how.shift if how.shift else numbers
         units[signal] = wanted.names[0] if len(wanted.names) == 1 else ""
         if how.from_file:
             converted.append(f"{signal} from {how.unit}")

@@ -34,6 +34,7 @@ class Table:
         times: name -> column of its instants, where the file says which.
         source: the file.
         has_header: whether its columns have names; they are numbered from 1 otherwise.
+        calendar: columns whose numbers were dates or times of day, now seconds from a midnight.
     """
 
     columns: Mapping[str, Array]
@@ -42,6 +43,7 @@ class Table:
     times: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
     has_header: bool = True
+    calendar: tuple[str, ...] = ()
 
     @cached_property
     def _bare(self) -> dict[str, list[str]]:

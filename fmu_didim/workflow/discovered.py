@@ -23,6 +23,7 @@ from fmu_didim.discovery.run import Found
 from fmu_didim.errors import UnknownNameError
 from fmu_didim.prediction.experiment import Role
 from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.table import simulated_table
 from fmu_didim.workflow.exit_codes import EXIT_CODES
 from fmu_didim.workflow.frames import findings_frame
 
@@ -184,11 +185,12 @@ class Discovered:
         label = experiment or final.model.first
         if label not in final.model.experiments:
             raise UnknownNameError("experiment", label, final.model.experiments, where=self.document.name)
-        simulated = {"base model": base.model.torque(base.values, label)}
-        if self.findings:
-            simulated["final model"] = final.model.torque(final.values, label)
+        models = {}
+        for name, fit in {"base model": base, **({"final model": final} if self.findings else {})}.items():
+            run = fit.simulation(label)
+            every = simulated_table(run).first(fit.model.joint_count)
+            models[name] = Simulated(run.torque(), every.time, every.values)
         time, measured = final.model.experiments[label].time, final.model.measured_in(label)
-        models = {name: Simulated(torque) for name, torque in simulated.items()}
         return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 
     def __repr__(self) -> str:

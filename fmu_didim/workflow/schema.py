@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 
 from fmu_didim.case import CaseDocument
 from fmu_didim.controllers import LAWS
+from fmu_didim.docstrings import about, key_texts
 from fmu_didim.effects import EFFECTS
 from fmu_didim.estimators import ESTIMATORS
 from fmu_didim.robot import RobotDescription
@@ -29,9 +30,18 @@ def schema(kind: str) -> Schema:
 
 def _case() -> Schema:
     made = CaseDocument.model_json_schema()
-    forms = {name: TypeAdapter(form).json_schema() for name, form in ESTIMATORS.items()}
-    made["properties"]["estimator"] = {**_one_of(made, "kind", forms), "default": {"kind": "didim"}}
+    forms = {name: _estimator(form) for name, form in ESTIMATORS.items()}
+    made["properties"]["estimator"] |= {**_one_of(made, "kind", forms), "default": {"kind": "didim"}}
     return made
+
+
+def _estimator(form: type) -> Schema:
+    """The options of an estimator, with what its docstring says of them."""
+    made = TypeAdapter(form).json_schema()
+    texts = key_texts(form, made.get("properties", {}))
+    for name, option in made.get("properties", {}).items():
+        option["description"] = texts[name]
+    return {**made, "description": about(form)}
 
 
 def _robot() -> Schema:
@@ -52,7 +62,8 @@ def _one_of(root: Schema, key: str, forms: Mapping[str, Schema]) -> Schema:
     found = []
     for name, form in forms.items():
         root.setdefault("$defs", {}).update(form.pop("$defs", {}))
-        properties = {key: {"const": name}, **{k: v for k, v in form.get("properties", {}).items() if k != key}}
+        which = {"const": name, "description": str(form["description"]).partition("\n\n")[0]}
+        properties = {key: which, **{k: v for k, v in form.get("properties", {}).items() if k != key}}
         required = [key, *(k for k in form.get("required", []) if k != key)]
         found.append({**form, "properties": properties, "required": required, "additionalProperties": False})
     return {"oneOf": found}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,15 +67,19 @@ def test_what_may_not_be_used_does_not_count(verdict: str) -> None:
     assert by_parameter(pd.DataFrame({"status": ["answered"]}), table, []).empty
 
 
-def results(folder: Path, verdicts: list[str | None], **entries: Any) -> Results:
-    """Results with these verdicts (None: crashed) in the order of the plan; every answer is right."""
+def results(
+    folder: Path, verdicts: Sequence[str | None], *, names: Sequence[str] = ("p",), scatter: float = 0.0, **entries: Any
+) -> Results:
+    """Results with these verdicts (None: crashed) in the order of the plan; answers are right within ``scatter``."""
     plan = plan_of(**entries)
     store, journal = Store(folder), Journal(folder)
     store.begin(plan)
+    random = np.random.default_rng(5)
     for run, verdict in zip(plan.runs, verdicts, strict=False):
-        p = {"name": "p", "unit": "kg", "value": 1.0, "std": 1.0, "low": 0.0, "high": 2.0, "true": 1.0}
+        p = {"unit": "kg", "std": 1.0, "low": 0.0, "high": 2.0, "true": 1.0}
+        found = [p | {"name": name, "value": 1.0 + scatter * random.normal()} for name in names]
         row = {"id": run.id, "attempt": 1, "started": "2026", "status": "crashed" if verdict is None else "answered"}
-        journal.write({**row, "verdict": verdict, "parameters": [p] if verdict in ("valid", "doubtful") else None})
+        journal.write({**row, "verdict": verdict, "parameters": found if verdict in ("valid", "doubtful") else None})
     journal.close()
     return Results(store)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pandas as pd
 import pytest
 
 from fmu_didim.campaigns.campaign import campaign
+from fmu_didim.campaigns.document import CampaignDocument
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.documents import load_yaml
@@ -35,6 +37,7 @@ def test_form(path: Path) -> None:
     plan, found = read_campaign(load_yaml(path), FOLDER)
     assert plan is not None
     assert found + case_problems(plan, None)[0] == []
+    jsonschema.validate(load_yaml(path), CampaignDocument.model_json_schema())
 
 
 def test_robustness(tmp_path: Path) -> None:

@@ -12,16 +12,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from fmu_didim.campaigns import runner
 from fmu_didim.campaigns.campaign import Campaign, campaign, opened
+from fmu_didim.campaigns.page import write_campaign_report
 from fmu_didim.campaigns.runner import Progress
 from fmu_didim.campaigns.store import Journal, Store
 from fmu_didim.cli import main
 from fmu_didim.errors import InputError
 from fmu_didim.workflow import identify
 from tests.awkward.build import awkward_fmu
-from tests.campaigns.helpers import sledge_case, small
+from tests.campaigns.helpers import CASE, sledge_case, small
 
 TIMES = ["seconds", "cpu_seconds", "started", "host", "attempt"]
 """What is of the moment, not of the run."""
@@ -186,6 +188,18 @@ def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeyp
     assert told[-1].count == 4
     rows = Store(tmp_path / "run").rows()
     assert sorted(rows["id"].to_pylist()) == sorted(run.id for run in found.plan.runs)
+
+
+def test_the_page_of_a_campaign_file_says_what_repeats_it(tmp_path: Path) -> None:
+    """A study has no file; a retry, which plans anew from what was saved, knows it still."""
+    content = {"name": "one run", "case": str(CASE), "noise": {"relative": 0.05}}
+    (tmp_path / "my study.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    out = tmp_path / "run"
+    for plan in (lambda: campaign(tmp_path / "my study.yaml", out), lambda: opened(out)):
+        write_campaign_report(plan().run(workers=1))
+        assert "fmu-didim campaign run &#39;my study.yaml&#39;" in (out / "report.html").read_text(encoding="utf-8")
+    write_campaign_report(campaign(content, out, folder=tmp_path).run(workers=1))
+    assert "What repeats it" not in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_report_and_tables(done: Campaign, capsys: pytest.CaptureFixture[str]) -> None:

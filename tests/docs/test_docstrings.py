@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
 
+from fmu_didim.campaigns.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
-from fmu_didim.controllers import LAWS
-from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.discovery.findings import findings_schema
 from fmu_didim.docstrings import about, entries, key_texts, section
-from fmu_didim.identification.result import ResultDocument
-from fmu_didim.robot import RobotDescription
+from fmu_didim.identification.result import result_schema
+from fmu_didim.workflow.schema import SCHEMAS
+from tests.conftest import ROOT
 
-DOCUMENTS: tuple[type[BaseModel], ...] = (
-    CaseDocument, RobotDescription, *LAWS.values(), ResultDocument, FindingsDocument,
-)  # fmt: skip
+SCHEMAS_OF_ALL: dict[str, Callable[[], dict[str, Any]]] = {
+    **SCHEMAS,
+    "campaign": CampaignDocument.model_json_schema,
+    "result": result_schema,
+    "findings": findings_schema,
+}
 
 
 class Base:
@@ -66,14 +72,34 @@ def test_schema_tells_what_the_docstring_says() -> None:
     assert "Attributes:" not in str(schema)
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.__name__)
-def test_every_key_of_every_document_is_told_of(document: type[BaseModel]) -> None:
-    schema: dict[str, Any] = document.model_json_schema(by_alias=True)
-    parts = {document.__name__: schema, **schema.get("$defs", {})}
-    silent = [
-        f"{name}.{key}"
-        for name, part in parts.items()
-        for key, content in part.get("properties", {}).items()
-        if not content.get("description")
-    ]
+@pytest.mark.parametrize("name", SCHEMAS_OF_ALL)
+def test_every_key_of_every_schema_has_its_line(name: str) -> None:
+    """What is printed by ``fmu-didim schema``, and what result files hold."""
+    silent = [place for place, entry in _keys(SCHEMAS_OF_ALL[name]()) if not str(entry.get("description", "")).strip()]
     assert not silent, f"no docstring says what these are: {', '.join(silent)}"
+
+
+def _keys(node: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every key of a schema with its place, those of parts and alternatives too."""
+    if isinstance(node, dict):
+        for key, entry in node.get("properties", {}).items():
+            yield f"{place}.{key}", entry
+        for key, inner in node.items():
+            yield from _keys(inner, f"{place}/{key}")
+    elif isinstance(node, list):
+        for k, inner in enumerate(node):
+            yield from _keys(inner, f"{place}/{k}")
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs/reference").glob("*.md")), ids=lambda page: page.stem)
+def test_no_row_of_the_reference_is_without_its_meaning(page: Path) -> None:
+    heads: list[str] = []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] if line.startswith("|") else []
+        if cells and heads and not set(line) <= set("|-"):
+            assert all(cell for head, cell in zip(heads, cells, strict=True) if head in TOLD), line
+        heads = [] if not cells else heads or cells
+
+
+TOLD = ("meaning", "what it is", "what it lists", "name", "key", "value", "option", "member", "argument", "effect")
+"""Heads of columns that are never empty."""

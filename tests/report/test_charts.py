@@ -127,7 +127,7 @@ LOOP = {
     "connections": [
         "controller.q_ref1 <- 1 * reference.q1", "controller.q_ref2 <- 1 * reference.q2",
         "controller.q1 <- 1 * plant.q1", "plant.tau1 <- 35.15 * controller.command1",
-        "actuator_lag2.u <- 1 * controller.command2", "plant.tau2 <- 1 * actuator_lag2.y",
+        "actuator_lag2.u <- -35.15065 * controller.command2", "plant.tau2 <- 1 * actuator_lag2.y",
     ],
 }  # fmt: skip
 

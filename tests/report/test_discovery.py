@@ -117,7 +117,7 @@ def document(**changes: Any) -> FindingsDocument:
         "base_parameters": [
             {"name": "ZZ1R", "unit": "kg.m2", "value": 3.4058, "std": 0.01784, "interval": (3.3704, 3.4412)}
         ],
-        "torque_unit": ["N.m", "N.m"], "seconds": 41.7,
+        "regrouping": ["ZZ1R = ZZ1 + Ia1"], "torque_unit": ["N.m", "N.m"], "seconds": 41.7,
         "notes": ["Clock of the log: shifted by 0.2 ms, accounted for."],
         "files": {"robot": "robot_discovered.yaml", "plant_fmu": "plant.fmu"},
         "provenance": {"versions": {"python": "3"}, "options": {"seed": 0}},
@@ -345,6 +345,7 @@ def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path)
     assert set(re.findall(r'href="([^#"]+)"', page)) == {
         "./robot_discovered.yaml", "./plant.fmu", "./torque_estimation.csv", "./torque_validation.csv"
     }  # fmt: skip
+    assert "<code>ZZ1R = ZZ1 + Ia1</code>" in page
 
 
 def test_bars_show_the_saved_gap(tmp_path: Path) -> None:

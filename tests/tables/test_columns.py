@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,23 @@ def test_units_that_are_none_of_the_signal(
         made(column, signal, unit=unit, units=units)
 
 
+@pytest.mark.parametrize(
+    ("column", "signal", "expected"),
+    [
+        # The axis stands at zero where its encoder shows 90 degrees, and counts the other way round.
+        ({"unit": "deg", "zero": 90.0, "sign": -1}, "q1", lambda x: -np.deg2rad(x - 90)),
+        # Hundredths of a degree: the offset is in degrees.
+        ({"unit": "deg", "scale": 0.01, "zero": 1.5}, "q1", lambda x: np.deg2rad(0.01 * x - 1.5)),
+        # Behind a gear the offset is that of the motor, and becomes a joint's.
+        ({"unit": "deg", "zero": 10.0, "gear_ratio": 50}, "q1", lambda x: np.deg2rad(x - 10) / 50),
+        # A current sensor that shows 0.1 A at rest.
+        ({"unit": "A", "zero": 0.1, "torque_constant": 0.2, "gear_ratio": 50}, "tau1", lambda x: (x - 0.1) * 10),
+    ],
+)
+def test_offsets(column: dict[str, Any], signal: str, expected: Callable[[Any], Any]) -> None:
+    assert_allclose(made({"name": "x", **column}, signal).signals.column(signal), expected(ROWS), rtol=1e-14)
+
+
 def test_command_is_of_any_unit() -> None:
     found = made({"name": "x", "unit": "mV"}, "tau1", is_command=True)
     assert_allclose(found.signals.column("tau1"), 1e-3 * ROWS)
@@ -137,6 +155,8 @@ ROUNDED = np.rint(1000 * np.arange(100) * 0.0052) / 1000
         (table(1000 * GRID, "Time [ms]"), {}, GRID, []),
         (table(1000 * GRID), {"unit": "ms"}, GRID, []),
         (table(1000 * GRID, "x"), {"name": "x", "unit": "ms"}, GRID, []),
+        # Dates need no name to be known as the clock.
+        (table(GRID, "Stempel", calendar=("Stempel",), units={"Stempel": "s"}), {}, GRID, []),
         (table(), {"rate_hz": 200, "start_s": 1.0}, 1 + GRID, ["time-counted"]),
         (table(GRID), {"rate_hz": 200}, GRID, ["time-counted"]),
         (table(GRID), {"rate_hz": 100}, 2 * GRID, ["time-contradicts-file"]),
@@ -160,6 +180,7 @@ def test_instants(given: Table, time: dict[str, Any], expected: Any, told: list[
         (table(GRID, "T"), {}, r"no time column"),  # a temperature
         (table(GRID), {"name": "t", "rate_hz": 150}, r"not rounded[\s\S]*come at 200 Hz"),
         (table(GRID[:50]), {"name": "t"}, r"no signal of its length"),
+        (table(GRID, calendar=("t",), units={"t": "s"}), {"name": "t", "unit": "ms"}, r"no unit[\s\S]*Leave out unit"),
     ],
 )
 def test_instants_that_cannot_be(given: Table, time: dict[str, Any], problem: str) -> None:

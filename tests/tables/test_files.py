@@ -80,7 +80,13 @@ def test_what_is_found_out(
         ("t;q1\n0;1.234,5\n1;2\n", r"not a row of numbers[\s\S]*line 2[\s\S]*1\.234,5"),
         ("t;q1\n0;1\n1;\n2;3\n", r"line 3"),
         ("t,q1\n0,1\n1,2,3\n", r"line 3"),
-        ("t,q1\n2026-05-01 12:00:00,1\n2026-05-01 12:00:01,2\n", r"no rows of numbers|not a row of numbers"),
+        # The 5th of January or the 1st of May.
+        ("t,q1\n05/01/2026 12:00:00,1\n05/01/2026 12:00:01,2\n", r"day or with the month[\s\S]*05/01/2026"),
+        ("t,q1\n2026-02-31 12:00:00,1\n2026-02-31 12:00:01,2\n", r"no rows of numbers|not a row of numbers"),
+        ("t,q1\n01:00:00 PM,1\n01:00:01 PM,2\n", r"no rows of numbers|not a row of numbers"),
+        # A column is of stamps or of numbers.
+        ("t,q1\n12:00:00,1\n5,2\n", r"line 3"),
+        ("t,q1\n1,1\n12:00:00,2\n", r"line 3"),
         ("t,q1\n0,1_0\n1,2\n", r"not a row of numbers|no rows"),
     ],
 )
@@ -88,6 +94,33 @@ def test_what_nobody_can_know_is_refused(tmp_path: Path, text: str, problem: str
     with pytest.raises(InputError, match=problem) as caught:
         read_table(csv(tmp_path / "a.csv", text))
     assert "a.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds", "note"),
+    [
+        ("t,q1\n2026-05-01 12:00:00.5,1\n2026-05-01 12:00:01,2\n", [43200.5, 43201], "2026-05-01 0:00"),
+        ("t;q1\n01.05.2026 12:00:00,5;1,5\n01.05.2026 12:00:01;2\n", [43200.5, 43201], "2026-05-01 0:00"),
+        # Over midnight; a zone counts.
+        ("t,q1\n2026-05-01T23:59:59Z,1\n2026-05-02T02:00:01+02:00,2\n", [86399, 86401], "2026-05-01 0:00"),
+        ("t,q1\n23:59:58.25,1\n23:59:59,2\n", [86398.25, 86399], "0:00"),
+        # A date above the table is none of its stamps; date and time may be columns of their own.
+        ("Datum;30.04.2026;x\nDatum;t;q1\n01.05.2026;0:00:10;1\n01.05.2026;0:00:11;2\n", [10, 11], "2026-05-01 0:00"),
+    ],
+)
+def test_calendar_stamps_are_seconds_of_the_day(tmp_path: Path, text: str, seconds: list[float], note: str) -> None:
+    table = read_table(csv(tmp_path / "a.csv", text))
+    assert table.columns["t"].tolist() == seconds
+    assert table.unit("t") == "s"
+    assert f"calendar times, counted in s from {note}" in table.notes
+    assert_array_equal(table.columns["q1"][-1], 2)
+    assert read_trajectory(tmp_path / "a.csv", time="t").time.tolist() == seconds
+
+
+def test_times_of_day_do_not_go_on_over_midnight_unseen(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", "t,q1\n23:59:59.5,1\n0:00:00,2\n0:00:00.5,3\n")
+    with pytest.raises(InputError, match=r"Time does not increase[\s\S]*86399"):
+        read_trajectory(path)
 
 
 def test_layout_may_be_stated(tmp_path: Path) -> None:
