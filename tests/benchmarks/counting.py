@@ -14,7 +14,7 @@ from fmu_didim.estimators import Estimator
 from fmu_didim.identification.estimate import Estimate
 from fmu_didim.master import KeptRecordings, Recording, System, simulate
 from fmu_didim.prediction import loop_model
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.prediction.loop_model import LoopModel, Simulation
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class Run:
 def runs_of_loops() -> Iterator[list[Run]]:
     """The runs of all loops in this process, in a list that grows as they come, from several threads."""
     runs: list[Run] = []
-    record = LoopModel.record
+    record = Simulation.record
 
-    def noted(model: LoopModel, *arguments: Any, **options: Any) -> Recording:
+    def noted(run: Simulation, **options: Any) -> Recording:
         begin = time.thread_time()
         try:
-            return record(model, *arguments, **options)
+            return record(run, **options)
         finally:
-            runs.append(Run(tuple(a.effect for a in model.added_effects), time.thread_time() - begin))
+            runs.append(Run(tuple(a.effect for a in run.model.added_effects), time.thread_time() - begin))
 
-    with patch.object(LoopModel, "record", noted):
+    with patch.object(Simulation, "record", noted):
         yield runs
