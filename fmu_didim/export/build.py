@@ -181,6 +181,20 @@ def wrapper_source(name: str) -> str:
     return (files("fmu_didim.export") / "wrapper" / name).read_text(encoding="utf-8")
 
 
+def compile_console_program(source: Path, output: Path, platform: Platform) -> None:
+    """Compile one C file with an entry of its own, ``mainCRTStartup``, to a program for Windows that needs nothing of
+    a compiler's run-time library.
+
+    Raises:
+        BuildError: there is no compiler for that platform, or it reports an error.
+    """
+    compiler = find_compiler(platform)
+    flags = [flag for flag in compiler.flags if flag != "-shared"]
+    alone = ["-fno-builtin", "-nostdlib", "-Wl,--subsystem,console", "-Wl,-e,mainCRTStartup"]
+    command = [*compiler.command, *flags, *alone, "-o", str(output), str(source), "-lkernel32"]
+    run_compiler(command, what=f"The C compiler could not build '{output.name}'.")
+
+
 @cache
 def _version_of(command: Sequence[str]) -> str:
     """What a compiler says about itself; asked once in a process."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 import os
 import re
 import threading
@@ -11,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from fmu_didim.cache import cached_folder
+from fmu_didim.components.fmu import wine
 from fmu_didim.components.fmu.archive import DESCRIPTION, check_description
 from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
@@ -53,16 +55,35 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
         )
     if names := source_files(description.folder, interface):
         return _compiled(description, interface, *names, suffix=suffix)
+    advice = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
+    if wine.is_for_windows(fmi.name, description, interface):
+        if wine.is_installed():
+            return _by_wine(description, interface)
+        advice = f"{wine.INSTALL}; or export it with a binary for this platform."
     missing = "" if description.interface(CO_SIMULATION) else " The FMU has no co-simulation interface either."
     raise FmuError(
         f"The FMU cannot be loaded: it holds no binary for this platform.{missing}",
         where=where,
         got=", ".join(description.platforms) or "no binaries at all",
         valid=folders,
-        next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
+        next_step=advice,
     )
 
 
+def _by_wine(description: FmuDescription, interface: Interface) -> Path:
+    """The library that has the FMU run by Wine; told once a process."""
+    _log.info("%s holds a library for Windows alone: Wine runs it.", description.path.name)
+    try:
+        return wine.bridge(interface)
+    except BuildError as error:
+        raise FmuError(
+            "The FMU holds a library for Windows alone, and what hands its calls to Wine could not be compiled.",
+            where=f"{description.path}, {interface.kind}", got=_first_error(str(error.got)),
+            next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
+        ) from error  # fmt: skip
+
+
+_log = logging.getLogger(__name__)
 _INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
 LONGEST_SOURCE = 2**20
 """Bytes of a file in which is looked for what it includes."""
