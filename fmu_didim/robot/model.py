@@ -209,7 +209,10 @@ class RobotModel:
 
     @cached_property
     def _inertia_columns(self) -> InertiaColumns:
-        return InertiaColumns(self._q, self._chi, self._equations.mass)
+        mass = self._equations.mass
+        if self._mass_changes:
+            mass = self.mass_matrix(self._q, self._chi, self.shape_values, self._extra_at(-LONG))
+        return InertiaColumns(self._q, self._chi, mass)
 
     def inertia_along(self, q: Array, chi: Array) -> Array:
         """(N,) smallest eigenvalues of D^-1/2 M(q) D^-1/2, D = diag|M|, at positions (N, n): > 0 means positive
@@ -219,18 +222,22 @@ class RobotModel:
         # Before and after whatever changes with time.
         found = []
         for time in (-LONG, LONG):
-            e = np.array([time if v.name == "clock" else v.start for v in self.extra])
-            columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in (chi, self.shape_values, e)]
+            own = (chi, self.shape_values, self._extra_at(time))
+            columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in own]
             mass = self.mass_matrix(q.T, *columns).full().T.reshape(-1, *self._square)
             found.append(scaled_eigenvalues(mass))
         return np.minimum(*found)
+
+    def _extra_at(self, time: float) -> Array:
+        """States beyond the motion, at a time."""
+        return np.array([time if v.name == "clock" else v.start for v in self.extra])
 
     @property
     def _square(self) -> tuple[int, int]:
         return self.joint_count, self.joint_count
 
     def inertia_columns(self, q: Array) -> Array:
-        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters; without what changes with time."""
+        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters, before anything changes in time."""
         columns = self._inertia_columns.at(q[None])
         return np.asarray(columns.reshape(*self._square, -1))
 
