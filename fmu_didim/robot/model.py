@@ -237,7 +237,7 @@ class RobotModel:
         return self.joint_count, self.joint_count
 
     def inertia_columns(self, q: Array) -> Array:
-        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters, before anything changes in time."""
+        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters, before anything changes."""
         columns = self._inertia_columns.at(q[None])
         return np.asarray(columns.reshape(*self._square, -1))
 

@@ -124,7 +124,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("my_effects", None)
 
 
-BUSY = {"cluster": pytest.mark.slow, "discovery": pytest.mark.slow}
+BUSY = {page: pytest.mark.slow for page in ("campaigns", "cluster", "discovery")}
 """Pages that are not run at the gate: on a busy machine Dask's own processes may not come or go in time, and
 discoveries on six joints take minutes."""
 
