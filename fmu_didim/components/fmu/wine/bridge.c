@@ -4,6 +4,7 @@
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -14,6 +15,8 @@
 
 #include "fmi2Functions.h"
 #include "protocol.h"
+
+enum { LOOK_MS = 100 }; /* how often it is looked whether the host still runs, while nothing comes */
 
 typedef struct {
     int calls, answers; /* ends of pipes */
@@ -35,9 +38,23 @@ static int sent(Instance *own, const void *source, size_t size) {
     return 1;
 }
 
+/* Whether something can be read. The end of the pipe alone would not tell that the host has ended: what Wine has started
+ * with it, and goes on for a while, holds that end, too. */
+static int comes(Instance *own) {
+    struct pollfd end = {own->answers, POLLIN, 0};
+    while (poll(&end, 1, LOOK_MS) == 0) {
+        if (own->host > 0 && waitpid(own->host, NULL, WNOHANG) == own->host) {
+            own->host = 0;
+            return poll(&end, 1, 0) > 0; /* its last words */
+        }
+        if (own->host <= 0) return 0;
+    }
+    return 1;
+}
+
 static int received(Instance *own, void *target, size_t size) {
     for (char *at = target; size;) {
-        const ssize_t count = read(own->answers, at, size);
+        const ssize_t count = comes(own) ? read(own->answers, at, size) : 0;
         if (count <= 0) return 0;
         at += count;
         size -= (size_t)count;
