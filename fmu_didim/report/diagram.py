@@ -38,7 +38,7 @@ class Wire:
     def gain_text(self) -> str:
         """The gain where it is not one."""
         gains = [f"{gain:.4g}" for gain in self.gains if gain != 1]
-        return f"× {', '.join(gains[:2])}{', …' if len(gains) > 2 else ''}" if gains else ""
+        return f"× {gains[0]}{', …' if len(gains) > 1 else ''}" if gains else ""
 
     @property
     def text(self) -> str:
