@@ -55,7 +55,7 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
         )
     if names := source_files(description.folder, interface):
         return _compiled(description, interface, *names, suffix=suffix)
-    advice = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
+    advice = _EXPORT
     if wine.is_for_windows(fmi.name, description, interface):
         if wine.is_installed():
             return _by_wine(description, interface)
@@ -71,7 +71,7 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
 
 
 def _by_wine(description: FmuDescription, interface: Interface) -> Path:
-    """The library that has the FMU run by Wine; told once a process."""
+    """The library that has the FMU run by Wine, which is told."""
     _log.info("%s holds a library for Windows alone: Wine runs it.", description.path.name)
     try:
         return wine.bridge(interface)
@@ -79,11 +79,12 @@ def _by_wine(description: FmuDescription, interface: Interface) -> Path:
         raise FmuError(
             "The FMU holds a library for Windows alone, and what hands its calls to Wine could not be compiled.",
             where=f"{description.path}, {interface.kind}", got=_first_error(str(error.got)),
-            next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
+            next_step=_EXPORT,
         ) from error  # fmt: skip
 
 
 _log = logging.getLogger(__name__)
+_EXPORT = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
 _INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
 LONGEST_SOURCE = 2**20
 """Bytes of a file in which is looked for what it includes."""
@@ -141,7 +142,7 @@ def _compiled(
         raise FmuError(
             "The FMU holds no binary for this platform, and its sources could not be compiled.", where=where,
             got=f"binaries for {', '.join(description.platforms) or 'no platform'}; {_first_error(str(error.got))}",
-            next_step="Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit).",
+            next_step=_EXPORT,
         ) from error  # fmt: skip
 
 

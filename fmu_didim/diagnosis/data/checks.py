@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -68,11 +67,11 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH)]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
-    again: list[Diagnostic] = []
-    for label in model.estimation_labels:
-        with suppress(SimulationError):
-            again += _explained(along(model.on(label).simulation(model.start)))
-    codes = {d.code for d in again}
+    try:
+        near = [along(model.on(label).simulation(model.start)) for label in model.estimation_labels]
+    except SimulationError:  # nothing is cleared up
+        return found
+    codes = {d.code for one in near for d in _explained(one)}
     return [d for d in found if d not in doubted or d.code in codes]
 
 
