@@ -20,6 +20,7 @@ VALID = 0.95
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.verdict")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first", type=int, default=1, help="the first seed")
     parser.add_argument("--robots", nargs="+", default=["scara", "arm", "tx40"])
     parser.add_argument("--only", default="", help="entries whose name contains this")
     parser.add_argument("--right", type=int, default=10, help="right runs a robot")
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.only not in wrong.name:
             continue
         for robot in (r for r in wrong.robots if r in options.robots):
-            for seed in range(1, options.seeds + 1):
+            for seed in range(options.first, options.first + options.seeds):
                 begin = time.monotonic()
                 found = answer(wrong.make(robot, seed), named(loaded(robot)))
                 told = is_named(wrong, found)
