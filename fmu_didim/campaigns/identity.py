@@ -6,10 +6,13 @@ import hashlib
 import importlib.util
 import json
 import re
+import sys
+import sysconfig
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
+from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +87,19 @@ class References:
             return name
         if path.suffix in (".yaml", ".yml"):
             return self.canonical(load_yaml(path), path.parent, of_case=False)
-        return [name.rpartition(":")[2] if ".py:" in name else "", file_digest(path)]
+        content = [name.rpartition(":")[2] if ".py:" in name else "", file_digest(path)]
+        return content + [file_digest(p) for p in imported(path)] if path.suffix == ".py" else content
+
+
+def imported(path: Path) -> list[Path]:
+    """The Python files outside all installed packages that a Python file imports, also through one another."""
+    installed = {Path(place).resolve() for place in sysconfig.get_paths().values()}
+    own = [place for place in sys.path if not any(Path(place).resolve().is_relative_to(there) for there in installed)]
+    finder = ModuleFinder(own, excludes=[PACKAGE.name])
+    with suppress(SyntaxError, ValueError, OSError):  # which loading the file tells better
+        finder.run_script(str(path))
+    files = (module.__file__ for name, module in sorted(finder.modules.items()) if name != "__main__")
+    return [Path(file) for file in files if file]
 
 
 def file_of(name: str, folder: Path) -> Path | None:

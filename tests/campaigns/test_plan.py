@@ -183,6 +183,26 @@ def test_code_outside_the_tree_is_a_file_of_the_run(tmp_path: Path) -> None:
     )
 
 
+def test_what_code_outside_the_tree_imports_belongs_to_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "case").mkdir()
+    (tmp_path / "laws").mkdir()
+    (tmp_path / "case/own.py").write_text("import numpy\nfrom laws.pd import make\ncontroller = make()\n")
+    (tmp_path / "laws/__init__.py").write_text("")
+    (tmp_path / "laws/pd.py").write_text("from .gains import GAIN\n")
+    (tmp_path / "laws/gains.py").write_text("GAIN = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def named() -> Any:
+        return identity.References().canonical({"source": "own.py:controller"}, tmp_path / "case")
+
+    first = named()
+    assert [path.name for path in identity.imported(tmp_path / "case/own.py")] == ["__init__.py", "gains.py", "pd.py"]
+    (tmp_path / "laws/gains.py").write_text("GAIN = 2\n")
+    assert named() != first
+    (tmp_path / "case/own.py").write_text("import laws.pd =\n")
+    assert len(named()["source"]) == 2, "its own content alone, where it cannot be read"
+
+
 def test_whole_cases_that_vary() -> None:
     """Measured logs: as many data as cases, whatever is changed in the way they are used."""
     cases = [str(CASE.with_name(name)) for name in ("identify.yaml", "identify_200hz.yaml")]
