@@ -98,7 +98,7 @@ def imported(path: Path) -> list[Path]:
     finder = ModuleFinder(own, excludes=[PACKAGE.name])
     with suppress(SyntaxError, ValueError, OSError):  # which loading the file tells better
         finder.run_script(str(path))
-    files = (module.__file__ for name, module in sorted(finder.modules.items()) if name != "__main__")
+    files = (getattr(module, "__file__", None) for name, module in sorted(finder.modules.items()) if name != "__main__")
     return [Path(file) for file in files if file]
 
 

@@ -188,6 +188,7 @@ def stuck(model: LoopModel) -> LoopModel:
 
 
 CLOCK = ("clock-late", "clock-early", "sampling-kind", "command-delay", "reference-foreign")
+SCALE = ("torque-scale", "torque-unit")
 TWO = ("scara", "arm")
 
 CATALOGUE: list[Wrong] = [
@@ -247,10 +248,10 @@ CATALOGUE: list[Wrong] = [
           ("worse-on-held-out",), TWO),
     Wrong("pair: validation with twice the friction", other_values("validation", {"Fc": 2.0, "Fv": 2.0}),
           ("worse-on-held-out",)),
-    Wrong("scale: torque x 1.2", on_data(scaled(1.2)), (*FIT, "torque-unit"), ("scara", "arm")),
-    Wrong("scale: torque / 1.2", on_data(scaled(1 / 1.2)), (*FIT, "torque-unit"), ("scara", "arm")),
+    Wrong("scale: torque x 1.2", on_data(scaled(1.2)), (*FIT, *SCALE), ("scara", "arm")),
+    Wrong("scale: torque / 1.2", on_data(scaled(1 / 1.2)), (*FIT, *SCALE), ("scara", "arm")),
     *(
-        Wrong(f"scale: joint {j} x {f:g}", on_data(scaled(f, j)), (*FIT, "torque-unit", "drive-gain"), ("scara", "arm"))
+        Wrong(f"scale: joint {j} x {f:g}", on_data(scaled(f, j)), (*FIT, *SCALE, "drive-gain"), ("scara", "arm"))
         for j in (1, 2) for f in (2.0, 0.5)
     ),
 ]  # fmt: skip
