@@ -139,7 +139,8 @@ class Limits(Strict):
 
     Attributes:
         time_s: of the clock; memory_mb: of its process, where the system can limit it.
-        instances: FMU file, as the case names it -> most runs that use it at the same time.
+        instances: FMU file, as the case names it -> most runs of one machine that use it at the same time, as a server
+            of licences may ask for.
     """
 
     time_s: Positive = limits.TIME_LIMIT_S

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,6 +29,7 @@ from fmu_didim.campaigns.execute import (
     try_case,
 )
 from fmu_didim.campaigns.plan import Plan, Run
+from fmu_didim.campaigns.seats import seats, sources_of
 from fmu_didim.campaigns.store import (
     CRASHED,
     FAILED,
@@ -143,7 +144,6 @@ class Chunk:
 
 _lanes = threading.local()
 _all_lanes: list[Lane] = []
-_guards: dict[str, threading.BoundedSemaphore] = {}
 _lock = threading.Lock()
 
 
@@ -164,28 +164,30 @@ def lane_of_thread(folder: str, allowed: Limits) -> Lane:
 def run_chunk(chunk: Chunk) -> list[RowHead]:
     """Run a chunk in this thread; returns what is to be told of it, the rows are in the store."""
     lane, heads = lane_of_thread(chunk.folder, chunk.allowed), []
-    for task, attempt in chunk.tasks:
-        if lane.stopped:
-            break
-        with _guard(task, chunk.allowed):
+    with _seats(lane, [task for task, _ in chunk.tasks], chunk.allowed):
+        for task, attempt in chunk.tasks:
+            if lane.stopped:
+                break
             row = lane.run(task, attempt)
-        if lane.stopped:  # it was ended from here, not by itself
-            break
-        lane.journal.write(row)
-        heads.append((task.id, row["status"], row.get("verdict"), row.get("message") or "", row.get("seconds") or 0.0))
-    lane.journal.end_chunk()
+            if lane.stopped:  # it was ended from here, not by itself
+                break
+            lane.journal.write(row)
+            message, seconds = row.get("message") or "", row.get("seconds") or 0.0
+            heads.append((task.id, row["status"], row.get("verdict"), message, seconds))
+        lane.journal.end_chunk()
     return heads
 
 
 def try_tasks(folder: str, allowed: Limits, tasks: Sequence[Task]) -> list[Trial]:
     """What hinders each of some cases, tried in this thread before any run."""
     lane, found = lane_of_thread(folder, allowed), []
-    for task in tasks:
-        try:
-            found.append(lane.ask(try_case, task))
-        except FmuDidimError as error:  # it ended its process
-            lane.close()
-            found.append(Trial(doubt=str(error)))
+    with _seats(lane, tasks, allowed):
+        for task in tasks:
+            try:
+                found.append(lane.ask(try_case, task))
+            except FmuDidimError as error:  # it ended its process
+                lane.close()
+                found.append(Trial(doubt=str(error)))
     return found
 
 
@@ -205,14 +207,18 @@ def end_lanes() -> None:
         lane.journal.close() if lane.stopped else lane.journal.seal()
 
 
-def _guard(task: Task, allowed: Limits) -> Any:
-    """Held while a run uses an FMU of which few instances are allowed."""
-    named = (str((task.content.case.get(part) or {}).get("source")) for part in ("plant", "controller"))
-    for name in named:
-        if name in allowed.instances:
-            with _lock:
-                return _guards.setdefault(name, threading.BoundedSemaphore(allowed.instances[name]))
-    return nullcontext()
+@contextmanager
+def _seats(lane: Lane, tasks: Sequence[Task], allowed: Limits) -> Iterator[None]:
+    """Held while a chunk runs; before they are given back the process ends, and with it what it keeps of the FMUs."""
+    files = {
+        Path(task.content.folder, name): allowed.instances[name]
+        for task in tasks for case in (task.content.case, task.content.truth or {})
+        for name in sources_of(case) & set(allowed.instances)
+    }  # fmt: skip
+    with seats(files, lambda: lane.stopped):
+        yield
+        if files:
+            lane.close()
 
 
 def task_of(plan: Plan, run: Run, files: Path | None = None) -> Task:

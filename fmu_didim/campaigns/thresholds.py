@@ -29,6 +29,9 @@ MEMORY_LIMIT_MB = TABLE(
 KILLS = TABLE(
     "KILLS", 2, "times", "A run whose process is killed from outside so often has failed; once may be mere chance."
 )
+SEAT_POLL_S = TABLE(
+    "SEAT_POLL_S", 0.05, "s", "Between two looks for a free seat of an FMU: little beside a chunk of runs."
+)
 FEW_RUNS = TABLE(
     "FEW_RUNS", 20, "runs",
     "Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %.",

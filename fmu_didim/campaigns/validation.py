@@ -17,6 +17,7 @@ from fmu_didim.campaigns.document import CampaignDocument, Noise, Options
 from fmu_didim.campaigns.execute import Task, Trial
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.plan import Plan, Setting
+from fmu_didim.campaigns.seats import sources_of
 from fmu_didim.campaigns.truth import on_simulated
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.controllers import read_controller
@@ -88,6 +89,8 @@ def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
             rest = look.without_wrong(settings, told) if told else settings
             if rest is not None:
                 good.setdefault(tuple(map(id, rest)), rest)
+    if len(variants) < limits.LOOKED_AT:
+        found |= {name: look.not_named(name) for name in sorted(set(plan.document.limits.instances) - look.sources)}
     tried = list(good.values())[: limits.TRIED]
     if attempt is not None and tried:
         tasks = [_task(plan, settings) for settings in tried]
@@ -112,11 +115,21 @@ def _placed(text: str, settings: Sequence[Setting], common: Sequence[Setting]) -
 
 
 class _Form:
-    """What is wrong with the form of cases; each description is read once."""
+    """What is wrong with the form of cases; each description is read once.
+
+    Attributes:
+        sources: what the cases seen so far name as sources.
+    """
 
     def __init__(self, plan: Plan, scratch: Path) -> None:
         self._plan, self._scratch = plan, scratch
         self._read: dict[Path, list[str]] = {}
+        self.sources: set[str] = set()
+
+    def not_named(self, name: str) -> str:
+        """That the limit of an FMU has no effect."""
+        valid = ", ".join(sorted(self.sources)) or "none"
+        return f"limits.instances: no case names '{name}' as a source (they name: {valid})"
 
     def without_wrong(self, settings: tuple[Setting, ...], told: list[str]) -> tuple[Setting, ...] | None:
         """The settings without those that are wrong, which hide what else is; None where the case itself is wrong."""
@@ -148,6 +161,7 @@ class _Form:
             except InputError as error:
                 found += [str(error)] if str(error) not in found else []
             found += [f"the file {name} does not exist" for name in sorted(plan.references.absent)]
+            self.sources |= sources_of(part)
         for section, model in (("noise", Noise), ("options", Options)):
             try:
                 model.model_validate(getattr(content, section))

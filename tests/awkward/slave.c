@@ -5,6 +5,9 @@
  * Value references: Real u 0, y 1, a 2, d 3, unused 4, internal 10, the initial x; Integer n 5; Boolean flip 6;
  * String label 7.
  */
+#ifdef LICENCES
+#define _GNU_SOURCE
+#endif
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -40,6 +43,21 @@ static int ever;
 #endif
 #ifdef CHDIR_IN_STEP
 int chdir(const char *);
+#endif
+#ifdef LICENCES
+/* A process that instantiates takes one of LICENCES licences and keeps it to its end, as with a server of licences. */
+#include <fcntl.h>
+#include <stdio.h>
+#include <sys/file.h>
+static int licence(void) {
+    static int have;
+    for (int k = 0; k < LICENCES && !have; k++) {
+        char name[4096];
+        snprintf(name, sizeof name, "%s/licence%d", getenv("SLAVE_LICENCES"), k);
+        have = flock(open(name, O_CREAT | O_RDWR | O_CLOEXEC, 0600), LOCK_EX | LOCK_NB) == 0;
+    }
+    return have;
+}
 #endif
 
 #ifdef CRASH_WHEN_LOADED
@@ -81,6 +99,9 @@ EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, c
                                  const Callbacks *callbacks, int visible, int logging) {
 #ifdef ONCE_PER_PROCESS
     if (instances > 0) return NULL;
+#endif
+#ifdef LICENCES
+    if (!licence()) return NULL;
 #endif
 #ifdef CRASH_AT_THIRD
     if (++ever > 2) abort();

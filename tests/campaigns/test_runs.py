@@ -6,6 +6,7 @@ import errno
 import importlib
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import pytest
 import yaml
 
 from fmu_didim.campaigns import runner
+from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.campaign import Campaign, campaign, opened
 from fmu_didim.campaigns.page import write_campaign_report
 from fmu_didim.campaigns.runner import Progress
@@ -164,6 +166,25 @@ def test_fmus_that_crash_and_hang(tmp_path: Path) -> None:
         assert bad["message"].str.contains("crashed its process|no answer within").all()
     values = results.parameters().query("parameter == 'M1'")
     assert (np.abs(values["value"] - 2.0) < 4 * values["std"]).all()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="its licences are locks of Linux")
+@pytest.mark.parametrize(("instances", "statuses"), [({}, {"failed"}), ({"licences_2.fmu": 1}, set())])
+def test_few_runs_use_an_fmu_at_the_same_time(
+    instances: dict[str, int], statuses: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two licences, of which a run may take a second one while its FMU is tried: three runs at once are too many."""
+    fmu = awkward_fmu(tmp_path, "LICENCES 2")
+    fmu.rename(tmp_path / "licences_2.fmu")
+    monkeypatch.setenv("SLAVE_LICENCES", str(tmp_path))
+    content = {
+        "name": "licences", "case": sledge_case("licences_2.fmu"), "noise": {"relative": 0.01}, "seeds": 4,
+        "limits": {"instances": instances},
+    }  # fmt: skip
+    monkeypatch.setattr(limits, "CHUNK_RUNS", 1)
+    rows = campaign(content, tmp_path / "run", folder=tmp_path).run(workers=3).to_frame(parameters=False)
+    assert len(rows) == 4
+    assert set(rows["status"]) - {"answered"} == statuses
 
 
 def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "bad option": ({"vary": {"estimator.kind": ["didim", "dydim"]}}, "there is no estimator 'dydim'; valid: didim"),
     "bad name": ({"vary": {"estimator.start": [{"ZZ1R": 1}, {"ZZ9": 1}]}}, r"ZZ9: 1.*: There is no base parameter"),
     "bad parameter": ({"vary": {"robot.joints.0.parameters.Fq": [1]}}, r"robot.joints.0: unknown parameters Fq; valid"),
+    "no such FMU": ({"limits": {"instances": {"v.fmu": 2}}}, r"limits.instances: no case names 'v.fmu' .*pd.yaml"),
     "no element": ({"vary": {"robot.joints.4.a": [1]}}, r"vary.robot.joints.4.a: The list has no such element"),
 }  # fmt: skip
 """What is wrong -> entries that are merged into a good campaign, and what is told of it."""
@@ -57,12 +58,12 @@ def test_each_mistake_by_its_form(name: str) -> None:
     assert re.search(told, found[0])
 
 
-def test_twelve_mistakes_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_thirteen_mistakes_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "campaign.yaml"
     file.write_text(yaml.safe_dump(merged(*(entries for entries, _ in MISTAKES.values()))))
     assert main(["campaign", "run", str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 1
     said = capsys.readouterr().err
-    assert "has 12 problems" in said
+    assert "has 13 problems" in said
     for name, (_, told) in MISTAKES.items():
         assert re.search(told, said), name
     assert not (tmp_path / "out").exists()
