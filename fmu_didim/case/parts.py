@@ -118,6 +118,7 @@ def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
     return load_fmu(
         path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
         time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
+        tolerance=source.tolerance,
     )  # fmt: skip
 
 

@@ -52,6 +52,7 @@ class ComponentSource(Strict):
             and to end as it should; and for how long a call may take there.
         rerun: how an FMU is run again; by default what a trial of it shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
+        tolerance: relative one that an FMU is told for its own step control; it takes its own by default.
     """
 
     kind: Literal["fmu", "model", "control"] = "fmu"
@@ -73,6 +74,7 @@ class ComponentSource(Strict):
     time_limit_s: Positive = 10.0
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
     event_mode: bool = False
+    tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
 
 
 class Loop(Strict):

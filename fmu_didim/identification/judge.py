@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import motion_frequency
 from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.roughness import Roughness
+from fmu_didim.prediction.roughness import Roughness, smoother_after_step
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -90,7 +91,7 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     if shift > limits.VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
-    found += roughness_diagnostics(estimate.roughness)
+    found += roughness_diagnostics(estimate.roughness, model)
     found += [
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals
@@ -123,8 +124,8 @@ def held_parameters(model: LoopModel) -> list[Diagnostic]:
     return [Diagnostic(HELD, f"Not identified, but taken as the description has them: {text}.", "robot")]
 
 
-def roughness_diagnostics(rough: Roughness | None) -> list[Diagnostic]:
-    """Where the step control of a foreign plant limits the answer."""
+def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Diagnostic]:
+    """Where the step control of a foreign plant or controller limits the answer, and whose it is where that shows."""
     if rough is None:
         return []
     found = []
@@ -137,7 +138,12 @@ def roughness_diagnostics(rough: Roughness | None) -> list[Diagnostic]:
             "deviations of its residual: the values scatter by it."
         )
         found.append(Diagnostic(ROUGH, text, "", rough.jitter, limits.JITTER, "standard deviations"))
-    return found
+    cause = smoother_after_step(model) if found else ""
+    if not cause:
+        return found
+    text = f" Where the {cause} gives its outputs after its step, nearly nothing is left of that."
+    advice = f"Say so of the {cause}, if that is how it computes them: {cause}: {{outputs_after_step: true}}."
+    return [replace(d, text=d.text + text, next_step=advice) for d in found]
 
 
 def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:

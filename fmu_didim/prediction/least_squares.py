@@ -206,7 +206,8 @@ class _Solver:
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
         if stuck and (was_fresh or at.updates <= 0):
-            nothing_left = step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
+            hidden = was_fresh and step.is_below(limits.HIDDEN)
+            nothing_left = hidden or step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
             return "settled" if rules.tolerance is not None and nothing_left else "stopped"
         if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
             return "stopped"
@@ -364,7 +365,11 @@ class _Step:
 
     @property
     def is_far_below_sigma(self) -> bool:
-        return bool((np.abs(self.change) <= limits.FAR_BELOW * self.scale).all())
+        return self.is_below(limits.FAR_BELOW)
+
+    def is_below(self, part: float) -> bool:
+        """Whether it moves no parameter by more than this fraction of its standard deviation."""
+        return bool((np.abs(self.change) <= part * self.scale).all())
 
     @staticmethod
     def of(at: _State, deviation: Array, measured: Array, low: Array, high: Array) -> _Step:

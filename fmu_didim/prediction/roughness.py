@@ -7,13 +7,17 @@ standard deviations depend, nor is the minimum: it scatters as it would by noise
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.components import FmuComponent
+from fmu_didim.components.fmu.description import CO_SIMULATION
+from fmu_didim.errors import FmuDidimError
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.differences import Ladder, jitter_in
 from fmu_didim.prediction.fit import Fit
+from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import step_size
 from fmu_didim.prediction.weighting import whitened
 from fmu_didim.signals import Array
@@ -49,6 +53,38 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
     change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
     worst = int(np.argmax(change))
     return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))
+
+
+def smoother_after_step(model: LoopModel) -> str:
+    """The foreign FMU because of which the torque jitters, if its outputs after its step do not; "" if there is none.
+
+    Between two steps an FMU in co-simulation may answer from where its solver has got to, which is beyond the end of
+    the last step by chance.
+    """
+    label = model.first
+    system = model.systems[label]
+    now = _jitter(model, label)
+    for name, component in system.components.items():
+        form = component.compiled()
+        if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
+            continue
+        if name in system.after_step or form.feedthrough() == frozenset():
+            continue
+        other = replace(system, after_step=system.after_step | {name})
+        try:
+            after = _jitter(replace(model, systems={**model.systems, label: other}), label)
+        except FmuDidimError:  # a loop that is wired otherwise, or that such a delay makes unstable
+            continue
+        if after < limits.SMOOTHER * now:
+            return name
+    return ""
+
+
+def _jitter(model: LoopModel, label: str) -> float:
+    """Largest change of the torque by tiny changes of all values, as a fraction of it."""
+    torque = model.torque(model.start, label)
+    moved = [model.torque(model.start * (1 + part), label) - torque for part in limits.TINY_CHANGES]
+    return float(max(np.linalg.norm(change) for change in moved) / np.linalg.norm(torque))
 
 
 def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:

@@ -244,6 +244,19 @@ FAR_BELOW = TABLE(
     "FAR_BELOW", 0.01, "standard deviations",
     "A step that small changes no conclusion: when it cannot be made in full, the fit has settled all the same.",
 )  # fmt: skip
+TINY_CHANGES = TABLE(
+    "TINY_CHANGES", (1e-6, 2e-6, 5e-6), "1",
+    "Of all values, to see whether the torque jitters: it changes by as little where it does not, a thousand times as "
+    "much where it does; three, since by chance one may show none.",
+)  # fmt: skip
+SMOOTHER = TABLE(
+    "SMOOTHER", 0.1, "1", "Fraction of its jitter below which a loop that is wired otherwise is said to be smoother."
+)
+HIDDEN = TABLE(
+    "HIDDEN", 0.1, "standard deviations",
+    "Where no step lowers the cost although the sensitivity was taken there, the torque is rough: a step that small is "
+    "then hidden by it, and changes no conclusion.",
+)  # fmt: skip
 LEFT_BY_JITTER = TABLE(
     "LEFT_BY_JITTER", 0.25, "chi-square",
     "A step that promises no more, half a standard deviation, need not be made where a jitter of the torque hides what "

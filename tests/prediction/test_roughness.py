@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from scipy.optimize import least_squares
 
+from fmu_didim.case import load_case
 from fmu_didim.prediction.differences import Step
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import Stopping, _Solver, minimise
 from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.roughness import roughness
+from fmu_didim.prediction.roughness import roughness, smoother_after_step
 from fmu_didim.prediction.weighting import KnownNoise
 from fmu_didim.signals import Array
+from tests.awkward.build import awkward_fmu
+from tests.campaigns.helpers import sledge_case
 from tests.prediction.law_model import LawModel
 from tests.prediction.test_differences import COUNT, deviations, law_model, slopes, smooth
 
@@ -98,3 +103,20 @@ def test_a_loop_without_central_differences_has_no_roughness() -> None:
     smooth_loop: LawModel = replace(law_model(), can_refine=True)
     fit = minimise(smooth_loop, NOISE, stopping=Stopping(0))  # type: ignore[arg-type]
     assert roughness(fit) is None
+
+
+@pytest.mark.parametrize(
+    ("macros", "after_step", "name"),
+    [(("ROUGH_BETWEEN_STEPS",), False, "controller"), (("ROUGH_BETWEEN_STEPS",), True, ""), ((), False, "")],
+)
+def test_whose_outputs_are_better_taken_after_its_step(
+    macros: tuple[str, ...], after_step: bool, name: str, tmp_path: Path
+) -> None:
+    content = sledge_case(str(awkward_fmu(tmp_path, *macros)))
+    content["controller"] |= {"outputs_after_step": after_step, "isolated": False}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(content["robot"]), encoding="utf-8")
+    content["robot"] = "robot.yaml"
+    np.savetxt(
+        tmp_path / "none.csv", [[0.02 * k, 0.0] for k in range(200)], delimiter=",", header="t,tau1", comments=""
+    )
+    assert smoother_after_step(load_case(content, folder=tmp_path).model) == name

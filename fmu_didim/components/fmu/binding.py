@@ -98,6 +98,7 @@ class Binding(ABC):
         derivatives_function: of the continuous states, without the prefix.
         native_kind: how the compiled loop calls it (:mod:`fmu_didim.components.native`), None if it cannot.
         gives_initial_outputs: whether outputs can be asked for while it is being initialised.
+        tolerance: whether one is told at the set-up of a run, and which.
     """
 
     prefix: str
@@ -112,9 +113,11 @@ class Binding(ABC):
     gives_initial_outputs: bool = True
 
     def __init__(
-        self, description: FmuDescription, interface: Interface, library: Library, *, event_mode: bool = False
-    ) -> None:
+        self, description: FmuDescription, interface: Interface, library: Library, *, event_mode: bool = False,
+        tolerance: float | None = None,
+    ) -> None:  # fmt: skip
         self.description, self.library, self.event_mode = description, library, event_mode
+        self.tolerance = (0, 0.0) if tolerance is None else (1, tolerance)
         self.co_simulation = interface.kind == CO_SIMULATION
         self.interface = interface
         self.messages = Messages()

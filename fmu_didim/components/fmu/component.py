@@ -49,7 +49,7 @@ class FmuComponent(FmuSettings):
     def pool_key(self) -> Hashable:
         names = (*(v.name for v in self.inputs), "", *(v.name for v in self.outputs))
         how = (self.interface.kind, self.solver, self.substeps, self.event_mode, self.rerun)
-        where = (self.isolated, self.time_limit_s)
+        where = (self.isolated, self.time_limit_s, self.tolerance)
         return (self.digest, how, where, self.input_references, self.output_references, names)
 
     def response_key(self) -> Hashable | None:
@@ -115,7 +115,7 @@ class FmuComponent(FmuSettings):
             return None
         if len(self.parameters) != len(self.block.parameters):
             return None  # a start value has become a parameter
-        if self.options.get(TOLERANCE_NAME) and self.stated_substeps is None:
+        if (self.options.get(TOLERANCE_NAME) or self.tolerance) and self.stated_substeps is None:
             return None  # the FMU takes more substeps than the rule
         present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
         return present, self.stated_substeps
@@ -149,6 +149,8 @@ class FmuComponent(FmuSettings):
             "reset_reason": rerun.reason,
             "options": dict(self.options),
         }
+        if self.tolerance is not None:
+            described["tolerance"] = self.tolerance
         if self.event_mode:
             described["event_mode"] = True
         if self.interface.kind == MODEL_EXCHANGE:

@@ -63,7 +63,9 @@ class FmuInstance(RestartableInstance):
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         fmu, interface = component.fmu, component.interface
         library = load_library(component.fmi, fmu, interface)
-        self._binding = component.fmi.binding(fmu, interface, library, event_mode=component.event_mode)
+        self._binding = component.fmi.binding(
+            fmu, interface, library, event_mode=component.event_mode, tolerance=component.tolerance
+        )
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._take(component)
 

@@ -40,6 +40,7 @@ def load_fmu(
     time_limit_s: float = DEFAULT_TIME_LIMIT,
     rerun: str = AUTO,
     event_mode: bool = False,
+    tolerance: float | None = None,
 ) -> FmuComponent:
     """Read an FMU of a version in :data:`~fmu_didim.components.fmu.versions.VERSIONS`; its variables keep their names.
 
@@ -56,6 +57,8 @@ def load_fmu(
         rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
             ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.
         event_mode: handle the events of FMI 3.0 co-simulation; always done where the FMU has input clocks.
+        tolerance: relative one that the FMU is told when a run is set up, for the step control that it may have; by
+            default it takes its own. FMI 1.0 has none.
 
     Raises:
         FmuError: the file is not such an FMU, or holds no binary for this platform.
@@ -69,6 +72,8 @@ def load_fmu(
         raise InputError("The number of substeps must be positive.", got=substeps)
     if time_limit_s <= 0:
         raise InputError("The time limit must be positive.", got=time_limit_s)
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise InputError("The tolerance must be a fraction.", got=tolerance, valid="such as 1e-8")
     if rerun not in STRATEGIES:
         raise InputError("This way to run an FMU again is not known.", got=rerun, valid=STRATEGIES)
     fmu = read_description(path)
@@ -86,6 +91,7 @@ def load_fmu(
         time_limit_s=float(time_limit_s),
         rerun=rerun,
         event_mode=event_mode or clocked,
+        tolerance=tolerance,
         sample_time=clock_period(fmu) if clocked else _own_period(fmu),
     )
     return component if substeps is None else component.with_substeps(substeps) or component

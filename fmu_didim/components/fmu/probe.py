@@ -175,7 +175,14 @@ def probe_fmu(
 
 
 def _key(component: FmuComponent, h: float) -> str:
-    values = [component.parameter_values(), dict(component.options), component.solver, component.substeps, h]
+    values = [
+        component.parameter_values(),
+        dict(component.options),
+        component.solver,
+        component.substeps,
+        h,
+        component.tolerance,
+    ]
     text = json.dumps([_FORMAT, component.digest, component.interface.kind, values], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -69,6 +69,7 @@ class FmuSettings(Component):
         fixed: names of the parameters that cannot be changed in a run.
         solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where nothing
             is said of it.
+        tolerance: that the FMU is told at the set-up of a run; None: none.
     """
 
     fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
@@ -98,6 +99,7 @@ class FmuSettings(Component):
     time_limit_s: float = DEFAULT_TIME_LIMIT
     rerun: str = AUTO
     event_mode: bool = False
+    tolerance: float | None = None
 
     @property
     def path(self) -> Path:

@@ -49,7 +49,7 @@ class Binding2(Binding):
         return self.library["fmi2DoStep"], (1,)
 
     def set_up_experiment(self, time: float) -> None:
-        self.call("SetupExperiment", 0, 0.0, time, 0, 0.0)
+        self.call("SetupExperiment", *self.tolerance, time, 0, 0.0)
 
     def enter_initialisation(self, time: float) -> None:
         self.call("EnterInitializationMode")

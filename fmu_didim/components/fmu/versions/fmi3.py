@@ -83,7 +83,7 @@ class Binding3(Binding):
         self.call("SetClock", references([reference]), 1, (ctypes.c_bool * 1)(True))
 
     def enter_initialisation(self, time: float) -> None:
-        self.call("EnterInitializationMode", False, 0.0, time, False, 0.0)
+        self.call("EnterInitializationMode", *self.tolerance, time, False, 0.0)
 
     def update_discrete_states(self) -> EventResult:
         need, terminate, nominals, values, defined = (ctypes.c_bool() for _ in range(5))
