@@ -11,6 +11,7 @@ from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import expected
 from fmu_didim.diagnosis.data.log import log_diagnostics
 from fmu_didim.diagnosis.data.nearby import Nearby, along, nearby
+from fmu_didim.diagnosis.data.plant import plant_diagnostics
 from fmu_didim.diagnosis.data.reference import reference_diagnostics
 from fmu_didim.diagnosis.data.relation import relation_diagnostics
 from fmu_didim.diagnosis.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
@@ -43,6 +44,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         found += experiment.told
         found += reference_diagnostics(experiment.reference, model.joint_count, label)
         run = model.simulation(model.start, label)
+        found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
         found += log_diagnostics(experiment, label, given, 1 / run.step_size)
         of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)

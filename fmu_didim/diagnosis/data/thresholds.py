@@ -63,6 +63,14 @@ MOST_SPIKES = TABLE("MOST_SPIKES", 0.1, "1", "Part of the samples above which th
 # Several experiments -------------------------------------------------------------------------------------------------
 COPIED = TABLE("COPIED", 0.5, "1", "Part of the rows of a held-out log that stand in a fitted one, to the last digit.")
 
+# The plant -----------------------------------------------------------------------------------------------------------
+TICKS_LOOKED_AT = TABLE(
+    "TICKS_LOOKED_AT", 2000, "ticks", "Of the loop, from its start: two seconds at 1 kHz, a fraction of an experiment."
+)
+FEWEST_CHANGES = TABLE(
+    "FEWEST_CHANGES", 10, "changes", "Of the outputs of a plant, for a word on how long it usually holds them."
+)
+
 # The log against the torque that is expected -------------------------------------------------------------------------
 SUBSTEPS = TABLE(
     "SUBSTEPS", 4, "substeps",
