@@ -31,13 +31,18 @@ def test_shipped_data_are_what_the_script_makes(tmp_path: Path) -> None:
     import yaml
 
     script = load("examples/scara/make_data.py")
-    content = yaml.safe_load((SCARA / "identify.yaml").read_text(encoding="utf-8"))
-    for name, seed in script["SEEDS"].items():  # type: ignore[attr-defined]
+    made = [("identify", name, "", seed, (200, 10)) for name, seed in script["SEEDS"].items()]  # type: ignore[attr-defined]
+    made += [
+        ("identify_modelica", "train", "moves_", 5, (20,)),
+        ("identify_modelica", "validation", "moves_", 6, (20,)),
+    ]
+    for case, name, prefix, seed, rates in made:
+        content = yaml.safe_load((SCARA / f"{case}.yaml").read_text(encoding="utf-8"))
         _, torque = script["closed_loop"](content[name]["reference"])  # type: ignore[operator]
         deviation = 0.05 * np.sqrt((torque**2).mean(axis=0))
         measured = torque + deviation * np.random.default_rng(seed).normal(size=torque.shape)
-        for rate in (200, 10):
-            shipped = np.loadtxt(SCARA / f"{name}_{rate}hz.csv", delimiter=",", skiprows=1)[:, 1:]
+        for rate in rates:
+            shipped = np.loadtxt(SCARA / f"{prefix}{name}_{rate}hz.csv", delimiter=",", skiprows=1)[:, 1:]
             np.testing.assert_allclose(shipped, measured[:: 200 // rate], rtol=2e-5, atol=1e-6)
 
 
@@ -104,6 +109,7 @@ def test_every_case_file_is_named_here() -> None:
     assert found == {
         "examples/scara/identify.yaml",
         "examples/scara/identify_200hz.yaml",
+        "examples/scara/identify_modelica.yaml",
         "examples/scara/two_payloads.yaml",
         *(f"examples/campaigns/{name}.yaml" for name in CAMPAIGNS),
         "examples/arm2r/discover.yaml",

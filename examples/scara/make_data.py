@@ -23,8 +23,26 @@ PAYLOAD, AT = 0.15, 0.4  # kg, and m from the axis of joint 2, of the run payloa
 KP, KD = np.array([3700.0, 62.0]), np.array([230.0, 4.0])
 
 
+def duration(motion: dict) -> float:
+    """Length of a motion as it stands in the case file, s."""
+    if motion["kind"] == "fourier":
+        return motion["duration_s"]
+    return (len(motion["points"]) - 1) * (motion["move_s"] + motion["dwell_s"])
+
+
+def moves(motion: dict, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of quintic moves from rest to rest."""
+    points, length = np.array(motion["points"], dtype=float), motion["move_s"] + motion["dwell_s"]
+    k = np.minimum((time / length).astype(int), len(points) - 2)
+    s = np.clip((time - k * length) / motion["move_s"], 0, 1)[:, None]
+    way = points[k + 1] - points[k]
+    return points[k] + way * (10 * s**3 - 15 * s**4 + 6 * s**5), way * 30 * (s - s**2) ** 2 / motion["move_s"]
+
+
 def reference(series: dict, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a Fourier series as it stands in the case file."""
+    """Position and velocity of a Fourier series as it stands in the case file, or of moves."""
+    if series["kind"] == "point_to_point":
+        return moves(series, time)
     w = 2 * np.pi * series["fundamental_hz"]
     k = w * np.arange(1, 1 + len(series["joints"][0]["cosine"]))
     angle = np.outer(time, k)
@@ -49,7 +67,7 @@ def acceleration(p: dict, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.
 
 def closed_loop(series: dict, p: dict = TRUTH) -> tuple[np.ndarray, np.ndarray]:
     """Time and torque command of the loop, one row a control period."""
-    time = np.arange(round(series["duration_s"] * RATE_HZ)) / RATE_HZ
+    time = np.arange(round(duration(series) * RATE_HZ)) / RATE_HZ
     q_ref, dq_ref = reference(series, time)
     x = np.concatenate([q_ref[0], dq_ref[0]])
     torque = np.zeros_like(q_ref)
@@ -84,6 +102,9 @@ def main() -> None:
             write(name, rate, time, torque, seed)
     write("empty", 50, *closed_loop(case["train"]["reference"]), seed=3)
     write("payload", 50, *closed_loop(case["validation"]["reference"], with_payload(TRUTH)), seed=4)
+    case = yaml.safe_load((HERE / "identify_modelica.yaml").read_text(encoding="utf-8"))
+    for run, seed in (("train", 5), ("validation", 6)):
+        write(f"moves_{run}", 20, *closed_loop(case[run]["reference"]), seed=seed)
 
 
 if __name__ == "__main__":

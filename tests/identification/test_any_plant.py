@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
+from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu, rename
 from fmu_didim.estimators import Clie
 from fmu_didim.master import closed_loop, decimated_times
 from fmu_didim.prediction.parameters import NamedParameters
 from fmu_didim.signals import trajectory
-from fmu_didim.workflow import identify, simulate
+from fmu_didim.workflow import identify
 from tests.cases import scara_case
 from tests.helpers import NEAR, model_on, with_torque
 
@@ -41,40 +42,18 @@ def test_every_form_of_the_fmu_gives_the_same_values(tmp_path: Path, fmi: str, o
     assert (np.abs(outcome.estimate.value - expected.value) <= NEAR * expected.standard_deviation).all()
 
 
-MOVES = {
-    "kind": "point_to_point",
-    "points": [[0, 0], [1.0, -1.0], [-0.6, 0.8], [0.7, 0.9], [-0.3, -0.7], [0, 0]],
-    "move_s": 0.9, "dwell_s": 0.1,
-}  # fmt: skip
-
-
-def test_modelica_plant_and_controller_are_identified(tmp_path: Path) -> None:
-    """Compiled by rumoca, run in model exchange, integrated by the master; parameter names as in robot.yaml.
+def test_modelica_plant_and_controller_are_identified() -> None:
+    """The example, compiled by rumoca and integrated by the master: values as with our plant and controller, and true.
 
     From rest at zero: the start values that rumoca 0.9.13 takes from parameters do not follow them.
     """
     pytest.importorskip("rumoca")
-    path = scara_case(tmp_path)
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    del content["validation"]
-    content["train"]["reference"] = MOVES
-    content["estimator"] = {"kind": "didim"}
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    table = simulate(path)
-    torque = table.select(["tau1", "tau2"])[::10]
-    noise = 0.05 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(8).normal(size=torque.shape)
-    rows = np.column_stack([table.time[::10], torque + noise])
-    np.savetxt(tmp_path / "torque.csv", rows, delimiter=",", header="t,tau1,tau2", comments="")
-    content["train"]["torque"]["file"] = "torque.csv"
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    expected = identify(path).estimate
-    modelica = Path("fmus/scara/modelica").resolve()
-    content["plant"] = {"kind": "fmu", "source": str(modelica / "Scara.mo"), "substeps": 16}
-    content["controller"] = {"kind": "fmu", "source": str(modelica / "PD.mo"), "substeps": 1}
-    content["loop"] = {"rate_hz": 200}
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    outcome = identify(path)
-    assert outcome.document.status == "converged"
+    case = load_case("examples/scara/identify_modelica.yaml")
+    outcome = identify(case)
+    own = {"plant": {"kind": "model", "source": None, "substeps": None}}
+    own["controller"] = {"source": "../../controllers/scara_pd.yaml", "substeps": None}
+    expected = identify(case.with_(**own)).estimate
+    assert outcome.verdict == "valid"
     assert (np.abs(outcome.estimate.value - expected.value) <= NEAR * expected.standard_deviation).all()
     truth = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])
     assert (np.abs(outcome.estimate.value - truth) <= 3.5 * outcome.estimate.standard_deviation).all()
@@ -88,14 +67,16 @@ DYMOLA = Path(os.environ.get("FMU_DIDIM_EXTERNAL_FMUS", "external-fmus"))
     reason="Controller.fmu and Drivetrain.fmu of FMPy's repository are not at hand: set FMU_DIDIM_EXTERNAL_FMUS",
 )
 @pytest.mark.parametrize("rate_hz", [100.0, 10.0])
-def test_dymola_pair_is_identified_from_torque(rate_hz: float) -> None:
+@pytest.mark.parametrize("interface", ["model-exchange", "co-simulation"])
+def test_dymola_pair_is_identified_from_torque(rate_hz: float, interface: str) -> None:
     """A vendor's controller and plant as they are; J1, J2, c, d from the torque with 1 % noise.
 
-    Model exchange with our integrator: in co-simulation the step control inside these FMUs makes the torque
-    jitter by about 0.3 % when a parameter changes ever so little.
+    In co-simulation the outputs of the controller are taken after its step: before it, it gives them as of where its
+    solver has got to, so that the torque jitters by 0.5 % when a parameter changes ever so little.
     """
-    plant = load_fmu(DYMOLA / "Drivetrain.fmu", interface="model-exchange", substeps=4)
-    controller = load_fmu(DYMOLA / "Controller.fmu", interface="model-exchange", substeps=1)
+    exchange = interface == "model-exchange"
+    plant = load_fmu(DYMOLA / "Drivetrain.fmu", interface=interface, substeps=4 if exchange else None)
+    controller = load_fmu(DYMOLA / "Controller.fmu", interface=interface, substeps=1 if exchange else None)
     step = 1e-3
     time = np.arange(5001) * step
     waves = ((2.0, 0.3), (1.0, 1.1), (0.5, 4.3), (0.3, 9.0), (0.3, 17.0))
@@ -109,6 +90,7 @@ def test_dymola_pair_is_identified_from_torque(rate_hz: float) -> None:
         ),
         joint_count=1, step_size=step, reference_names=reference.names,
     )  # fmt: skip
+    system = system if exchange else replace(system, after_step=frozenset({"controller"}))
     truth = np.array([1.0, 2.0, 1e4, 100.0])
     parameters = NamedParameters(
         names=("J1", "J2", "c", "d"), units=("kg.m2", "kg.m2", "N.m/rad", "N.m.s/rad"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import medfilt
 
 from fmu_didim.diagnosis.data import thresholds as limits
@@ -222,6 +223,10 @@ def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
     spread = float(np.ptp(np.percentile(values, limits.QUANTILES)))
     rests = [signal - medfilt(signal, limits.NEIGHBOURS) for signal in (values, values - best[:, j])]
     apart = np.min(np.abs(rests), axis=0)
+    if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
+        simulated = given.nominal[:, j]
+        swings = np.abs(simulated - medfilt(simulated, limits.NEIGHBOURS))
+        apart = np.maximum(apart - maximum_filter1d(swings, limits.NEIGHBOURS), 0.0)
     spikes = np.flatnonzero(apart > limits.SPIKE * spread)
     if 0 < spikes.size <= limits.MOST_SPIKES * values.size:
         text = (

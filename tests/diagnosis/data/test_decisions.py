@@ -215,6 +215,18 @@ def test_log(torque: Array, changes: dict[str, Any], code: str | None, value: fl
         assert told[0].value == pytest.approx(value, rel=0.02)
 
 
+@pytest.mark.parametrize(("at", "codes"), [(2, []), (4, []), (5, ["log-outliers"]), (None, ["log-outliers"])])
+def test_a_loop_that_swings_in_is_no_outlier(at: int | None, codes: list[str]) -> None:
+    """What the simulation does, too, a sample or two earlier or later."""
+    log = np.where(N == 3, 5.0, NOISY)
+    simulated = np.sin(0.05 * N) if at is None else np.where(N == at, 6.0, np.sin(0.05 * N))
+    columns = np.sin(0.05 * N)[:, None, None]  # along the reference the loop need not swing in
+    motion = reference(4.0, joints=1)
+    operator = sample_operator(TIME, start=0.0, step=0.005, tick_count=motion.time.size)
+    given = Expected(log[:, None], simulated[:, None], columns)
+    assert names(log_diagnostics(Experiment(motion, TIME, log[:, None], operator), "train", given, 200.0)) == codes
+
+
 def test_held_command_of_a_slower_control_is_no_upsampling() -> None:
     """Control at 20 Hz, log at 100 Hz: stairs of five samples are what such a log must show."""
     held = np.repeat(np.random.default_rng(2).normal(size=80), 5)
