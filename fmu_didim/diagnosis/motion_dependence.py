@@ -14,7 +14,8 @@ repeat.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy import linalg, stats
@@ -23,12 +24,15 @@ from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.data.timing import CLOCK_EARLY, CLOCK_LATE
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
+from fmu_didim.master import Indices
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.noise import TINY
-from fmu_didim.prediction.uncertainty import Colour, nominal_rate
+from fmu_didim.prediction.uncertainty import Colour, nominal_rate, stretches, uncertainty
+from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.signals import Array
+from fmu_didim.statistics import influence_efficient, noise_deviation
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -89,29 +93,31 @@ def motion_dependence(
     residuals: Mapping[str, Array],
     sensitivities: Mapping[str, Array],
     coefficients: Mapping[tuple[int, float], Array],
+    rows: Mapping[str, Indices] = MappingProxyType({}),
 ) -> list[Dependence]:
     """How the residual of each joint depends on the simulated motion; nothing where that breaks off.
 
     Args:
         residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
         coefficients: joint, from 1, and rate of the log in Hz -> (order,) of the autoregression of its noise.
+        rows: label -> those samples of the log, where residuals and sensitivities are of some of them.
     """
     try:
         tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
     except SimulationError:  # after the last sample of a log
         return []
     found = []
+    logs = {label: _at(model.experiments[label], rows.get(label)) for label in residuals}
     for j in range(model.joint_count):
         named = [list(tables[label][j]) for label in residuals]
         names = [name for name in named[0] if all(name in others for others in named)]
         parts = []
         for label, residual in residuals.items():
             motion = np.column_stack([tables[label][j][name] for name in names])
+            motion = motion[rows[label]] if label in rows else motion
             stacked = np.column_stack([residual[:, j], sensitivities[label][:, j], motion])
-            experiment = model.experiments[label]
-            parts.append(
-                filtered(stacked, coefficients.get((j + 1, nominal_rate(experiment.rate_hz)), np.zeros(0)), experiment)
-            )
+            own = coefficients.get((j + 1, nominal_rate(logs[label].rate_hz)), np.zeros(0))
+            parts.append(filtered(stacked, own, logs[label]))
         whole = np.concatenate(parts)
         found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
     return found
@@ -120,15 +126,49 @@ def motion_dependence(
 def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
     """How the residual of each joint depends on the motion at a point of the closed loop.
 
+    What was filtered is looked at in so many samples as it has room for in its band, without the ends of the log,
+    where the filter makes up what was before and after; their noise has a colour of its own.
+
     Args:
-        colours: of its noise.
+        colours: of the noise of the log as it is.
     """
+    if fit.model.low_pass is not None:
+        return _dependence_in_band(fit, fit.model.low_pass.cutoff_hz)
     rows, residual = fit.model.rows, fit.residual
     return motion_dependence(
         fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
         {label: fit.jacobian[part] for label, part in rows.items()},
         {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours},
     )  # fmt: skip
+
+
+def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
+    """The same for a fit of filtered samples."""
+    model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
+    for label, part in model.rows.items():
+        experiment = model.experiments[label]
+        every = max(round(experiment.rate_hz / (limits.BAND * cutoff_hz)), 1)
+        rows = np.flatnonzero(experiment.places % every == 0)[limits.ENDS : -limits.ENDS]
+        if rows.size * model.joint_count < 2 * fit.values.size:
+            return []
+        chosen[label] = rows
+        times.append(experiment.time[rows])
+        residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
+    residual, sensitivity = (np.concatenate(list(table.values())) for table in (residuals, sensitivities))
+    influence = influence_efficient(whitened(sensitivity, fit.deviation)).reshape(sensitivity.shape)
+    influence = influence / fit.deviation[:, None]
+    leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
+    deviation = noise_deviation(residual, leverage, floor=noise_floor(model.measured))
+    colours = uncertainty(residual, sensitivity, influence, deviation, stretches(times)).colours
+    coefficients = {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours}
+    return motion_dependence(model, fit.values, residuals, sensitivities, coefficients, chosen)
+
+
+def _at(experiment: Experiment, rows: Indices | None) -> Experiment:
+    """An experiment with these samples alone; its operator is that of all."""
+    return (
+        experiment if rows is None else replace(experiment, time=experiment.time[rows], torque=experiment.torque[rows])
+    )
 
 
 def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int) -> Dependence:
@@ -152,7 +192,7 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     power, product = np.sum(own**2, axis=0), own.T @ rest
     most = int(np.argmax(product**2 / power))
     share = float(product[most] ** 2 / power[most]) / max(explained, TINY)
-    deviation = float(np.sqrt((total - explained) / second / power[most]))
+    deviation = float(np.sqrt(max(total - explained, 0.0) / second / power[most]))
     return Dependence(
         joint, _chance(total, product**2 / power, ratio, first, second), explained / total, left[most], share,
         slope=float(product[most] / power[most]), deviation=deviation,

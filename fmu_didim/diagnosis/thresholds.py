@@ -100,6 +100,14 @@ MOTION_CHANCE = TABLE(
     "MOTION_CHANCE", 1e-3, "1",
     "Probability, for all joints together, with which noise alone may be said to depend on the motion.",
 )  # fmt: skip
+BAND = TABLE(
+    "BAND", 1.8, "samples",
+    "Of filtered data in a period of the cut-off frequency that the test for motion looks at: what a Butterworth "
+    "filter of order 4 passes forwards and backwards is white at that rate, to a tenth.",
+)  # fmt: skip
+ENDS = TABLE(
+    "ENDS", 1, "samples", "Of those at each end of a log that are left out: there the filter makes up what it lacks."
+)
 SAMPLES_A_FUNCTION = TABLE(
     "SAMPLES_A_FUNCTION", 8.0, "samples", "At least, for each function of the motion that a residual is compared with."
 )

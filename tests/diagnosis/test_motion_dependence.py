@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,18 +10,23 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fmu_didim.case import load_case
 from fmu_didim.diagnosis.motion_dependence import (
     TORQUE_RATE,
     Dependence,
     dependence,
+    dependence_of_fit,
     filtered,
     functions_of_motion,
     motion_dependence,
     motion_diagnostics,
 )
 from fmu_didim.errors import SimulationError
+from fmu_didim.prediction.fit import point
 from fmu_didim.prediction.loop_model import Simulation
-from tests.helpers import model_of
+from fmu_didim.prediction.low_pass import LowPass
+from fmu_didim.prediction.weighting import NoiseOfResidual
+from tests.helpers import model_of, with_torque
 
 RNG = np.random.default_rng
 TIME = np.linspace(0, 10, 400)
@@ -130,3 +136,24 @@ def test_a_motion_that_breaks_off_after_the_log_says_nothing(monkeypatch):
     monkeypatch.setattr(Simulation, "record", diverged)
     residual, columns = np.zeros((100, 2)), np.zeros((100, 2, 8))
     assert motion_dependence(model, model.start, {model.first: residual}, {model.first: columns}, {}) == []
+
+
+@pytest.mark.parametrize(("rate_hz", "cutoff_hz"), [(20.0, 5.0), (200.0, 10.0)])
+def test_filtered_noise_does_not_depend_on_the_motion_and_an_effect_does(rate_hz, cutoff_hz):
+    """The filter makes neighbouring samples alike: noise counted sample by sample would seem to follow the motion."""
+    case = load_case("examples/scara/identify_200hz.yaml").with_(train={"torque": {"rate_hz": rate_hz}})
+    model = case.model.on(case.model.first)
+    torque = model.torque(model.start, model.first)
+    size = 0.05 * torque.std(axis=0)
+    shape = np.column_stack([one["size of the torque"] for one in functions_of_motion(model.simulation(model.start))])
+    shape = shape / shape.std(axis=0)
+
+    def chances(added, seed):
+        noisy = torque + added * size * shape + size * RNG(seed).normal(size=torque.shape)
+        own = replace(with_torque(model, noisy), low_pass=LowPass(cutoff_hz))
+        fit = point(own.with_values(own.start), NoiseOfResidual(own))
+        return [one.p_value for one in dependence_of_fit(fit, ())]
+
+    noise = np.array([chances(0.0, seed) for seed in range(15)])
+    assert np.mean(noise < 0.01) < 0.1
+    assert (np.array(chances(1.0, 1)) < 1e-6).any()
