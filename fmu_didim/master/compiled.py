@@ -51,7 +51,7 @@ class _Part(ctypes.Structure):
         input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
         input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", wires="p", single="q",
         every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q", line_count="q", first_input="q",
-        first_output="q", next_row="q", read_before="q", read_after="q",
+        first_output="q", next_row="q", read_before="q", read_between="q", read_after="q",
     )  # fmt: skip
 
 
@@ -154,14 +154,15 @@ def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
     part = run.parts[index]
     wiring, capacity = part.wiring, part.whole + 2
     outputs = run.values[part.place]
-    read_before, read_after = _reads(run, index)
+    read_before, read_between, read_after = _reads(run, index)
     result = _Part(
         after_step=part.after_step, input_count=part.inputs.size, output_count=outputs.size,
         inputs=_address(part.inputs, keep), outputs=_address(outputs, keep), wire_count=wiring.targets.size,
         wires=_address(_wires(run, part), keep), single=wiring.single, every=part.every, substeps=part.substeps,
         whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
-        first_output=part.place.start, read_before=read_before, read_after=read_after,
+        first_output=part.place.start, read_before=read_before, read_between=read_between,
+        read_after=read_after,
     )  # fmt: skip
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
@@ -189,17 +190,20 @@ def _wires(run: Run, part: Part) -> Any:
     return wires
 
 
-def _reads(run: Run, index: int) -> tuple[int, int]:
-    """How many of the first outputs of a part others read from its inputs to its step, and from its step to its next
-    inputs.
+def _reads(run: Run, index: int) -> tuple[int, int, int]:
+    """How many of the first outputs of a part others read from its inputs to its step; are read there by those who look
+    at all; and others read from its step to its next inputs.
 
     What nobody reads need not be computed, but for the recording and the bounds: of the plant, which the controller has
     asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
     """
     part = run.parts[index]
     count = part.place.stop - part.place.start
+    if part.between is not None and not part.after_step:
+        between = count if part.between else 0
+        return between, between, count
     if run.delayed or part.after_step or part.every > 1:
-        return count, count
+        return count, count, count
     own, before, after = range(part.place.start, part.place.stop), 0, 0
     for i, other in enumerate(run.parts):
         read = max((int(source) - own.start + 1 for source in other.wiring.sources if source in own), default=0)
@@ -207,7 +211,7 @@ def _reads(run: Run, index: int) -> tuple[int, int]:
             before = max(before, read)
         else:
             after = max(after, read)
-    return before, after
+    return before, count, after
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

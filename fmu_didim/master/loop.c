@@ -53,7 +53,8 @@ typedef struct {
     double *line;
     int64_t line_capacity, line_count;
     int64_t first_input, first_output, next_row;
-    int64_t read_before, read_after; /* how many of its first outputs other parts read before and after its step */
+    /* How many of its first outputs other parts read before its step, those who look at all there, and others after. */
+    int64_t read_before, read_between, read_after;
 } Part;
 
 typedef struct {
@@ -239,12 +240,13 @@ static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick, 
             memcpy(p->inputs, line_at(p, p->whole + 1), bytes);
             TRY(set_part(p), CALL_SET);
             TRY(step_part(p, time, p->part * size), CALL_STEP);
+            if (!p->read_between && p->output_count) TRY(get_part(p, p->output_count), CALL_GET);
         }
         memcpy(p->inputs, line_at(p, p->whole), bytes);
     }
     TRY(set_part(p), CALL_SET);
     if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
-    const int64_t read = all_are_read(l, row, tick) ? p->output_count : p->read_before;
+    const int64_t read = all_are_read(l, row, tick) ? p->read_between : p->read_before;
     if (read) TRY(get_part(p, read), CALL_GET);
     return DONE;
 }
@@ -362,7 +364,7 @@ typedef struct {
     values2 set, get;
     step2 step;
     const uint32_t *input_references, *output_references;
-    size_t input_count, output_count, read_before, read_after;
+    size_t input_count, output_count, read_before, read_between, read_after;
     double *inputs, *outputs;
 } Plain;
 
@@ -370,7 +372,8 @@ static Plain plain_of(const Part *p) {
     const size_t none = p->get ? 1 : 0;
     return (Plain){p->wires, p->wires + p->wire_count, p->self, (values2)p->set, (values2)p->get, (step2)p->step,
                    p->input_references, p->output_references, (size_t)p->input_count, none * (size_t)p->output_count,
-                   none * (size_t)p->read_before, none * (size_t)p->read_after, p->inputs, p->outputs};
+                   none * (size_t)p->read_before, none * (size_t)p->read_between, none * (size_t)p->read_after,
+                   p->inputs, p->outputs};
 }
 
 /* The same as run_any without asking at each tick what is known before. */
@@ -391,7 +394,7 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
         for (index = 0; index < count; index++) {
             const Plain *p = &plain[index];
             for (const Wire *w = p->wires; w < p->wires_end; w++) *w->input = w->gain * *w->signal;
-            const size_t read = all ? p->output_count : p->read_before;
+            const size_t read = all ? p->read_between : p->read_before;
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
             if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }

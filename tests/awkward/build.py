@@ -39,7 +39,7 @@ SLAVE = """<?xml version="1.0" encoding="UTF-8"?>
       <Real/></ScalarVariable>
     <ScalarVariable name="internal" valueReference="10" initial="exact"><Real start="0"/></ScalarVariable>
   </ModelVariables>
-  <ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure>
+  <ModelStructure><Outputs><Unknown index="2"{dependencies}/></Outputs></ModelStructure>
 </fmiModelDescription>
 """
 
@@ -72,7 +72,16 @@ ARRAYS = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 """
 
-DEFAULTS = {"u": "u", "y": "y", "u_unit": "", "y_unit": "", "a_unit": "", "variability": "tunable", "definitions": ""}
+DEFAULTS = {
+    "u": "u",
+    "y": "y",
+    "u_unit": "",
+    "y_unit": "",
+    "a_unit": "",
+    "variability": "tunable",
+    "definitions": "",
+    "dependencies": "",
+}
 
 
 @cache

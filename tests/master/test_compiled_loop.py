@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -20,6 +21,7 @@ from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
 from fmu_didim.master import Connection, InstancePool, Recording, System, simulate
 from fmu_didim.signals import Trajectory, trajectory
+from tests.awkward.build import awkward_fmu
 from tests.helpers import PERIOD, Mock, loop, on_reference, ports, reference, scara, scara_cascade, scara_pd, sledge
 
 TIMINGS: dict[str, dict[str, Any]] = {
@@ -199,6 +201,31 @@ def test_outputs_that_nobody_reads_are_recorded_all_the_same(version: str, jacob
         fast, slow = (simulate(system, ramp(90), ticks=ticks, compiled=c) for c in (True, False))
         assert_same(fast, slow)
         assert all(np.ptp(fast.applied[f"{name}.y"]) > 1.0 for name in names)
+
+
+@pytest.mark.parametrize(
+    "timing", ["plain", "jacobi", "a fraction of delay", "a slow plant with delay", "a fast plant"]
+)
+@pytest.mark.parametrize("dependencies", ["", ' dependencies=""'], ids=["follows at once", "does not"])
+def test_what_is_recorded_does_not_decide_what_happens(dependencies: str, timing: str, tmp_path: Path) -> None:
+    """FMUs of other tools that go on otherwise once they were asked between inputs and step."""
+    fmu = awkward_fmu(tmp_path, "READING_ACTS", dependencies=dependencies)
+    plant = load_fmu(fmu, isolated=False).with_parameters({"d": 0.0})
+    parts = {"controller": wrap_control(control.ss([], [], [], [[2.0, -2.0]], dt=PERIOD)), "plant": plant}
+    wires = (
+        Connection("reference.r", "controller.u[0]"),
+        Connection("plant.y", "controller.u[1]"),
+        Connection("controller.y[0]", "plant.u"),
+    )
+    system = System(parts, wires, ("controller", "plant"), PERIOD, algebraic_loops="previous", **TIMINGS[timing])
+    every = simulate(system, ramp(90), compiled=True)
+    few = np.array([0, 7, 31, 32, 77])
+    for compiled in (True, False):
+        found = simulate(system, ramp(90), ticks=few, compiled=compiled)
+        assert (found.sampled["plant.y"] == every.sampled["plant.y"][few]).all()
+    if dependencies:  # nobody asks it then
+        clean = load_fmu(awkward_fmu(tmp_path), isolated=False).with_parameters({"d": 0.0})
+        assert_same(every, simulate(replace(system, components={**parts, "plant": clean}), ramp(90), compiled=True))
 
 
 @pytest.mark.parametrize("options", [{}, {"delays": {"amplifier": 1}}])
