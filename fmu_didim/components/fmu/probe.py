@@ -20,7 +20,7 @@ from fmu_didim.cache import cache_directory
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.process import ProcessEndedError, Reused
-from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, STEPS
+from fmu_didim.components.fmu.questions import AFTER_A_STEP, AT_ONCE, LATER, NEVER, SAME, STEPS
 from fmu_didim.components.fmu.rerun import (
     Facts,
     ask_facts,
@@ -36,7 +36,7 @@ from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import SimulationError
 
-_FORMAT = 6
+_FORMAT = 7
 FIRST_QUESTIONS = 4
 """Questions about running again at most, among which the time for all is divided."""
 SHORTEST_LIMIT = 10.0
@@ -62,6 +62,8 @@ class FmuProbe:
         not_finite: outputs that became NaN or infinite.
         half_step: the output that half the step changes most, and by which fraction of its largest value; None where
             that could not be tried; half_step_said: why.
+        reading: the output that changes most where outputs are read between inputs and step, too, and by which
+            fraction.
         outputs: their number; with none, nothing can be seen of a parameter.
         acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) before the run did; left: those
             that were not tried, because the time was up.
@@ -86,6 +88,7 @@ class FmuProbe:
     not_finite: tuple[str, ...] = ()
     half_step: tuple[str, float] | None = None
     half_step_said: str = ""
+    reading: tuple[str, float] | None = None
     outputs: int = 0
     single: bool = False
     acting: tuple[str, ...] = ()
@@ -114,6 +117,12 @@ class FmuProbe:
             f"saved state: {self.state}",
             f"half the step: {self._half_step()}",
         ]
+        if self.reading is not None and self.reading[1] > SAME:
+            name, change = self.reading
+            found.append(
+                f"outputs read between inputs and step: CHANGE WHAT FOLLOWS, {name} by {100 * change:.2g} %: take them "
+                "after the step (outputs_after_step) where the loop needs them at once"
+            )
         if not self.outputs:
             found.append("nothing to observe: the FMU has no outputs that are numbers")
         if self.single:
@@ -278,6 +287,7 @@ def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Askin
     in_a_run = _four(said(_with_time(ask), questions.tunable)) if seen else nothing
     response = () if facts.single else said(ask, questions.response)
     half = None if facts.single else said(ask, questions.half_step)
+    reading = None if facts.single or not facts.deterministic else said(ask, questions.reading)
     finite = [bool(np.isfinite(column).all()) for column in facts.first.T]
     return replace(
         blank,
@@ -290,6 +300,7 @@ def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Askin
         response=response if isinstance(response, tuple) else (),
         half_step=half if isinstance(half, tuple) else None,
         half_step_said=half if isinstance(half, str) else "",
+        reading=reading if isinstance(reading, tuple) else None,
         outputs=len(component.outputs),
         not_finite=tuple(v.name for v, fine in zip(component.outputs, finite, strict=True) if not fine),
         acting=acting,

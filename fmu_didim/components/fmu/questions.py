@@ -74,12 +74,14 @@ def _begin(instance: Any, component: FmuSettings) -> None:
     instance.end_initialisation()
 
 
-def _advance(instance: Any, rows: Array, h: float, start: int = 0) -> Array:
+def _advance(instance: Any, rows: Array, h: float, start: int = 0, *, read_between: bool = False) -> Array:
     found = np.zeros((len(rows), instance.outputs.size))
     with suppress(EndedError):  # that is as far as it goes
         for k, row in enumerate(rows):
             instance.inputs[:] = row
             instance.set()
+            if read_between:
+                instance.get()
             instance.step((start + k) * h, h)
             instance.get()
             found[k] = instance.outputs
@@ -167,11 +169,24 @@ def half_step(component: FmuSettings, h: float) -> tuple[str, float]:
     """The output that half the step changes most, with the same held inputs, and by which fraction of its largest
     value; an empty name where there are no outputs."""
     u = _inputs(component, h)
-    whole, half = _run(component, u, h), _run(component, np.repeat(u, 2, axis=0), h / 2)[1::2]
-    if not whole.size:
+    return _most_changed(component, _run(component, u, h), _run(component, np.repeat(u, 2, axis=0), h / 2)[1::2])
+
+
+def reading(component: FmuSettings, h: float) -> tuple[str, float]:
+    """The output that changes most after steps where all were read between inputs and step, too, and by which fraction
+    of its largest value; an empty name where there are no outputs."""
+    u = _inputs(component, h)
+    with _begun(component) as instance:
+        asked = _advance(instance, u, h, read_between=True)
+    return _most_changed(component, _run(component, u, h), asked)
+
+
+def _most_changed(component: FmuSettings, first: Array, second: Array) -> tuple[str, float]:
+    """The output that differs most between two trajectories, and by which fraction of its largest value."""
+    if not first.size:
         return "", 0.0
-    apart = np.nan_to_num(np.abs(whole - half)).max(axis=0)
-    size = np.nan_to_num(np.maximum(np.abs(whole), np.abs(half))).max(axis=0)
+    apart = np.nan_to_num(np.abs(first - second)).max(axis=0)
+    size = np.nan_to_num(np.maximum(np.abs(first), np.abs(second))).max(axis=0)
     change = apart / np.where(size > 0, size, 1.0)
     worst = int(np.argmax(change))
     return component.outputs[worst].name, float(change[worst])

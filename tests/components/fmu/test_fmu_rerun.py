@@ -371,6 +371,14 @@ def test_half_the_step(tmp_path: Path, macro: str, line: str) -> None:
     assert found.strategy == "reset"
 
 
+@pytest.mark.parametrize(("macro", "told"), [("", False), ("READING_ACTS", True), ("ROUGH_BETWEEN_STEPS", False)])
+def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool) -> None:
+    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
+    said = [text for text in found.lines() if "CHANGE WHAT FOLLOWS, y by" in text]
+    assert bool(said) == told
+    assert found.reading is not None
+
+
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
     found = probe_fmu(made, fresh=True)
