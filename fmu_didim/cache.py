@@ -30,6 +30,7 @@ KINDS = {
     "reruns": "how FMUs are run again",
     "probes": "how FMUs behave",
     "proofs": "which FMUs of other tools have run to a good end",
+    "seats": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",
 }
 """What is kept: folder -> what it holds. The names of entries that belong to an FMU begin with its SHA-256."""

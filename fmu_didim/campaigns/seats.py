@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -34,6 +35,7 @@ def seats(files: Mapping[Path, int], is_over: Callable[[], bool]) -> Iterator[No
     with ExitStack() as held:
         for place, count in sorted((_place(file), count) for file, count in files.items()):
             place.mkdir(parents=True, exist_ok=True)
+            os.utime(place)  # used
             while not is_over():
                 seat = _free_seat(place, count)
                 if seat is not None:

@@ -19,6 +19,7 @@ Verb = Literal["identify", "discover"]
 EXAMPLES: tuple[tuple[Verb, str], ...] = (
     ("identify", "scara/identify"),
     ("identify", "scara/identify_200hz"),
+    ("identify", "scara/identify_modelica"),
     ("identify", "scara/two_payloads"),
     ("identify", "emps/identify"),
     ("identify", "emps/identify_idim_ls"),
