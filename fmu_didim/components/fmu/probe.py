@@ -36,7 +36,7 @@ from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
 from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import SimulationError
 
-_FORMAT = 7
+_FORMAT = 8
 FIRST_QUESTIONS = 4
 """Questions about running again at most, among which the time for all is divided."""
 SHORTEST_LIMIT = 10.0
@@ -64,6 +64,7 @@ class FmuProbe:
             that could not be tried; half_step_said: why.
         reading: the output that changes most where outputs are read between inputs and step, too, and by which
             fraction.
+        undeclared: outputs that follow the inputs at once, though the FMU's ModelStructure says that they do not.
         outputs: their number; with none, nothing can be seen of a parameter.
         acting, without_effect, refused: parameters by what a change of 1 % (or 1e-3) before the run did; left: those
             that were not tried, because the time was up.
@@ -89,6 +90,7 @@ class FmuProbe:
     half_step: tuple[str, float] | None = None
     half_step_said: str = ""
     reading: tuple[str, float] | None = None
+    undeclared: tuple[str, ...] = ()
     outputs: int = 0
     single: bool = False
     acting: tuple[str, ...] = ()
@@ -133,6 +135,11 @@ class FmuProbe:
                 found.append(f"outputs that follow the inputs {when}: {', '.join(names)}")
         groups = (
             ("outputs that are NaN or infinite", self.not_finite),
+            (
+                "outputs that follow the inputs AT ONCE AGAINST THE FMU'S OWN DESCRIPTION, by which a loop reads them after "
+                "each step only (outputs_after_step)",
+                self.undeclared,
+            ),
             ("parameters that act", self.acting),
             ("parameters WITHOUT EFFECT here", self.without_effect),
             ("parameters whose change is refused", self.refused),
@@ -286,6 +293,7 @@ def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Askin
     acting, idle, refused, left = _four(said(_with_time(ask), questions.parameters)) if seen else nothing
     in_a_run = _four(said(_with_time(ask), questions.tunable)) if seen else nothing
     response = () if facts.single else said(ask, questions.response)
+    response = response if isinstance(response, tuple) else ()
     half = None if facts.single else said(ask, questions.half_step)
     reading = None if facts.single or not facts.deterministic else said(ask, questions.reading)
     finite = [bool(np.isfinite(column).all()) for column in facts.first.T]
@@ -297,7 +305,8 @@ def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Askin
         reset=facts.reset,
         new_state=facts.new_state,
         state=said(ask, questions.state),
-        response=response if isinstance(response, tuple) else (),
+        response=response,
+        undeclared=_undeclared(response, component.feedthrough()),
         half_step=half if isinstance(half, tuple) else None,
         half_step_said=half if isinstance(half, str) else "",
         reading=reading if isinstance(reading, tuple) else None,
@@ -310,6 +319,14 @@ def _answers(component: FmuComponent, blank: FmuProbe, facts: Facts, ask: _Askin
         refused_in_a_run=in_a_run[2],
         left=tuple(dict.fromkeys((*left, *in_a_run[3]))),
     )
+
+
+def _undeclared(response: tuple[tuple[str, str], ...], stated: frozenset[tuple[str, str]] | None) -> tuple[str, ...]:
+    """Outputs that follow at once, though nothing of the kind is stated; none where nothing is stated at all."""
+    if stated is None:
+        return ()
+    known = {output for output, _ in stated}
+    return tuple(name for name, when in response if when == AT_ONCE and name not in known)
 
 
 def _with_time(ask: _Asking) -> Callable[..., Any]:

@@ -379,6 +379,15 @@ def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool)
     assert found.reading is not None
 
 
+@pytest.mark.parametrize(("dependencies", "d", "told"), [("", 0.5, False), (' dependencies=""', 0.5, True),
+                                                        (' dependencies=""', 0.0, False)])  # fmt: skip
+def test_outputs_that_follow_against_the_description(tmp_path: Path, dependencies: str, d: float, told: bool) -> None:
+    """A loop would take them a step late without a word."""
+    made = load_fmu(awkward_fmu(tmp_path, dependencies=dependencies)).with_parameters({"d": d})
+    said = [text for text in probe_fmu(made, fresh=True).lines() if "AGAINST THE FMU'S OWN DESCRIPTION" in text]
+    assert [text.endswith(": y") for text in said] == [True] * told
+
+
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
     found = probe_fmu(made, fresh=True)
