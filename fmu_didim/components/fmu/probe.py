@@ -136,8 +136,8 @@ class FmuProbe:
         groups = (
             ("outputs that are NaN or infinite", self.not_finite),
             (
-                "outputs that follow the inputs AT ONCE AGAINST THE FMU'S OWN DESCRIPTION, by which a loop reads them after "
-                "each step only (outputs_after_step)",
+                "outputs that follow the inputs AT ONCE AGAINST THE FMU'S OWN DESCRIPTION, by which a loop reads them "
+                "after each step only",
                 self.undeclared,
             ),
             ("parameters that act", self.acting),
