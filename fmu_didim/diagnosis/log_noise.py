@@ -67,10 +67,11 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
 
 def known_noise(model: LoopModel) -> Array | None:
     """(n,) standard deviation of the torque logs without any model: as the case states it, or as the differences of
-    periods show it; None where neither is there."""
+    periods show it; None where neither is there. It is that of the logs as they are, whatever they are filtered with.
+    """
     if model.torque_deviation is not None:
         return model.torque_deviation
-    repeated, _ = repeated_noise(model)
+    repeated, _ = repeated_noise(replace(model, low_pass=None))
     if set(repeated) != set(model.estimation_labels):
         return None
     return pooled(list(repeated.values())).deviation

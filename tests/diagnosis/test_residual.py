@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fmu_didim.diagnosis.log_noise import known_noise
 from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnostics import Severity
+from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.uncertainty import Colour
+from tests.diagnosis.data.right import right
 
 WHITE = Colour(1, 50.0, 4.0, 4.0, np.zeros(0), 0.02, 0.4, 500.0)
 COLOURED = replace(WHITE, coefficients=np.array([0.6, 0.1]), lag_one=0.63, whiteness=0.2, inflation=2.5)
@@ -114,3 +117,11 @@ def test_a_residual_that_is_as_slow_as_the_motion(
     assert [d.code.name for d in found] == (["residual-slow"] if told else [])
     if told:  # power of the autoregression below f: 2/pi atan(2 pi f memory)
         assert found[0].value == pytest.approx(2 / np.pi * np.arctan(2 * np.pi * motion_hz * 2.0), abs=0.01)
+
+
+def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() -> None:
+    """The residual that it is compared with is that of the log, too."""
+    model = right("puma560", 1, rate_hz=20.0)
+    plain, filtered = known_noise(model), known_noise(replace(model, low_pass=LowPass(4.0)))
+    assert plain is not None and filtered is not None
+    np.testing.assert_array_equal(plain, filtered)
