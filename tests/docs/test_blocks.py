@@ -132,9 +132,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     sys.modules.pop("my_effects", None)
 
 
-BUSY = dict.fromkeys(("campaigns", "cluster", "discovery"), pytest.mark.slow)
+BUSY = dict.fromkeys(("campaigns", "cluster", "discovery", "modelica"), pytest.mark.slow)
 """Pages that are not run at the gate: on a busy machine Dask's own processes may not come or go in time, discoveries on
-six joints take minutes, and the campaign of the README is enough there."""
+six joints take minutes, and the campaign and the Modelica example of the README are enough there."""
 
 
 def _fill_in(folder: Path) -> None:
