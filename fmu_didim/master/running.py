@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.components import Component, FmuComponent, Instance
-from fmu_didim.components.fmu.description import CO_SIMULATION
+from fmu_didim.components import Component, Instance
+from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.errors import DivergedError, FmuDidimError, UnknownNameError
 from fmu_didim.master.memory import recording_memory
 from fmu_didim.master.pool import InstancePool
@@ -50,10 +50,8 @@ def reads_between(component: Component) -> bool | None:
     and go on otherwise (Dymola 2021: 0.4 % of the torque). So theirs are read always, where they follow the inputs at
     once, or never, where they do not: what is recorded must not decide what happens. None: as somebody looks at them.
     """
-    form = component.compiled()
-    if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION or form.event_mode:
-        return None
-    return form.feedthrough() != frozenset()
+    fmu = foreign_co_simulation(component)
+    return None if fmu is None or fmu.event_mode else fmu.feedthrough() != frozenset()
 
 
 class Part:

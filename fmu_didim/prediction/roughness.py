@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.components import FmuComponent
-from fmu_didim.components.fmu.description import CO_SIMULATION
+from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.differences import Ladder, jitter_in
@@ -65,10 +64,8 @@ def smoother_after_step(model: LoopModel) -> str:
     system = model.systems[label]
     now = _jitter(model, label)
     for name, component in system.components.items():
-        form = component.compiled()
-        if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
-            continue
-        if name in system.after_step or form.feedthrough() == frozenset():
+        fmu = foreign_co_simulation(component)
+        if fmu is None or name in system.after_step or fmu.feedthrough() == frozenset():
             continue
         other = replace(system, after_step=system.after_step | {name})
         try:

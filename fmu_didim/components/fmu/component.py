@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.block import Block
-from fmu_didim.components.base import Instance
-from fmu_didim.components.fmu.description import MODEL_EXCHANGE
+from fmu_didim.components.base import Component, Instance
+from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolate import IsolatedInstance
@@ -158,3 +158,12 @@ class FmuComponent(FmuSettings):
             if self.solver == "rk4":
                 described["substeps"] = self.substeps or DEFAULT_SUBSTEPS
         return described | ({"isolated": True} if self._must_be_apart(rerun) else {})
+
+
+def foreign_co_simulation(component: Component) -> FmuComponent | None:
+    """The FMU of another tool that a component runs in co-simulation, by a solver that nobody here knows; None: it runs
+    none."""
+    form = component.compiled()
+    if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
+        return None
+    return form

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fmu_didim.components import FmuComponent
-from fmu_didim.components.fmu.description import CO_SIMULATION
+from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import FmuDidimError
@@ -24,8 +23,7 @@ PLANT_HOLDS = CATALOGUE(
 def plant_diagnostics(run: Simulation) -> list[Diagnostic]:
     """A plant FMU of another tool, in co-simulation, whose outputs change at few ticks of the loop only."""
     name, system = run.model.plant_name, run.model.systems[run.label]
-    form = system.components[name].compiled()
-    if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
+    if foreign_co_simulation(system.components[name]) is None:
         return []
     motion = {f"{kind}{j}" for kind in ("q", "dq") for j in range(1, run.model.joint_count + 1)}
     names = [f"{name}.{v.name}" for v in system.components[name].outputs if v.name in motion]
