@@ -41,6 +41,13 @@ DEPENDS_ON_MOTION = CATALOGUE(
     next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
+UNTESTED = CATALOGUE(
+    "motion-untested", DOUBT, rank=62,
+    meaning="There are too few samples to tell whether what the model leaves of the measured torque follows the "
+    "motion: that physics is missing, or the clock or the controller is not as stated, would not be seen.",
+    next_step="Measure for longer or log at a higher rate; with low_pass, let more of the band through.",
+)  # fmt: skip
+
 TORQUE_RATE = "rate of the torque"
 """The function of the motion that a shift of the log's clock leaves."""
 
@@ -53,6 +60,7 @@ class Dependence:
         joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
         most: the function of the motion that alone explains most; alone: its share of what all explain.
         slope, deviation: of the residual over that function, with its standard deviation.
+        samples: that were too few to ask; 0 where it was asked.
     """
 
     joint: int
@@ -62,10 +70,15 @@ class Dependence:
     alone: float
     slope: float = 0.0
     deviation: float = 0.0
+    samples: int = 0
+
+    @staticmethod
+    def untested(joint: int, samples: int) -> Dependence:
+        return Dependence(joint, 1.0, 0.0, "", 0.0, samples=samples)
 
 
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
-    """The joints whose residual depends on the motion beyond chance; of those that show another clock which."""
+    """The joints whose residual depends on the motion beyond chance, or may; of those that show another clock which."""
     level = limits.MOTION_CHANCE / max(len(found), 1)
     clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > limits.CLOCK_ALONE]
     return [_clock(d) for d in clock] + [
@@ -77,6 +90,9 @@ def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
         )
         for d in found
         if d.p_value < level and d not in clock
+    ] + [
+        Diagnostic(UNTESTED, f"{d.samples} samples are too few.", f"joint {d.joint}")
+        for d in found if d.samples
     ]  # fmt: skip
 
 
@@ -150,7 +166,7 @@ def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
         every = max(round(experiment.rate_hz / (limits.BAND * cutoff_hz)), 1)
         rows = np.flatnonzero(experiment.places % every == 0)[limits.ENDS : -limits.ENDS]
         if rows.size * model.joint_count < 2 * fit.values.size:
-            return []
+            return [Dependence.untested(j + 1, max(rows.size, 1)) for j in range(model.joint_count)]
         chosen[label] = rows
         times.append(experiment.time[rows])
         residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
@@ -178,7 +194,9 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     """
     known = _basis(nuisance)
     room = int((residual.size - known.shape[1]) / limits.SAMPLES_A_FUNCTION)
-    columns = motion[:, : max(room, 0)]
+    if room < 1:
+        return Dependence.untested(joint, max(residual.size - known.shape[1], 1))
+    columns = motion[:, :room]
     rest, own = residual - known @ (known.T @ residual), columns - known @ (known.T @ columns)
     kept = np.linalg.norm(own, axis=0) > limits.OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
     total = float(rest @ rest)

@@ -206,7 +206,7 @@ def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     """What to do where the steps have not settled; empty where the status says it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
-        finer = "state more substeps of it" if model.can_refine else "run it in model exchange"
+        finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
         return (
             f"{begin}No step lowers the error any further. Where the plant's own step "
             f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."

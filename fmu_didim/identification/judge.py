@@ -53,7 +53,8 @@ ROUGH = CATALOGUE(
     "sensitivity-rough", DOUBT, rank=46,
     meaning="The step control inside a plant or controller limits how well the sensitivities are known, and with them "
     "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
-    next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer.",
+    next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer "
+    "(tolerance: 1e-9, where it follows the tolerance that it is told).",
 )  # fmt: skip
 OTHER_MINIMUM = CATALOGUE(
     "another-minimum", DOUBT, rank=47,

@@ -205,9 +205,11 @@ class _Solver:
         gained, was_fresh = step.cost - found.cost, at.fresh
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
+        hidden = was_fresh and step.is_below(limits.HIDDEN) and gained < limits.BROKEN_PROMISE * step.promised
+        if hidden and rules.tolerance is not None:
+            return "settled"
         if stuck and (was_fresh or at.updates <= 0):
-            hidden = was_fresh and step.is_below(limits.HIDDEN)
-            nothing_left = hidden or step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
+            nothing_left = step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
             return "settled" if rules.tolerance is not None and nothing_left else "stopped"
         if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
             return "stopped"

@@ -254,8 +254,13 @@ SMOOTHER = TABLE(
 )
 HIDDEN = TABLE(
     "HIDDEN", 0.1, "standard deviations",
-    "Where no step lowers the cost although the sensitivity was taken there, the torque is rough: a step that small is "
-    "then hidden by it, and changes no conclusion.",
+    "Where a step does not gain what it promised although the sensitivity was taken there, the torque is rough: a step "
+    "that small is then hidden by it, and changes no conclusion.",
+)  # fmt: skip
+BROKEN_PROMISE = TABLE(
+    "BROKEN_PROMISE", 0.1, "1",
+    "Fraction of what a step promised below which it gained nothing: damped until the cost grows no more, it moves "
+    "nothing, and the next one would not either (a co-simulated drivetrain gained 0.04 and less for 36 steps).",
 )  # fmt: skip
 LEFT_BY_JITTER = TABLE(
     "LEFT_BY_JITTER", 0.25, "chi-square",

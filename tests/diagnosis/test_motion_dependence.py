@@ -68,6 +68,8 @@ def test_few_samples_are_asked_for_few_functions(samples, functions):
     for k, name in enumerate(NAMES):
         one = found(RNG(2).normal(size=samples) + 100 * motion[:, k], motion, SENSITIVITY[:samples])
         assert (one.most == name and one.p_value < 1e-9) is (k < functions)
+        assert bool(one.samples) is (functions == 0)
+        assert ("motion-untested" in [d.code.name for d in motion_diagnostics([one])]) is (functions == 0)
 
 
 def experiment(missing=()):
@@ -157,3 +159,12 @@ def test_filtered_noise_does_not_depend_on_the_motion_and_an_effect_does(rate_hz
     noise = np.array([chances(0.0, seed) for seed in range(15)])
     assert np.mean(noise < 0.01) < 0.1
     assert (np.array(chances(1.0, 1)) < 1e-6).any()
+
+
+def test_a_band_too_narrow_to_ask_is_told():
+    """With a cut-off of 0.1 Hz a few seconds have no sample of their own for each parameter."""
+    model = load_case("examples/scara/identify_200hz.yaml").model
+    model = replace(model.on(model.first), low_pass=LowPass(0.1))
+    told = motion_diagnostics(dependence_of_fit(point(model, NoiseOfResidual(model)), ()))
+    assert [(d.code.name, d.place) for d in told] == [("motion-untested", "joint 1"), ("motion-untested", "joint 2")]
+    assert all("samples are too few" in d.text for d in told)

@@ -127,6 +127,35 @@ def test_steps_that_keep_nothing_of_their_promise_have_not_settled(
     assert notes == ["no step lowers the error"] * (1 + len(taken))
 
 
+@pytest.mark.parametrize("near", [0.02, 0.3])
+def test_a_small_step_that_a_rough_torque_hides_settles(
+    model: LoopModel, monkeypatch: pytest.MonkeyPatch, near: float
+) -> None:
+    """As of a foreign solver whose steps come out otherwise at every value: all but the shortest steps are uphill
+    there, wherever one is. Far below a standard deviation that is the end; not farther away."""
+    smooth = finished(at(model, NEAR)).fit
+    sigma = np.sqrt(np.diag(smooth.covariance))
+    real, taken = LoopModel.torque, [smooth.values + near * sigma]
+
+    def torque(self: LoopModel, values: np.ndarray, label: str | None = None) -> np.ndarray:
+        found = real(self, values, label)
+        rough = np.max(np.abs(values - taken[-1]) / sigma) > 0.02 * near
+        return found - rough * 0.1 * (self.measured - found)  # a residual that is larger by 10 %
+
+    def taken_anew(model: LoopModel, values: np.ndarray, *rest: Any, **options: Any) -> np.ndarray:
+        taken.append(values)
+        return sensitivity(model, values, real(model, values), exact=True)
+
+    monkeypatch.setattr(LoopModel, "torque", torque)
+    monkeypatch.setattr(least_squares, "sensitivity", taken_anew)
+    moved: list[Iteration] = []
+    start = model.with_values(taken[0])
+    fit = minimise(start, noise_of(model), stopping=replace(SETTLE, iterations=6), progress=moved.append)
+    assert fit.settled == (near < 0.1)
+    assert (len(moved) == 1) == fit.settled
+    assert (np.abs(fit.values - taken[0]) <= 0.1 * near * sigma).all()
+
+
 def test_a_step_to_an_impossible_arm_is_damped(model: LoopModel) -> None:
     seen: list[Iteration] = []
     fit = minimise(model.with_values(FAR), NoiseOfResidual(model), stopping=SETTLE, progress=seen.append)
