@@ -116,6 +116,25 @@ def test_a_step_far_below_sigma_need_not_lower_the_error(fresh: bool, change: fl
 
 
 @pytest.mark.parametrize(
+    ("fresh", "change", "gained", "rules", "wanted"),
+    [
+        (True, 0.099, 4.9, {"tolerance": 1e-6}, "settled"),
+        (True, 0.099, -4.9, {"tolerance": 1e-6}, "settled"),
+        (True, 0.099, 5.1, {"tolerance": 1e-6}, "goes on"),
+        (True, 0.101, 4.9, {"tolerance": 1e-6}, "goes on"),
+        (False, 0.099, 4.9, {"tolerance": 1e-6}, "goes on"),
+        (True, 0.099, 4.9, {}, "goes on"),
+    ],
+)
+def test_a_small_step_that_gains_next_to_nothing_of_its_promise_settles(
+    fresh: bool, change: float, gained: float, rules: Any, wanted: str
+) -> None:
+    """A tenth of the 50 that the whole step promised, though it was damped until the cost did not grow any more."""
+    found = replace(led(0.03, 100.0 - gained, promised=1.0), note="step damped: the error grew")
+    assert after(found, state(fresh=fresh), step(change=change), **rules)[0] == wanted
+
+
+@pytest.mark.parametrize(
     ("note", "change", "wanted"),
     [
         ("", 1.0, "settled"),
