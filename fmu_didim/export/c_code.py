@@ -179,15 +179,20 @@ def _exported_functions(block: Block) -> list[ca.Function]:
     start_dot = ca.densify(ca.forward([start], [u, q], [[du, dq]])[0][0])
     ready, still = ready_count(block), column(block.output(x, kind.zeros(nu), q), len(block.outputs))
     return [
-        ca.Function("block_update", [x, u, q], [update]),
-        ca.Function("block_output", [x, u, q], [output]),
-        ca.Function("block_start", [u, q], [start]),
-        ca.Function("block_rate", [x, q], [rate]),
-        ca.Function("block_directional", [x, u, q, dx, du, dq], dots),
-        ca.Function("block_start_directional", [u, q, du, dq], [start_dot]),
-        *([ca.Function("block_ready", [x, q], [still[:ready]])] if ready else []),
+        _function("block_update", [x, u, q], [update]),
+        _function("block_output", [x, u, q], [output]),
+        _function("block_start", [u, q], [start]),
+        _function("block_rate", [x, q], [rate]),
+        _function("block_directional", [x, u, q, dx, du, dq], dots),
+        _function("block_start_directional", [u, q, du, dq], [start_dot]),
+        *([_function("block_ready", [x, q], [still[:ready]])] if ready else []),
         *_implicit_functions(block),
     ]
+
+
+def _function(name: str, arguments: list[Any], results: list[Any]) -> ca.Function:
+    """A function that computes what its results have in common once: half of a direction of a robot."""
+    return ca.Function(name, arguments, ca.cse(results))
 
 
 def ready_count(block: Block) -> int:
@@ -208,8 +213,8 @@ def _implicit_functions(block: Block) -> list[ca.Function]:
     u, c, g = ca.SX.sym("u", len(block.inputs)), ca.SX.sym("c", len(block.states)), ca.SX.sym("g")
     d = ca.SX.sym("d", implicit.slope_count)
     return [
-        ca.Function("block_slopes", [x, p], [implicit.slopes(x, p)]),
-        ca.Function("block_stage", [x, c, d, u, p, g], [implicit.explicit_stage(x, c, d, u, p, g)]),
+        _function("block_slopes", [x, p], [implicit.slopes(x, p)]),
+        _function("block_stage", [x, c, d, u, p, g], [implicit.explicit_stage(x, c, d, u, p, g)]),
     ]
 
 

@@ -79,7 +79,9 @@ def implicit_stage(
     v, w, count = balance.v, balance.w, balance.v.numel()
     slopes = _Slopes(x)
     mass = ca.jacobian(balance.rows, balance.unknown)
-    friction, chords = slopes.held(ca.jacobian(balance.friction, v)), slopes.held(_chords(balance.friction, v))
+    speed = ca.if_else(v == 0, STANDSTILL, v)
+    tangents = ca.substitute(ca.jacobian(balance.friction, v), v, speed)
+    friction, chords = slopes.held(tangents), slopes.held(_chords(balance.friction, v, speed))
     bristles = slopes.held(ca.jacobian(balance.friction, w))
     dampers, springs = slopes.held(ca.jacobian(balance.gears, v)), slopes.held(ca.jacobian(balance.gears, w))
     own = slopes.held(ca.diag(ca.jacobian(balance.rate, w)))
@@ -128,14 +130,13 @@ def _stabilising(matrix: ca.SX) -> ca.SX:
     return result
 
 
-def _chords(friction: ca.SX, v: ca.SX) -> ca.SX:
+def _chords(friction: ca.SX, v: ca.SX, speed: ca.SX) -> ca.SX:
     """(na,) slopes of friction by the own velocity, from standstill to the present speed."""
     result = ca.SX(v.numel(), 1)
     for i in range(v.numel()):
         if ca.depends_on(friction[i], v[i]):
-            speed = ca.if_else(v[i] == 0, STANDSTILL, v[i])
-            moving, still = (ca.substitute(friction[i], v[i], at) for at in (speed, 0.0))
-            result[i] = (moving - still) / speed
+            moving, still = (ca.substitute(friction[i], v[i], at) for at in (speed[i], 0.0))
+            result[i] = (moving - still) / speed[i]
     return result
 
 
@@ -148,10 +149,11 @@ def _at_reversals(tangents: ca.SX, chords: ca.SX, g: ca.SX, mass: ca.SX) -> ca.S
     result = ca.SX(tangents)
     for i in range(tangents.shape[0]):
         if chords.sparsity().has_nz(i, 0):
-            ratio = (g * chords[i] / mass[i, i]) ** 2
-            result[i, i] = tangents[i, i] + (chords[i] - tangents[i, i]) * ratio / (1 + ratio)
+            carried = (g * chords[i]) ** 2
+            result[i, i] = tangents[i, i] + (chords[i] - tangents[i, i]) * carried / (mass[i, i] ** 2 + carried)
     return result
 
 
 STANDSTILL = 1e-9
-"""Speed in rad/s (m/s) that stands for none, where a chord would be 0/0."""
+"""Speed in rad/s (m/s) that stands for none, where a chord would be 0/0; tangents are taken there, too, so that both
+share what is costly."""
