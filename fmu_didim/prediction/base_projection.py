@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from scipy import linalg
@@ -57,3 +59,13 @@ class BaseProjection:
     def rest_of(self, weighted: Array) -> Array:
         """What the base cannot absorb of weighted values, (N n,) or (N n, m)."""
         return np.asarray(weighted - self.basis @ (self.basis.T @ weighted))
+
+    def rests_of(self, tables: Iterable[Array]) -> Iterator[tuple[Array, Array]]:
+        """For many (N, n, m) one after the other: their weighted values (N n, m), and what is left of these.
+
+        Some are multiplied in one go, which is several times faster than one by one.
+        """
+        waiting = iter(tables)
+        while block := [self.weighted(table) for table in islice(waiting, limits.BLOCK)]:
+            ends = np.cumsum([table.shape[1] for table in block])
+            yield from zip(block, np.split(self.rest_of(np.concatenate(block, axis=1)), ends[:-1], axis=1), strict=True)

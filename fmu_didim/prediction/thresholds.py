@@ -276,6 +276,10 @@ TORQUE_FLOOR = TABLE(
     "Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero, "
     "in data without noise, has neither size nor standard deviation.",
 )  # fmt: skip
+BLOCK = TABLE(
+    "BLOCK", 32, "tables",
+    "Projected in one go: the basis of a TX40, 2.5 MB, is then read once for all of them, and they still fit a cache.",
+)  # fmt: skip
 COLUMNS_A_THREAD = TABLE(
     "COLUMNS_A_THREAD", 16, "columns",
     "Columns of a sensitivity that are worth a run of their own: they cost about as much as the simulation does.",

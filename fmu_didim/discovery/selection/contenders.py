@@ -64,12 +64,9 @@ class Competition:
         costs: dict[EffectAtJoint, float] = {}
         # A class is named once on a joint: a second member of it would only mend the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
-        for signature in catalogue:
+        asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
+        for signature, (table, rest) in zip(asked, base.rests_of(s.columns for s in asked), strict=True):
             effect_at = signature.effect_at
-            if (builder.effect(effect_at).class_name, effect_at.joint) in named:
-                continue
-            table = base.weighted(signature.columns)
-            rest = base.rest_of(table)
             size = float(np.linalg.norm(table))
             surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
             if surviving < limits.SURVIVING:
