@@ -16,6 +16,8 @@ from tests.helpers import ROOT
 
 ROBOT = ROOT / "fmus/tx40/robot.yaml"
 CONTROLLER = ROOT / "controllers/tx40_pd.yaml"
+CONTROLLERS = {5000: CONTROLLER, 1000: ROOT / "examples/tx40/pd_1khz.yaml"}
+"""By their rate in Hz."""
 RATE_HZ = 5000
 SUBSTEPS = 4
 # TUM-ICS/BIRDy, TX40.m (MIT): drive gains in N.m per unit of the command, and limits of the joints.
@@ -98,8 +100,10 @@ def description() -> RobotDescription:
     return read_robot(ROBOT)
 
 
-def program(motion: Fourier, *, substeps: int = SUBSTEPS) -> ClosedLoop:
-    """The closed loop as one C program, with the true parameters."""
-    reference = motion.trajectory(RATE_HZ)
+def program(motion: Fourier, *, controller: Path = CONTROLLER, substeps: int = SUBSTEPS) -> ClosedLoop:
+    """The closed loop as one C program, with the true parameters, at the rate of its controller."""
+    control = read_controller(controller)
+    assert control.sample_time is not None
+    reference = motion.trajectory(round(1 / control.sample_time))
     plant = RobotModel(description()).block(start_values(reference))
-    return ClosedLoop(plant, read_controller(CONTROLLER), reference, DRIVE_GAINS, 1.0 / RATE_HZ, substeps)
+    return ClosedLoop(plant, control, reference, DRIVE_GAINS, control.sample_time, substeps)

@@ -17,11 +17,34 @@ from tests.benchmarks.tx40_simulation import model, pinocchio
 
 GOAL = 400
 """How many times faster than Pinocchio's loop with differences."""
+SECONDS = {5000: 4.0, 1000: 3.0}
+"""Rate of the control in Hz -> within how many seconds an identification is wanted, on two cores."""
 BIRDY_S = 1.0
 """What BIRDy's authors publish for one identification, about 1 s."""
 
 
+def _alone(settings: Settings) -> list[Figure]:
+    """Seconds of an identification as users start it."""
+    figures = []
+    for rate_hz, goal in SECONDS.items():
+        here, estimator = model(settings.size(10, 4), rate_hz=rate_hz)
+        rounds = []
+        for again in range(1 + settings.size(3, 1, settings.repeats)):
+            begin = time.perf_counter()
+            estimator.estimate(afresh(here))
+            rounds += [time.perf_counter() - begin] if again else []  # the first one compiles
+        seconds = statistics.median(rounds)
+        title = f"TX40 identification, warm, control at {rate_hz / 1000:g} kHz, seconds"
+        figures.append(Figure(title, seconds, goal, "at most", {"best_s": min(rounds), "longest_s": max(rounds)}))
+    return figures
+
+
 def run(settings: Settings) -> list[Figure]:
+    """Of 52 base parameters in seconds, and against the same work with Pinocchio."""
+    return [*_alone(settings), *_against_pinocchio(settings)]
+
+
+def _against_pinocchio(settings: Settings) -> list[Figure]:
     """52 base parameters from torque at 100 Hz with 0.05 N.m of noise; with the efficient finish and without."""
     if pinocchio_loop.pinocchio is None:
         title, note = "Pinocchio in Python / TX40 identification", "absent: pinocchio (package pin) cannot be loaded"

@@ -21,15 +21,17 @@ from tests.benchmarks.pinocchio_loop import PinocchioLoop
 LOG_HZ = 100
 
 
-def model(duration_s: float, **estimator: object) -> tuple[LoopModel, Estimator]:
-    """The loop with torque at 100 Hz from the C program, and its estimator."""
+def model(duration_s: float, *, rate_hz: int = tx40.RATE_HZ, **estimator: object) -> tuple[LoopModel, Estimator]:
+    """The loop with torque at 100 Hz from the C program, and its estimator; the control runs at ``rate_hz``."""
     motion = tx40.excitation(duration_s=duration_s)
-    ticks = np.arange(0, round(duration_s * tx40.RATE_HZ), tx40.RATE_HZ // LOG_HZ)
-    torque = tx40.program(motion).runner(ticks)()[:, :6]
+    ticks = np.arange(0, round(duration_s * rate_hz), rate_hz // LOG_HZ)
+    controller = tx40.CONTROLLERS[rate_hz]
+    substeps = tx40.SUBSTEPS * (tx40.RATE_HZ // rate_hz) ** 2  # friction needs steps far shorter than those of a loop
+    torque = tx40.program(motion, controller=controller, substeps=substeps).runner(ticks)()[:, :6]
     noise = 0.05 * np.random.default_rng(1).normal(size=torque.shape)
     with tempfile.TemporaryDirectory() as name:
         case = load_case(
-            tx40.write_case(Path(name), motion, ticks / tx40.RATE_HZ, torque + noise, **estimator),
+            tx40.write_case(Path(name), motion, ticks / rate_hz, torque + noise, controller=controller, **estimator),
         )
     assert case.model is not None
     return case.model, case.estimator
