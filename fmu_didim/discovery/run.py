@@ -45,6 +45,10 @@ INTEGRATED = (
     "The plant does not tell {0}: it was taken from the integral of the velocity, from where the reference begins or "
     "from zero. What depends on the position is therefore known but for where zero is."
 )
+UNFILTERED = (
+    "The low_pass of the case was left out: effects show above its cut-off, too, and the noise that they are compared "
+    "with is that of the log as it is."
+)
 
 Keep = Callable[[FindingsDocument], None]
 """Takes the best answer so far."""
@@ -80,7 +84,7 @@ def discover(
     """Find the effects that a model lacks.
 
     Args:
-        model: the loop with its experiments; those for the validation serve the gate.
+        model: the loop with its experiments; those for the validation serve the gate. It is taken without a low pass.
         description: the robot, None for a plant that is a black box.
         effects: the catalogue by name.
         watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
@@ -99,6 +103,8 @@ def discover(
     kept = None if keep is None else lambda document: keep(timed(document))
     doubts = [d for d in of_data if d.code.severity is DOUBT and d.code.rank < limits.OF_THE_DATA]
     notes = [str(d) for d in of_data if d not in doubts]
+    if model.low_pass is not None:
+        model, notes = replace(model, low_pass=None), [*notes, UNFILTERED]
     ask = _Question(
         description, name, effects, options or Options(), provenance, watch or Watch(), kept, case, doubts, notes
     )
