@@ -27,7 +27,7 @@ typedef struct { Logger logger; void *allocate; void *release; void *finished; v
 
 typedef struct {
     double u, a, d, unused, x, held, acting_a, acting_d;
-    int n, flip, twice, running, steps, stepped;
+    int n, flip, twice, running, steps, stepped, refused;
     const Callbacks *callbacks;
 } Slave;
 
@@ -38,7 +38,7 @@ static double shared_x;
 #define X(s) (s)->x
 #endif
 static int instances;
-#if defined(CRASH_AT_THIRD) || defined(CRASH_AT_SECOND) || defined(HANG_AT_SECOND)
+#if defined(CRASH_AT_THIRD) || defined(CRASH_AT_SECOND) || defined(HANG_AT_SECOND) || defined(REFUSES_SECOND)
 static int ever;
 #endif
 #ifdef CHDIR_IN_STEP
@@ -115,6 +115,9 @@ EXPORT Component fmi2Instantiate(const char *name, int kind, const char *guid, c
 #endif
     Slave *s = calloc(1, sizeof(Slave));
     s->callbacks = callbacks;
+#ifdef REFUSES_SECOND
+    s->refused = ++ever > 1;
+#endif
     defaults(s);
     instances++;
     return s;
@@ -145,6 +148,9 @@ EXPORT Status fmi2ExitInitializationMode(Component c) {
     s->acting_a = s->a;
     s->acting_d = s->d;
     s->held = output(s);
+#ifdef REFUSES_SECOND
+    if (s->refused) return ERROR; /* as FMUs of Amesim do, whose properties are defined already */
+#endif
     return OK;
 }
 EXPORT Status fmi2Terminate(Component c) { return OK; }

@@ -40,7 +40,7 @@ ONLY_QUIET = "with pseudo-random inputs, while it does with its inputs at their 
 """How the failure of an FMU begins whose inputs may not be anything."""
 ONE_AFTER_THE_OTHER = "one instance after the other in one process"
 """The same, where a process bears a single one."""
-_FORMAT = 4
+_FORMAT = 5
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
@@ -57,7 +57,7 @@ class Facts:
         reproducible: whether a new process gives the same as the first.
         reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
         took_s: time that a single instance took.
-        single: whether a second instance in its process, one after the other, was fatal or hung.
+        single: whether a second instance in its process, one after the other, was fatal, hung or was refused.
         unfinished: the trials that did not come to their end: they took too long, or their process was killed or did
             not start. A busy machine may be the reason, so what follows from them is not kept for later runs.
     """
@@ -181,12 +181,12 @@ def _asked(ask: Callable[..., Any]) -> Facts:
         try:
             first, second = ask(questions.two_in_turn)
         except FmuDidimError:
-            return _asked_alone(ask)
+            return _asked_alone(ask, frozenset({ONE_AFTER_THE_OTHER}))
         ended: list[str] = []
         reset, state = (_said_alone(ask, way, ended) for way in (RESET, STATE))
         crashed = frozenset(ended or [TOGETHER])
-    except FmuDidimError as error:
-        return _failed(ask, error, frozenset())
+    except FmuDidimError:  # of the first instance, or of the second one alone
+        return _asked_alone(ask, frozenset())
     alike = questions.same(first, second)
     try:
         reproducible = questions.same(first, ask(questions.once))
@@ -205,17 +205,16 @@ def _failed(ask: Callable[..., Any], error: FmuDidimError, crashed: frozenset[st
     return Facts(failure=f"{ONLY_QUIET}: {failure}", crashed=crashed)
 
 
-def _asked_alone(ask: Callable[..., Any]) -> Facts:
-    """What can be asked where a process bears one instance only."""
+def _asked_alone(ask: Callable[..., Any], crashed: frozenset[str]) -> Facts:
+    """What can be asked where a process bears one instance only, or none; a second one crashed or was refused."""
     begin = clock.monotonic()
     try:
         first = ask(questions.once)
     except FmuDidimError as error:
-        return _failed(ask, error, frozenset({"runs"}))
+        return _failed(ask, error, frozenset({"runs"}) if crashed else crashed)
     took = clock.monotonic() - begin
     reproducible = questions.same(first, ask(questions.once))
     reset, state = (said(ask, partial(questions.restarted, strategy=way, wanted=first)) for way in (RESET, STATE))
-    crashed = frozenset({ONE_AFTER_THE_OTHER})
     return Facts("", crashed, first, first, False, reproducible, reset, state, single=True, took_s=took)
 
 
@@ -260,7 +259,7 @@ def choose(facts: Facts) -> Rerun:
 
 def _choose_single(facts: Facts) -> Rerun:
     """Of an FMU of which a process bears one instance."""
-    why = "a second instance in one process is fatal or hangs"
+    why = f"a second instance in one process is {'fatal or hangs' if facts.crashed else 'refused'}"
     for way, answer in ((RESET, facts.reset), (STATE, facts.new_state)):
         if facts.reproducible and answer == RESTORES:
             return Rerun(way, f"{why}, but the one runs as new after '{way}'", isolated=True)

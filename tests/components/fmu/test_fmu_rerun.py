@@ -202,19 +202,25 @@ def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
     assert isinstance(made.instantiate(), IsolatedInstance)
 
 
-@pytest.mark.parametrize("macro", ["CRASH_AT_SECOND", "HANG_AT_SECOND"])
+@pytest.mark.parametrize(
+    ("macro", "way"),
+    [
+        ("CRASH_AT_SECOND", "is fatal or hangs"), ("HANG_AT_SECOND", "is fatal or hangs"),
+        ("REFUSES_SECOND", "is refused"),
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize(
     ("further", "strategy"), [((), "reset"), (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "fresh process")]
 )
 def test_one_instance_a_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, macro: str, further: tuple[str, ...], strategy: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, macro: str, way: str, further: tuple[str, ...], strategy: str
 ) -> None:
     """It is run in processes of its own, told as what it is, and not called faulty."""
     monkeypatch.setattr(rerun_module, "TIME_LIMIT", 15.0)
     made = load_fmu(awkward_fmu(tmp_path, macro, *further))
     found = made.find_rerun()
     assert (found.strategy, found.isolated) == (strategy, True)
-    assert "a second instance in one process is fatal or hangs" in found.reason
+    assert f"a second instance in one process {way}" in found.reason
     assert kept(tmp_path) == ["reruns"]  # alone it is quick: no busy machine was to blame
     system = System({"slave": made}, (Connection("reference.u", "slave.u"),), ("slave",), H)
     pool, along = InstancePool(), trajectory(np.arange(len(U)) * H, {"u": U[:, 0]})
