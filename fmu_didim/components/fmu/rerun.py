@@ -188,11 +188,15 @@ def _asked(ask: Callable[..., Any]) -> Facts:
     except FmuDidimError:  # of the first instance, or of the second one alone
         return _asked_alone(ask, frozenset())
     alike = questions.same(first, second)
+    return Facts("", crashed, first, second, alike, _is_repeated(ask, first), reset, state)
+
+
+def _is_repeated(ask: Callable[..., Any], first: Array) -> bool:
+    """Whether a new process gives the same trajectory."""
     try:
-        reproducible = questions.same(first, ask(questions.once))
+        return questions.same(first, ask(questions.once))
     except FmuDidimError:
-        reproducible = False
-    return Facts("", crashed, first, second, alike, reproducible, reset, state)
+        return False
 
 
 def _failed(ask: Callable[..., Any], error: FmuDidimError, crashed: frozenset[str]) -> Facts:
@@ -213,7 +217,7 @@ def _asked_alone(ask: Callable[..., Any], crashed: frozenset[str]) -> Facts:
     except FmuDidimError as error:
         return _failed(ask, error, frozenset({"runs"}) if crashed else crashed)
     took = clock.monotonic() - begin
-    reproducible = questions.same(first, ask(questions.once))
+    reproducible = _is_repeated(ask, first)
     reset, state = (said(ask, partial(questions.restarted, strategy=way, wanted=first)) for way in (RESET, STATE))
     return Facts("", crashed, first, first, False, reproducible, reset, state, single=True, took_s=took)
 
