@@ -60,7 +60,7 @@ class Dependence:
         joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
         most: the function of the motion that alone explains most; alone: its share of what all explain.
         slope, deviation: of the residual over that function, with its standard deviation.
-        samples: that were too few to ask; 0 where it was asked.
+        samples: that were too few to ask; None where it was asked.
     """
 
     joint: int
@@ -70,7 +70,7 @@ class Dependence:
     alone: float
     slope: float = 0.0
     deviation: float = 0.0
-    samples: int = 0
+    samples: int | None = None
 
     @staticmethod
     def untested(joint: int, samples: int) -> Dependence:
@@ -91,8 +91,8 @@ def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
         for d in found
         if d.p_value < level and d not in clock
     ] + [
-        Diagnostic(UNTESTED, f"{d.samples} samples are too few.", f"joint {d.joint}")
-        for d in found if d.samples
+        Diagnostic(UNTESTED, f"{d.samples} sample{' is' if d.samples == 1 else 's are'} too few.", f"joint {d.joint}")
+        for d in found if d.samples is not None
     ]  # fmt: skip
 
 
@@ -166,7 +166,7 @@ def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
         every = max(round(experiment.rate_hz / (limits.BAND * cutoff_hz)), 1)
         rows = np.flatnonzero(experiment.places % every == 0)[limits.ENDS : -limits.ENDS]
         if rows.size * model.joint_count < 2 * fit.values.size:
-            return [Dependence.untested(j + 1, max(rows.size, 1)) for j in range(model.joint_count)]
+            return [Dependence.untested(j + 1, rows.size) for j in range(model.joint_count)]
         chosen[label] = rows
         times.append(experiment.time[rows])
         residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
@@ -195,7 +195,7 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     known = _basis(nuisance)
     room = int((residual.size - known.shape[1]) / limits.SAMPLES_A_FUNCTION)
     if room < 1:
-        return Dependence.untested(joint, max(residual.size - known.shape[1], 1))
+        return Dependence.untested(joint, max(residual.size - known.shape[1], 0))
     columns = motion[:, :room]
     rest, own = residual - known @ (known.T @ residual), columns - known @ (known.T @ columns)
     kept = np.linalg.norm(own, axis=0) > limits.OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
