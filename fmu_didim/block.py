@@ -66,7 +66,7 @@ class Block:
         sample_time: period in s of a discrete system, None for a continuous one.
         fixed: names of the parameters that may only change before initialisation.
         balance: how its accelerations are computed, if they are solved for; it says the same as update and output.
-        implicit: a stage of a linearly implicit step, if its stiff part is known; else RK4 integrates it.
+        implicit: its linearly implicit step, if its stiff part is known; else RK4 integrates it.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Block:
         state = hashlib.sha256(repr((self.name, self.sample_time, sorted(self.fixed))).encode())
         for group in (self.inputs, self.outputs, self.states, self.parameters):
             state.update(repr(group).encode())
-        implicit = () if self.implicit is None else (self.implicit.explicit_stage, self.implicit.slopes)
+        implicit = () if self.implicit is None else (self.implicit.solution, self.implicit.following)
         for function in (self.update, self.output, self.start, self.step_rate, *implicit):
             if function is not None:
                 state.update(function.serialize().encode())

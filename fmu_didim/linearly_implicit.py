@@ -1,66 +1,51 @@
 """Linearly implicit integration of stiff blocks: steep friction, gears and bristles at the steps that the data ask for.
 
-With x' = f(x, u, p) and T close to the stiff part of df/dx, a step of size h is
+The midpoint rule with one evaluation a step, at a midpoint that is extrapolated from the last step. With x' = f(x, u, p)
+of a block, T close to the stiff part of df/dx and m = k of the step before, a step of size h is
 
-    (I - g T) k_i = f(x + h sum_j a_ij k_j) + sum_j c_ij k_j,    g = gamma h,    x(t + h) = x + h sum_i b_i k_i
+    (I - h Theta T) k = f(x + h/2 m) - h/2 T m,    x(t + h) = x + h k
 
-The order holds for any T (a method of W type), so T holds only what is steep and cheap: slopes of friction, springs
-and dampers of gears, bristles. For a robot (I - g T) k = ... becomes one system (M + g D) k_v = ..., that costs what an
-explicit stage costs, and the step is stable however steep the friction is.
+with Theta = 1/2 + O(h^2). Its order is two for any T, because k - m is of the order of h; so T holds only what is steep
+and cheap: slopes of friction, springs and dampers of gears, bristles. For a robot (I - h Theta T) k = ... becomes one
+system (M + h D) k_v = ..., and the step costs what one stage of an explicit method costs, however steep friction is.
+Theta grows to 1 where the step is much longer than what T damps: the rule would only be A-stable with 1/2. The first
+step of a run knows no other: m = 0 there, which is one error of second order.
 
-Sources: J. G. Verwer et al., "A second-order Rosenbrock method applied to photochemical dispersion problems", SIAM J.
-Sci. Comput. 20 (1999), for ROS2; T. Steihaug, A. Wolfbrandt, Math. Comp. 33 (1979), for W methods.
+Sources: E. Hairer, G. Wanner, *Solving Ordinary Differential Equations II*, sections IV.3 (midpoint and theta methods)
+and IV.7 (linearly implicit methods); H. Podhaisky, R. Weiner, B. A. Schmitt, "Linearly-implicit two-step methods and
+their implementation in Nordsieck form", Appl. Numer. Math. 56 (2006), for methods of W type that use the step before;
+W. Liniger, R. A. Willoughby, "Efficient integration methods for stiff systems of ordinary differential equations",
+SIAM J. Numer. Anal. 7 (1970), for a Theta that follows the step.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 
-
-@dataclass(frozen=True)
-class Scheme:
-    """Coefficients of a method with two stages: a = a_21, c = c_21, b = (b_1, b_2)."""
-
-    name: str
-    gamma: float
-    a: float
-    c: float
-    b: tuple[float, float]
-
-    def constants(self) -> dict[str, float]:
-        """The coefficients under their names in C."""
-        return {
-            "SCHEME_GAMMA": self.gamma, "SCHEME_A": self.a, "SCHEME_C": self.c,
-            "SCHEME_B1": self.b[0], "SCHEME_B2": self.b[1],
-        }  # fmt: skip
-
-
-ROS2 = Scheme("ROS2", 1 - 1 / math.sqrt(2), 1.0, -2.0, (1.5, 0.5))
-"""Order 2 for any T, L-stable where T is the Jacobian."""
+NAME = "linearly implicit midpoint rule"
+"""The method, as results name it."""
 
 
 @dataclass(frozen=True)
 class LinearlyImplicit:
-    """A stage of a linearly implicit step of a continuous block, with k_v the hidden unknowns it solves for:
+    """A linearly implicit step of a continuous block, with the hidden unknowns a that it solves for:
 
-        d = slopes(x, p);   residual(x, c, d, k_v, u, p, g) = 0  for  k_v = solution(x, c, d, u, p, g);
-        k = stage(x, c, d, k_v, u, p, g)
+        residual(x, m, a, u, p, h) = 0  for  a = solution(x, m, u, p, h);
+        (x, m) of the next step = following(x, m, a, u, p, h)
+
+    m (nm,) is what a step remembers of the one before, zero at the start of a run.
 
     Attributes:
-        slopes: (x, p) -> (nd,), what T is made of, taken once where the step begins.
-        residual: -> (na,), symmetric in k_v; solution: -> (na,); stage: -> (nx,).
+        residual: -> (na,), linear in a with a symmetric matrix; solution: -> (na,); following: -> (nx,), (nm,).
         rate: (x, p) -> 1/s, from which the number of substeps follows as from the rate bound of a block.
         resolution: (x, p) -> 1/s, likewise, of what must be resolved however little accuracy is asked for.
     """
 
-    slopes: ca.Function
     residual: ca.Function
     solution: ca.Function
-    stage: ca.Function
+    following: ca.Function
     rate: ca.Function
     resolution: ca.Function
 
@@ -70,24 +55,13 @@ class LinearlyImplicit:
         return int(self.residual.numel_out(0))
 
     @property
-    def slope_count(self) -> int:
-        """Number of slopes nd."""
-        return int(self.slopes.numel_out(0))
-
-    @cached_property
-    def explicit_stage(self) -> ca.Function:
-        """(x, c, d, u, p, g) -> k."""
-        sizes = [self.stage.numel_in(i) for i in (0, 1, 2, 4, 5, 6)]
-        x, c, d, u, p, g = (ca.SX.sym(name, size) for name, size in zip("xcdupg", sizes, strict=True))
-        hidden = self.solution(x, c, d, u, p, g)
-        return ca.Function("stage", [x, c, d, u, p, g], [ca.densify(self.stage(x, c, d, hidden, u, p, g))])
+    def memory(self) -> int:
+        """Number nm of what a step remembers."""
+        return int(self.following.numel_out(1))
 
     def step(self) -> ca.Function:
-        """One step of :data:`ROS2`: (x, u, p, h) -> x(t + h), input held."""
-        sizes = [self.stage.numel_in(i) for i in (0, 4, 5, 6)]
-        x, u, p, h = (ca.SX.sym(name, size) for name, size in zip("xuph", sizes, strict=True))
-        g, d = ROS2.gamma * h, self.slopes(x, p)
-        first = self.explicit_stage(x, ca.SX.zeros(x.numel()), d, u, p, g)
-        second = self.explicit_stage(x + ROS2.a * h * first, ROS2.c * first, d, u, p, g)
-        following = x + h * (ROS2.b[0] * first + ROS2.b[1] * second)
-        return ca.Function("substep", [x, u, p, h], [ca.densify(following)])
+        """One step with the input held: (x, m, u, p, h) -> x, m of the next."""
+        sizes = [self.solution.numel_in(i) for i in range(5)]
+        x, m, u, p, h = (ca.SX.sym(name, size) for name, size in zip("xmuph", sizes, strict=True))
+        following = self.following(x, m, self.solution(x, m, u, p, h), u, p, h)
+        return ca.Function("step", [x, m, u, p, h], ca.cse([ca.densify(part) for part in following]))

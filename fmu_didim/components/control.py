@@ -138,6 +138,7 @@ class _ControlInstance(Instance):
         self._update, self._output = _functions(component.system, self._parameters)
         implicit = component.block.implicit if component.block is not None else None
         self._implicit = implicit.step() if implicit is not None else None
+        self._memory = np.zeros(implicit.memory if implicit is not None else 0)
         self._x = np.array(component.initial_state, dtype=float)
         self.take_variables(component.inputs, component.outputs)
 
@@ -200,7 +201,7 @@ class _ControlInstance(Instance):
         h, x, u, update = size / count, self._x, self._held, self._update
         for i in range(count):
             if self._implicit is not None:
-                x = self._implicit(x, u, self._p, h).full().ravel()
+                x, self._memory = (v.full().ravel() for v in self._implicit(x, self._memory, u, self._p, h))
             else:
                 x = runge_kutta_step(lambda t, stage: update(t, stage, u), time + i * h, x, h)
         self._x = x
@@ -245,11 +246,12 @@ class _ControlInstance(Instance):
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0
-        return self._x.copy(), self._held.copy(), self.outputs.copy(), self._live, self._time, count
+        x, memory = self._x.copy(), self._memory.copy()
+        return x, memory, self._held.copy(), self.outputs.copy(), self._live, self._time, count
 
     def restore_state(self, state: Any) -> None:
-        x, held, outputs, self._live, self._time, count = state
-        self._x = x.copy()
+        x, memory, held, outputs, self._live, self._time, count = state
+        self._x, self._memory = x.copy(), memory.copy()
         self._held[:], self.outputs[:] = held, outputs
         if self._clock:
             self._clock.count = count

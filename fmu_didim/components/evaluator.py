@@ -8,20 +8,21 @@ from fmu_didim.signals import Array
 
 
 class Evaluator:
-    """Calls a CasADi function with one result on fixed buffers, without allocation.
+    """Calls a CasADi function on fixed buffers, without allocation.
 
     Args:
-        function: its arguments and its result are dense vectors.
+        function: its arguments and its results are dense vectors.
         arguments: one contiguous buffer an argument, read at each call.
-        result: contiguous buffer that each call fills.
+        results: contiguous buffers that each call fills.
     """
 
-    def __init__(self, function: ca.Function, arguments: list[Array], result: Array) -> None:
+    def __init__(self, function: ca.Function, arguments: list[Array], *results: Array) -> None:
         self._buffer, self._run = function.buffer()
-        self._keep = (*arguments, result)  # the buffer holds bare addresses
+        self._keep = (*arguments, *results)  # the buffer holds bare addresses
         for i, argument in enumerate(arguments):
             self._buffer.set_arg(i, argument.data)
-        self._buffer.set_res(0, result.data)
+        for i, result in enumerate(results):
+            self._buffer.set_res(i, result.data)
 
     def __call__(self) -> None:
         self._run()

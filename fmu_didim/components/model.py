@@ -91,6 +91,7 @@ class _ModelInstance(Instance):
         self._p = block.parameter_values
         self._x = np.zeros(len(block.states))
         self._next = np.zeros(len(block.states))
+        self._memory = np.zeros(block.implicit.memory if block.implicit is not None else 0)
         self._size = np.zeros(1)
         self._rate = 0.0
         self._live = True
@@ -102,10 +103,14 @@ class _ModelInstance(Instance):
         super().bind(inputs, outputs)
         self._held = np.zeros(inputs.size)
         self._output = Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
-        if self._block.sample_time is None:
+        if self._block.sample_time is not None:
+            self._update = Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
+        elif self._block.implicit is None:
             self._update = Evaluator(_substep(self._block), [self._x, self._held, self._p, self._size], self._next)
         else:
-            self._update = Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
+            self._remembered = np.zeros(self._memory.size)
+            arguments = [self._x, self._memory, self._held, self._p, self._size]
+            self._update = Evaluator(self._block.implicit.step(), arguments, self._next, self._remembered)
 
     def begin_initialisation(self, time: float) -> None:
         self._initialising = True
@@ -149,6 +154,8 @@ class _ModelInstance(Instance):
         for _ in range(count):
             self._update()
             self._x[:] = self._next
+            if self._memory.size:
+                self._memory[:] = self._remembered
 
     def _sample(self, time: float, size: float) -> None:
         clock = self._clock
@@ -167,18 +174,17 @@ class _ModelInstance(Instance):
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0
-        return self._x.copy(), self._held.copy(), self.outputs.copy(), self._live, count, self._rate
+        memory = self._memory.copy()
+        return self._x.copy(), memory, self._held.copy(), self.outputs.copy(), self._live, count, self._rate
 
     def restore_state(self, state: Any) -> None:
-        self._x[:], self._held[:], self.outputs[:], self._live, count, self._rate = state
+        self._x[:], self._memory[:], self._held[:], self.outputs[:], self._live, count, self._rate = state
         if self._clock:
             self._clock.count = count
 
 
 def _substep(block: Block) -> ca.Function:
-    """One substep, linearly implicit or of the classical Runge-Kutta method: (x, u, p, h) -> x(t + h), input held."""
-    if block.implicit is not None:
-        return block.implicit.step()
+    """One substep of the classical Runge-Kutta method: (x, u, p, h) -> x(t + h), input held."""
     x = ca.SX.sym("x", len(block.states))
     u = ca.SX.sym("u", len(block.inputs))
     p = ca.SX.sym("p", len(block.parameters))

@@ -16,7 +16,7 @@ from fmu_didim.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SU
 from fmu_didim.errors import InputError
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
-from fmu_didim.linearly_implicit import ROS2
+from fmu_didim.linearly_implicit import LinearlyImplicit
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
@@ -92,8 +92,7 @@ def generate_c(block: Block) -> str:
     ``block_output``              (x, u, p) -> y (ny,)
     ``block_start``               (u, p) -> x (nx,)
     ``block_ready``               (x, p) -> the first outputs, if no input reaches them, without the others
-    ``block_slopes``              (x, p) -> d (nd,), only of blocks with a linearly implicit stage
-    ``block_stage``               (x, c, d, u, p, g) -> k (nx,), likewise
+    ``block_step``                (x, m, u, p, h) -> x (nx,), m (nm,) of the next linearly implicit step, if there is one
     ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is none
     ``block_directional``         (x, u, p, dx, du, dp) -> J_update d, J_output d
     ``block_start_directional``   (u, p, du, dp) -> J_start d
@@ -135,8 +134,7 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define BLOCK_REFINEMENT {block.refinement}",
         f"#define READY_COUNT {ready_count(block)}",
         f"#define BLOCK_IMPLICIT {int(implicit is not None)}",
-        f"#define SLOPE_COUNT {implicit.slope_count if implicit is not None else 0}",
-        *(f"#define {name} {value!r}" for name, value in ROS2.constants().items()),
+        f"#define MEMORY_COUNT {implicit.memory if implicit is not None else 0}",
         f"#define INPUT_COUNT {len(refs.inputs)}",
         f"#define OUTPUT_COUNT {len(refs.outputs)}",
         f"#define STATE_COUNT {len(refs.states)}",
@@ -186,7 +184,7 @@ def _exported_functions(block: Block) -> list[ca.Function]:
         _function("block_directional", [x, u, q, dx, du, dq], dots),
         _function("block_start_directional", [u, q, du, dq], [start_dot]),
         *([_function("block_ready", [x, q], [still[:ready]])] if ready else []),
-        *_implicit_functions(block),
+        *([_function("block_step", *_step(block.implicit))] if block.implicit is not None else []),
     ]
 
 
@@ -204,18 +202,11 @@ def ready_count(block: Block) -> int:
     return min(reached, default=0)
 
 
-def _implicit_functions(block: Block) -> list[ca.Function]:
-    """``block_slopes`` and ``block_stage``, where the block has them."""
-    implicit = block.implicit
-    if implicit is None:
-        return []
-    x, p = ca.SX.sym("x", len(block.states)), ca.SX.sym("p", len(block.parameters))
-    u, c, g = ca.SX.sym("u", len(block.inputs)), ca.SX.sym("c", len(block.states)), ca.SX.sym("g")
-    d = ca.SX.sym("d", implicit.slope_count)
-    return [
-        _function("block_slopes", [x, p], [implicit.slopes(x, p)]),
-        _function("block_stage", [x, c, d, u, p, g], [implicit.explicit_stage(x, c, d, u, p, g)]),
-    ]
+def _step(implicit: LinearlyImplicit) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Arguments and results of a linearly implicit step."""
+    step = implicit.step()
+    arguments = [ca.SX.sym(step.name_in(i), step.numel_in(i)) for i in range(step.n_in())]
+    return arguments, list(step(*arguments))
 
 
 def _c_string(text: str) -> str:

@@ -24,7 +24,7 @@ import casadi as ca
 from fmu_didim.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
 from fmu_didim.cache import cached_folder
 from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler, wrapper_source
-from fmu_didim.linearly_implicit import ROS2, LinearlyImplicit
+from fmu_didim.linearly_implicit import LinearlyImplicit
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4
@@ -177,8 +177,8 @@ class _Writer:
     def sources(self) -> dict[str, str]:
         """File name -> text."""
         generator = ca.CodeGenerator("variational_equations.c", {"with_header": False, "main": False, "mex": False})
-        steps = [self._operation("update")] if self.implicit is None else self._implicit_step(self.implicit)
-        functions = [self._start(), *steps, self._operation("output"), self._rate()]
+        step = self._operation("update") if self.implicit is None else self._implicit_step(self.implicit)
+        functions = [self._start(), step, self._operation("output"), self._rate()]
         hidden = self.a.numel() if self.implicit is None else max(self.a.numel(), self.implicit.hidden)
         for function in functions:
             generator.add(function)
@@ -188,8 +188,7 @@ class _Writer:
             "WORK": max(f.sz_w() for f in functions), "SAMPLED": int(self.sampled), "SUBSTEP_RATE": SUBSTEP_RATE,
             "MINIMUM_SUBSTEPS": FEWEST_EXPLICIT if self.implicit is None else FEWEST_IMPLICIT,
             "MAXIMUM_SUBSTEPS": MAXIMUM_SUBSTEPS, "IMPLICIT": int(self.implicit is not None),
-            "SLOPES": self.implicit.slope_count if self.implicit is not None else 0,
-            **ROS2.constants(),
+            "MEMORY": self.implicit.memory if self.implicit is not None else 0,
         }  # fmt: skip
         return {
             MAIN: wrapper_source(MAIN),
@@ -207,7 +206,7 @@ class _Writer:
         product.add(start, {"du": self.u}, self.chosen)
         lines = product.code("result", 0, start.numel())
         self._write("lanes_start", ("const Lane *restrict du", "Lane *restrict result"), lines)
-        return self._function("variational_start", [self.u, self.p], start, product)
+        return self._function("variational_start", [self.u, self.p], [start], product)
 
     def _operation(self, name: str) -> ca.Function:
         """``update`` or ``output``: its value and coefficients, and the loops of its derivatives."""
@@ -231,7 +230,7 @@ class _Writer:
         written = (f"Lane *restrict {argument}" for argument in ("rest", "hidden", "result"))
         self._write(f"lanes_{name}", (*given, *written), lines)
         solved = None if self.balance is None else (a, self.balance.solution(x, u, p))
-        return self._function(f"variational_{name}", [x, u, p], value, product, solved)
+        return self._function(f"variational_{name}", [x, u, p], [value], product, solved)
 
     def _needed(self, outputs: ca.SX) -> ca.SX:
         """The outputs that are followed or cost nothing; the others, such as accelerations, nobody reads here: zero."""
@@ -241,38 +240,31 @@ class _Writer:
                 result[i] = 0
         return result
 
-    def _implicit_step(self, implicit: LinearlyImplicit) -> list[ca.Function]:
-        """``slopes`` and ``stage`` of a linearly implicit step."""
-        x, u, p, own = self.x, self.u, self.p, self.own_lanes
-        c, d, g = ca.SX.sym("c", x.numel()), ca.SX.sym("d", implicit.slope_count), ca.SX.sym("g")
-        k = ca.SX.sym("k", implicit.hidden)
-        product, slopes = _Product(own_lanes=own), _column(implicit.slopes(x, p))
-        product.add(slopes, {"dx": x}, self.chosen)
-        written = ("const Lane *restrict dx", "Lane *restrict result")
-        self._write("lanes_slopes", written, product.code("result", 0, slopes.numel()))
-        first = self._function("variational_slopes", [x, p], slopes, product)
-        product, given = _Product(own_lanes=own), {"dx": x, "dc": c, "dd": d, "du": u}
-        residual = implicit.residual(x, c, d, k, u, p, g)
+    def _implicit_step(self, implicit: LinearlyImplicit) -> ca.Function:
+        """A linearly implicit step."""
+        x, u, p, h = self.x, self.u, self.p, ca.SX.sym("h")
+        m, a = ca.SX.sym("m", implicit.memory), ca.SX.sym("a", implicit.hidden)
+        product, given = _Product(own_lanes=self.own_lanes), {"dx": x, "dm": m, "du": u}
+        residual, count = implicit.residual(x, m, a, u, p, h), implicit.hidden
         product.add(residual, given, self.chosen)
-        product.add_solution(_inverse(ca.jacobian(residual, k), symmetric=True), "rest")
-        count = k.numel()
+        product.add_solution(_inverse(ca.jacobian(residual, a), symmetric=True), "rest")
         lines = [*product.code("rest", 0, count), *product.code("hidden", count, count)]
-        stage = _column(implicit.stage(x, c, d, k, u, p, g))
-        product.add(stage, {**given, "hidden": k}, self.chosen)
-        lines += product.code("result", 2 * count, stage.numel())
+        after, memory = (_column(part) for part in implicit.following(x, m, a, u, p, h))
+        product.add(ca.vertcat(after, memory), {**given, "hidden": a}, self.chosen)
+        lines += product.code("result", 2 * count, after.numel())
+        lines += product.code("remembered", 2 * count + after.numel(), memory.numel())
         arguments = [f"const Lane *restrict {name}" for name in given]
-        arguments += [f"Lane *restrict {name}" for name in ("rest", "hidden", "result")]
-        self._write("lanes_stage", arguments, lines)
-        solution = implicit.solution(x, c, d, u, p, g)
-        value = ca.substitute(stage, k, solution)
-        second = self._function("variational_stage", [x, c, d, u, p, g], value, product, (k, solution))
-        return [first, second]
+        arguments += [f"Lane *restrict {name}" for name in ("rest", "hidden", "result", "remembered")]
+        self._write("lanes_step", arguments, lines)
+        solution = implicit.solution(x, m, u, p, h)
+        value = ca.substitute([after, memory], [a], [solution])
+        return self._function("variational_step", [x, m, u, p, h], value, product, (a, solution))
 
     def _function(
         self,
         name: str,
         arguments: list[ca.SX],
-        value: ca.SX,
+        values: Sequence[ca.SX],
         product: _Product,
         solved: tuple[ca.SX, ca.SX] | None = None,
     ) -> ca.Function:
@@ -280,7 +272,7 @@ class _Writer:
         self.coefficients = max(self.coefficients, coefficients.numel())
         if solved is not None:
             coefficients = ca.substitute(coefficients, *solved)
-        return ca.Function(name, arguments, ca.cse([value, ca.densify(coefficients)]))
+        return ca.Function(name, arguments, ca.cse([*values, ca.densify(coefficients)]))
 
     def _write(self, name: str, arguments: Sequence[str], lines: Sequence[str]) -> None:
         unused = ["(void)k", *(f"(void){argument.rpartition('restrict ')[2]}" for argument in arguments)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from fmu_didim.block import Block, choose_substeps
 from fmu_didim.components import Component
-from fmu_didim.linearly_implicit import ROS2
+from fmu_didim.linearly_implicit import NAME
 from fmu_didim.master import System
 
 STABLE = 8
@@ -33,7 +33,7 @@ def integration(plant: Component, step: float) -> Integration | None:
     if known is None or known[0].step_rate is None:
         return None
     block, stated = known
-    return Integration("RK4" if block.implicit is None else ROS2.name, stated or block.automatic_substeps(step))
+    return Integration("RK4" if block.implicit is None else NAME, stated or block.automatic_substeps(step))
 
 
 def stable_substeps(block: Block, step: float) -> int:

@@ -196,8 +196,10 @@ class ElasticEquations(Equations):
             v=ca.vertcat(self.dq, self.link[m:]),
             w=ca.vertcat(self.q, self.z, self.link[:m]),
             rate=ca.vertcat(self.dq, self.rates, self.link[m:]),
+            states=range(self.q.numel(), self.q.numel() + self.z.numel()),
             friction=ca.vertcat(*self._steep),
             gears=ca.vertcat(*gears, -self.gear),
+            clock=self.clock,
         )
 
     def _gear_as_load(self, expression: ca.SX) -> ca.SX:

@@ -128,8 +128,10 @@ class Equations:
             v=self.dq,
             w=ca.vertcat(self.q, self.z),
             rate=ca.vertcat(self.dq, self.rates),
+            states=range(self.q.numel(), self.q.numel() + self.z.numel()),
             friction=self._steep,
             gears=ca.SX(self.ddq.numel(), 1),
+            clock=self.clock,
         )
 
     @cached_property

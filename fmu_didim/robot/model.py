@@ -18,7 +18,7 @@ from fmu_didim.robot.balance import plant_balance
 from fmu_didim.robot.description import RobotDescription
 from fmu_didim.robot.elastic import ElasticEquations
 from fmu_didim.robot.equations import Equations
-from fmu_didim.robot.implicit import implicit_stage
+from fmu_didim.robot.implicit import implicit_step
 from fmu_didim.robot.inertia import InertiaColumns, scaled_eigenvalues
 from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
 from fmu_didim.robot.vectorised import Vectorised
@@ -291,7 +291,7 @@ class RobotModel:
         )
 
     def _implicit(self, x: ca.SX, p: ca.SX, chi: ca.SX, shapes: ca.SX) -> LinearlyImplicit | None:
-        """The linearly implicit stage; None where the equations are solved by Newton's method, and where nothing is
+        """The linearly implicit step; None where the equations are solved by Newton's method, and where nothing is
         steep: what damps and springs by constants, RK4 integrates better."""
         equations = self._equations
         balance = equations.stiff_balance
@@ -304,8 +304,7 @@ class RobotModel:
         order += [velocities + n + ns + i for i in range(m)] + [n + i for i in range(m)]
         within = ([equations.chi, equations.s], [chi, shapes])
         rates = [ca.fmax(self._rate(chi, shapes, IMPLICIT), MOTION_RATE), self._rate(chi, shapes, RESOLVING)]
-        stage = implicit_stage(balance, x, order, equations.tau, p, rates=rates, within=within)
-        return stage if stage.slope_count else None
+        return implicit_step(balance, x, order, equations.tau, p, rates=rates, within=within)
 
     def _plant(self, chi: ca.SX, shapes: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Acceleration, de/dt, observed loads and accelerations of links, for parameters that are expressions."""

@@ -47,8 +47,7 @@ static Core *core_create(void) {
     grow(size, block_ready_work);
 #endif
 #if BLOCK_IMPLICIT
-    grow(size, block_slopes_work);
-    grow(size, block_stage_work);
+    grow(size, block_step_work);
 #endif
     Core *core = calloc(1, sizeof(Core));
     if (!core) return NULL;
@@ -353,38 +352,23 @@ static int choose_substeps(Core *core, double step, int *substeps) {
 }
 
 #if BLOCK_IMPLICIT
-/* One stage of a linearly implicit step: k at x, with the slopes and the coupling c that are held. */
-APART static int evaluate_stage(Core *core, const double *x, double g, double *k) {
-    core->arguments[0] = x;
-    core->arguments[1] = core->coupling;
-    core->arguments[2] = core->steep;
-    core->arguments[3] = core->state.values + INPUT_FIRST;
-    core->arguments[4] = core->state.values + PARAMETER_FIRST;
-    core->arguments[5] = &g;
-    core->results[0] = k;
-    return evaluate(core, block_stage, "implicit step");
-}
-
-/* Equal substeps of the linearly implicit scheme with two stages of fmu_didim/linearly_implicit.py, constant input. */
+/* Equal substeps of the linearly implicit method of fmu_didim/linearly_implicit.py, constant input. */
 static int integrate(Core *core, double step) {
-    double *x = core->state.values + STATE_FIRST;
-    double *k = core->slope, *second = core->slope_sum, *stage = core->stage, *c = core->coupling;
+    double *x = core->state.values + STATE_FIRST, *memory = core->state.memory;
     int substeps;
     if (choose_substeps(core, step, &substeps)) return CORE_ERROR;
-    const double h = step / substeps, g = SCHEME_GAMMA * h;
+    const double h = step / substeps;
     for (int n = 0; n < substeps; ++n) {
         core->arguments[0] = x;
-        core->arguments[1] = core->state.values + PARAMETER_FIRST;
-        core->results[0] = core->steep;
-        if (evaluate(core, block_slopes, "slope")) return CORE_ERROR;
-        for (int i = 0; i < STATE_COUNT; ++i) c[i] = 0.0;
-        if (evaluate_stage(core, x, g, k)) return CORE_ERROR;
-        for (int i = 0; i < STATE_COUNT; ++i) {
-            c[i] = SCHEME_C * k[i];
-            stage[i] = x[i] + SCHEME_A * h * k[i];
-        }
-        if (evaluate_stage(core, stage, g, second)) return CORE_ERROR;
-        for (int i = 0; i < STATE_COUNT; ++i) x[i] += h * (SCHEME_B1 * k[i] + SCHEME_B2 * second[i]);
+        core->arguments[1] = memory;
+        core->arguments[2] = core->state.values + INPUT_FIRST;
+        core->arguments[3] = core->state.values + PARAMETER_FIRST;
+        core->arguments[4] = &h;
+        core->results[0] = core->stage;
+        core->results[1] = core->remembered;
+        if (evaluate(core, block_step, "implicit step")) return CORE_ERROR;
+        memcpy(x, core->stage, STATE_COUNT * sizeof(double));
+        memcpy(memory, core->remembered, MEMORY_COUNT * sizeof(double));
     }
     return CORE_OK;
 }

@@ -37,6 +37,7 @@ typedef enum {
 typedef struct {
     double values[AT_LEAST_ONE(VALUE_COUNT)]; /* by value reference */
     double held[AT_LEAST_ONE(OUTPUT_COUNT)];  /* outputs of a sampled block at its last sample */
+    double memory[AT_LEAST_ONE(MEMORY_COUNT)]; /* what a linearly implicit step knows of the one before */
     double start_time;
     double time;
     double rate;            /* bound of the fastest rate, 1/s */
@@ -57,10 +58,7 @@ typedef struct {
     double slope[AT_LEAST_ONE(STATE_COUNT)];
     double slope_sum[AT_LEAST_ONE(STATE_COUNT)];
     double stage[AT_LEAST_ONE(STATE_COUNT)];
-#if BLOCK_IMPLICIT
-    double steep[AT_LEAST_ONE(SLOPE_COUNT)];
-    double coupling[AT_LEAST_ONE(STATE_COUNT)];
-#endif
+    double remembered[AT_LEAST_ONE(MEMORY_COUNT)];
     const double **arguments; /* CasADi's work arrays, sized for the hungriest function */
     double **results;
     long long *integers;

@@ -34,8 +34,8 @@ typedef struct {
     double slope[SIZE(STATES)], sum[SIZE(STATES)], stage[SIZE(STATES)];
     Lane dslope[SIZE(STATES)], dsum[SIZE(STATES)], dstage[SIZE(STATES)];
 #if IMPLICIT
-    double steep[SIZE(SLOPES)], coupling[SIZE(STATES)];
-    Lane dsteep[SIZE(SLOPES)], dcoupling[SIZE(STATES)];
+    double memory[SIZE(MEMORY)], remembered[SIZE(MEMORY)];
+    Lane dmemory[SIZE(MEMORY)], dremembered[SIZE(MEMORY)];
 #endif
     int substeps, initialising;
 } Instance;
@@ -69,42 +69,21 @@ static int substeps_for(const Instance *s, double step) {
 }
 
 #if IMPLICIT
-/* One stage of a linearly implicit step: k at (x, dx), with the slopes and the coupling c that are held. */
-static void stage(Instance *s, const double *x, const Lane *dx, double g, double *k, Lane *dk) {
-    const double *arguments[] = {x, s->coupling, s->steep, s->u, s->p, &g};
-    double *results[] = {k, s->coefficients};
-    variational_stage(arguments, results, 0, s->work, 0);
-    lanes_stage(s->coefficients, dx, (const Lane *)s->dcoupling, (const Lane *)s->dsteep, (const Lane *)s->du, s->rest,
-                s->hidden, dk);
-}
-
-/* Equal substeps of the linearly implicit scheme with two stages of fmu_didim/linearly_implicit.py. */
+/* Equal substeps of the linearly implicit method of fmu_didim/linearly_implicit.py. */
 static int integrate(Instance *s, double step) {
     const int count = substeps_for(s, step);
     if (count == 0) return ERROR;
-    const double h = step / count, g = SCHEME_GAMMA * h;
+    const double h = step / count;
     for (int n = 0; n < count; ++n) {
-        const double *arguments[] = {s->x, s->p};
-        double *results[] = {s->steep, s->coefficients};
-        variational_slopes(arguments, results, 0, s->work, 0);
-        lanes_slopes(s->coefficients, (const Lane *)s->dx, s->dsteep);
-        memset(s->coupling, 0, sizeof(s->coupling));
-        memset(s->dcoupling, 0, sizeof(s->dcoupling));
-        stage(s, s->x, (const Lane *)s->dx, g, s->slope, s->dslope);
-        for (int i = 0; i < STATES; ++i) {
-            s->stage[i] = s->x[i] + SCHEME_A * h * s->slope[i];
-            s->coupling[i] = SCHEME_C * s->slope[i];
-            for (int l = 0; l < LANES; ++l) {
-                s->dstage[i][l] = s->dx[i][l] + SCHEME_A * h * s->dslope[i][l];
-                s->dcoupling[i][l] = SCHEME_C * s->dslope[i][l];
-            }
-        }
-        stage(s, s->stage, (const Lane *)s->dstage, g, s->sum, s->dsum);
-        for (int i = 0; i < STATES; ++i) {
-            s->x[i] += h * (SCHEME_B1 * s->slope[i] + SCHEME_B2 * s->sum[i]);
-            for (int l = 0; l < LANES; ++l)
-                s->dx[i][l] += h * (SCHEME_B1 * s->dslope[i][l] + SCHEME_B2 * s->dsum[i][l]);
-        }
+        const double *arguments[] = {s->x, s->memory, s->u, s->p, &h};
+        double *results[] = {s->stage, s->remembered, s->coefficients};
+        variational_step(arguments, results, 0, s->work, 0);
+        lanes_step(s->coefficients, (const Lane *)s->dx, (const Lane *)s->dmemory, (const Lane *)s->du, s->rest,
+                   s->hidden, s->dstage, s->dremembered);
+        memcpy(s->x, s->stage, sizeof(s->x));
+        memcpy(s->dx, s->dstage, sizeof(s->dx));
+        memcpy(s->memory, s->remembered, sizeof(s->memory));
+        memcpy(s->dmemory, s->dremembered, sizeof(s->dmemory));
     }
     return OK;
 }
