@@ -160,7 +160,7 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
     begun = ca.substitute(balance.friction, balance.v, motion.v)
     chords = _chords(begun, motion.v)
     steepest = ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel()))
-    unresolved = _unresolved(h * chords / mass, h * steepest / mass)
+    unresolved = _unresolved(motion.v, motion.v - h * b, h * chords / mass, h * steepest / mass)
     tangents, dampers = _stabilising(tangents), _symmetric(ca.jacobian(balance.gears, balance.v))
     if tangents.sparsity().is_diag():
         late = (1 - unresolved) * (tangents @ (a - b) / 2)
@@ -172,11 +172,23 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
     return unresolved * (begun - balance.friction + h * chords * a) + h * late
 
 
-def _unresolved(carried: ca.SX, relaxed: ca.SX) -> ca.SX:
-    """Share (na,) of friction that the step does not resolve: in a step it takes so many times the speed, and relaxes
-    so many times what is at rest."""
-    far, short = carried**2, (relaxed / RESOLVED) ** 6
-    return ca.densify(far / (1 + far) * short / (1 + short))
+def _unresolved(now: ca.SX, before: ca.SX, carried: ca.SX, relaxed: ca.SX) -> ca.SX:
+    """Share (na,) of friction that the step does not resolve.
+
+    Args:
+        now, before: velocities where this step and the one before begin; carried: how many times the velocity friction
+            would take in the step; relaxed: how many times what is at rest would relax in it.
+    """
+    turned = 2 * ca.fmax(-now * before, 0) / (now**2 + before**2 + STANDSTILL**2)
+    far = carried**2 / (1 + carried**2)
+    resolved = (1 - turned * _beyond(relaxed, RESOLVED)) * (1 - far * _beyond(relaxed, STEEPEST))
+    return ca.densify(1 - resolved)
+
+
+def _beyond(relaxed: ca.SX, limit: float) -> ca.SX:
+    square = (relaxed / limit) ** 2
+    steep = square * square * square
+    return steep / (1 + steep)
 
 
 def _weights(relaxed: ca.SX) -> ca.SX:
@@ -212,7 +224,9 @@ STANDSTILL = 1e-9
 RELAXED = 30.0
 """Times of relaxation in a step from which Theta leaves 1/2: beyond, the rule would ring by (1 - z/2)/(1 + z/2) a step,
 below it is more accurate with 1/2."""
-RESOLVED = 12.0
-"""Times of relaxation in a step up to which reversals are resolved. The TX40 has 5 at 5 kHz (3e-6 of the torque wrong),
-25 at 1 kHz (3e-2; with two steps a tick 1e-3, with four 4e-5). With 20, joints under very steep friction
-(tests/robot/test_linearly_implicit.py) do not come to rest at 30 to 200 times."""
+RESOLVED = 10.0
+"""Times of relaxation in a step up to which reversals are resolved; beyond, a velocity that has just turned would turn
+again and again. With 15, joints under very steep friction (tests/robot/test_linearly_implicit.py) do not come to rest
+at 30 to 200 times. The TX40 has 5 at 5 kHz and 25 at 1 kHz; its torque changes by 1e-6 whether this is 10 or infinite."""
+STEEPEST = 200.0
+"""Times of relaxation in a step beyond which friction that is fast is taken for such a reversal, too."""
