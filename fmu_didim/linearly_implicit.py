@@ -1,7 +1,7 @@
-"""Linearly implicit integration of stiff blocks: steep friction, gears and bristles at the steps that the data ask for.
+"""Linearly implicit integration of stiff blocks: steep friction, gears, bristles at the steps that the data ask for.
 
-The midpoint rule with one evaluation a step, at a midpoint that is extrapolated from the last step. With x' = f(x, u, p)
-of a block, T close to the stiff part of df/dx and m = k of the step before, a step of size h is
+The midpoint rule with one evaluation a step, at a midpoint that is extrapolated from the last step. With f(x, u, p) the
+derivative of x, T close to the stiff part of df/dx and m = k of the step before, a step of size h is
 
     (I - h Theta T) k = f(x + h/2 m) - h/2 T m,    x(t + h) = x + h k
 

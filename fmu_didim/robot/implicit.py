@@ -1,7 +1,7 @@
 """The linearly implicit step of a robot: M + h D in place of M, D from the slopes of friction, gears and bristles.
 
-With rows r(x, a, u) = 0 of the torque balance, v the velocities, w positions and states of effects, dw/dt = f_w, and the
-remembered slopes b of v and c of w (of positions c = v + h/4 b), all is evaluated at the midpoint
+With rows r(x, a, u) = 0 of the torque balance, v the velocities, w positions and states of effects, dw/dt = f_w, and
+the remembered slopes b of v and c of w (of positions c = v + h/4 b), all is evaluated at the midpoint
 
     v + h/2 b,    w + h/2 c
 
@@ -158,9 +158,9 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
     a, b, h, mass = balance.unknown, motion.b, motion.h, ca.diag(ca.jacobian(balance.rows, balance.unknown))
     tangents = ca.jacobian(balance.friction, balance.v)
     begun = ca.substitute(balance.friction, balance.v, motion.v)
-    chords = _chords(begun, motion.v)
-    steepest = ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel()))
-    unresolved = _unresolved(motion.v, motion.v - h * b, h * chords / mass, h * steepest / mass)
+    carried = h * _chords(begun, motion.v)
+    relaxed = h * ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel()))
+    unresolved = _unresolved(motion.v, motion.v - h * b, carried, relaxed, mass)
     tangents, dampers = _stabilising(tangents), _symmetric(ca.jacobian(balance.gears, balance.v))
     if tangents.sparsity().is_diag():
         late = (1 - unresolved) * (tangents @ (a - b) / 2)
@@ -169,26 +169,27 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
         late = kept * (tangents @ (kept * (a - b) / 2))
     root = ca.sqrt(_weights(h * ca.diag(dampers) / mass))
     late = late + root * (dampers @ (root * a)) - dampers @ b / 2
-    return unresolved * (begun - balance.friction + h * chords * a) + h * late
+    return unresolved * (begun - balance.friction + carried * a) + h * late
 
 
-def _unresolved(now: ca.SX, before: ca.SX, carried: ca.SX, relaxed: ca.SX) -> ca.SX:
+def _unresolved(now: ca.SX, before: ca.SX, carried: ca.SX, relaxed: ca.SX, mass: ca.SX) -> ca.SX:
     """Share (na,) of friction that the step does not resolve.
 
     Args:
-        now, before: velocities where this step and the one before begin; carried: how many times the velocity friction
-            would take in the step; relaxed: how many times what is at rest would relax in it.
+        now, before: velocities where this step and the one before begin; carried, relaxed: slopes of friction times h,
+            from standstill to now and at standstill, which over the mass say how many times the velocity it would take
+            in the step, and how many times what is at rest would relax in it.
     """
     turned = 2 * ca.fmax(-now * before, 0) / (now**2 + before**2 + STANDSTILL**2)
-    far = carried**2 / (1 + carried**2)
-    resolved = (1 - turned * _beyond(relaxed, RESOLVED)) * (1 - far * _beyond(relaxed, STEEPEST))
+    far = carried**2 / (mass**2 + carried**2)
+    resolved = (1 - turned * _beyond(relaxed, RESOLVED * mass)) * (1 - far * _beyond(relaxed, STEEPEST * mass))
     return ca.densify(1 - resolved)
 
 
-def _beyond(relaxed: ca.SX, limit: float) -> ca.SX:
-    square = (relaxed / limit) ** 2
-    steep = square * square * square
-    return steep / (1 + steep)
+def _beyond(value: ca.SX, limit: ca.SX) -> ca.SX:
+    """From 0 to 1 where the value passes the limit."""
+    steep, flat = (square * square * square for square in (value**2, limit**2))
+    return steep / (flat + steep)
 
 
 def _weights(relaxed: ca.SX) -> ca.SX:
@@ -210,12 +211,11 @@ def _stabilising(matrix: ca.SX) -> ca.SX:
 
 
 def _chords(friction: ca.SX, v: ca.SX) -> ca.SX:
-    """(na,) slopes of friction by the own velocity, from standstill to the present speed."""
+    """(na,) slopes of friction by the own velocity, from standstill to the present speed; 0 at standstill."""
     result, speed = ca.SX(v.numel(), 1), ca.if_else(v == 0, STANDSTILL, v)
     for i in range(v.numel()):
         if ca.depends_on(friction[i], v[i]):
-            moving, still = (ca.substitute(friction[i], v[i], at) for at in (speed[i], 0.0))
-            result[i] = (moving - still) / speed[i]
+            result[i] = (friction[i] - ca.substitute(friction[i], v[i], 0.0)) / speed[i]
     return result
 
 
@@ -227,6 +227,6 @@ below it is more accurate with 1/2."""
 RESOLVED = 10.0
 """Times of relaxation in a step up to which reversals are resolved; beyond, a velocity that has just turned would turn
 again and again. With 15, joints under very steep friction (tests/robot/test_linearly_implicit.py) do not come to rest
-at 30 to 200 times. The TX40 has 5 at 5 kHz and 25 at 1 kHz; its torque changes by 1e-6 whether this is 10 or infinite."""
+at 30 to 200 times. The TX40 has 5 at 5 kHz and 25 at 1 kHz; its torque is the same to 1e-6 with 10 and without."""
 STEEPEST = 200.0
 """Times of relaxation in a step beyond which friction that is fast is taken for such a reversal, too."""
