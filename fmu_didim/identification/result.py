@@ -176,7 +176,7 @@ class NoiseResult(Saved):
 class IntegrationResult(Saved):
     """How the plant was integrated."""
 
-    method: str = Field(description="RK4, or the linearly implicit ROS2")
+    method: str = Field(description="RK4, or the linearly implicit midpoint rule")
     substeps: int = Field(description="in a communication step")
 
 

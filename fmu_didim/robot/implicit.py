@@ -158,8 +158,8 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
     a, b, h, mass = balance.unknown, motion.b, motion.h, ca.diag(ca.jacobian(balance.rows, balance.unknown))
     tangents = ca.jacobian(balance.friction, balance.v)
     begun = ca.substitute(balance.friction, balance.v, motion.v)
-    carried = h * _chords(begun, motion.v)
-    relaxed = h * ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel()))
+    carried = h * ca.fmax(_chords(begun, motion.v), 0)
+    relaxed = h * ca.fmax(ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel())), 0)
     unresolved = _unresolved(motion.v, motion.v - h * b, carried, relaxed, mass)
     tangents, dampers = _stabilising(tangents), _symmetric(ca.jacobian(balance.gears, balance.v))
     if tangents.sparsity().is_diag():

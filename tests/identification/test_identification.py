@@ -214,7 +214,7 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
     estimate = Didim().estimate(model)
     assert 0 < estimate.integration_error < 1e-3
     assert np.max(estimate.integration_shift) <= 0.02
-    assert estimate.integration is not None and estimate.integration.method == "ROS2"
+    assert estimate.integration is not None and estimate.integration.method == "linearly implicit midpoint rule"
     assert estimate.integration.substeps < model.automatic_substeps(estimate.value)
     # What it tells is what finer steps do.
     finer = Didim().estimate(replace(model, plant=model.plant.with_substeps(4 * estimate.integration.substeps)))
