@@ -198,8 +198,13 @@ def test_torque_of_the_wrong_sign_is_refused_with_advice(cases: dict[int, Case])
 def test_exchanged_joints_are_not_returned_as_an_answer(cases: dict[int, Case]) -> None:
     model = model_at(cases, 10)
     exchanged = with_torque(model, model.measured[:, ::-1].copy())
-    with pytest.raises(RefusedError):
-        Didim().estimate(exchanged)
+    try:
+        estimate = Didim().estimate(exchanged)
+    except RefusedError:
+        return
+    # Which of its steps fail is chance; what is left over is told as what it is.
+    assert estimate.status is Status.MAXIMUM_ITERATIONS
+    assert np.sqrt(np.mean((estimate.simulated - exchanged.measured) ** 2, axis=0)).min() > 0.5
 
 
 def test_unknown_starts_are_refused(cases: dict[int, Case]) -> None:
