@@ -193,7 +193,7 @@ def _figures(document: ResultDocument) -> list[str]:
         if document.integration_shift is not None:
             text += f", {significant(document.integration_shift)} σ of a value"
         if document.integration is not None:
-            text += f" ({document.integration.method}, {document.integration.substeps} steps a tick)"
+            text += f" ({document.integration.substeps} steps a tick)"
         lines.append(("Integration error", text))
     if document.consistency is not None:
         lines.append(("Plant's equations", consistency_line(document)))
