@@ -30,9 +30,9 @@ class Method:
 EXPLICIT = Method(1.0, 1.0, 0.1)
 """RK4 at h rate <= 0.2: stable with room to spare at h rate = 2, its limit being 2.78."""
 IMPLICIT = Method(1.0, 2.0, 0.0)
-"""With h rate = 0.2 of what friction damps, a linearly implicit step is 3e-7 of the velocities of the TX40 wrong where the
-torque jumps every 5 ms. What oscillates, a step of second order with h rate = 0.1 misses by 0.04 * 0.1^2 = 4e-4 of the
-oscillation in each radian."""
+"""With h rate = 0.2 of what friction damps, a linearly implicit step is 3e-7 of the velocities of the TX40 wrong where
+the torque jumps every 5 ms. What oscillates, a step of second order with h rate = 0.1 misses by 0.04 * 0.1^2 = 4e-4 of
+the oscillation in each radian."""
 RESOLVING = Method(0.0, 0.2, 0.0)
 """What a linearly implicit step must resolve whatever accuracy is asked for."""
 
