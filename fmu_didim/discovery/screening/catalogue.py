@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,17 +80,25 @@ class SignatureCatalogue:
             [(*fit.model.added_effects, c) for c in simulated if builder.can_add(c)],
             watch=watch, workers=fit.model.workers,
         )  # fmt: skip
-        told = watch.counted("signatures of candidate", len(candidates))
-        for effect_at in candidates:
+        told, workers = watch.counted("signatures of candidate", len(candidates)), fit.model.workers
+        for first in range(0, len(candidates), limits.ABREAST):
+            together = candidates[first : first + limits.ABREAST]
             if watch.is_over:
-                left.append(effect_at)
+                left += together
                 continue
-            self._signatures += derived[effect_at] if effect_at in derived else list(self._make(effect_at))
-            told("")
+            apart = [c for c in together if not (c in derived or c in simulated or builder.is_own(c))]
+            made = side_by_side([partial(self._made, c) for c in apart], workers)
+            found = derived | dict(zip(apart, made, strict=True))
+            for effect_at in together:
+                self._signatures += found[effect_at] if effect_at in found else self._made(effect_at)
+                told("")
         self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
+
+    def _made(self, effect_at: EffectAtJoint) -> list[Signature]:
+        return list(self._make(effect_at))
 
     def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
         effect = self.builder.effect(effect_at)

@@ -13,6 +13,7 @@ REPEATS = TABLE(
     "this fraction of the root mean square of that change: elastic gears ring for a while.",
 )  # fmt: skip
 TOGETHER = TABLE("TOGETHER", 32, "shapes", "Whose loads the closed loop answers in one go.")
+ABREAST = TABLE("ABREAST", 16, "candidates", "Whose signatures are made side by side before the time is looked at.")
 SEEN = TABLE(
     "SEEN", 0.1, "1",
     "Fraction of the largest column of an effect below which another one is of second order, such as a tilt out of the "
