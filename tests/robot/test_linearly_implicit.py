@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.block import Block
-from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu
+from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
 from fmu_didim.documents import validate
 from fmu_didim.export import build_fmu
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
@@ -136,27 +136,60 @@ def test_an_arm_without_friction_keeps_its_energy(slope: float) -> None:
     assert lost[0] <= 1e-4 and lost[1] <= lost[0] / 3
 
 
+def kinds(block: Block, version: str) -> list[Component]:
+    return [ModelComponent(block), block_as_control(block), load_fmu(build_fmu(block, fmi_version=version))]
+
+
+def started(component: Component) -> Instance:
+    running = component.instantiate()
+    running.inputs[:] = [2.0, -1.0]
+    running.begin_initialisation(0.0)
+    running.set()
+    running.end_initialisation()
+    return running
+
+
+def stepped(running: Instance, ticks: range) -> np.ndarray:
+    for tick in ticks:
+        running.set()
+        running.step(tick * 0.005, 0.005)
+    running.get()
+    return running.outputs.copy()
+
+
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_every_kind_of_component_makes_the_same_step(version: str) -> None:
     block = robot(*STEEP["presliding"]).with_parameters({"dq_start1": 0.4})
-    kinds: list[Component] = [
-        ModelComponent(block), block_as_control(block), load_fmu(build_fmu(block, fmi_version=version)),
-    ]  # fmt: skip
     found = []
-    for component in kinds:
-        running = component.instantiate()
-        running.inputs[:] = [2.0, -1.0]
-        running.begin_initialisation(0.0)
-        running.set()
-        running.end_initialisation()
-        for tick in range(20):
-            running.set()
-            running.step(tick * 0.005, 0.005)
-        running.get()
-        found.append(running.outputs.copy())
+    for component in kinds(block, version):
+        running = started(component)
+        found.append(stepped(running, range(20)))
         running.close()
     np.testing.assert_allclose(found[1], found[0], rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(found[2], found[0], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_what_a_step_remembers_is_saved_with_the_state(version: str) -> None:
+    """A master that goes back and on again gets the same, to the last bit; so does a run after another one."""
+    block = robot(*STEEP["presliding"]).with_parameters({"dq_start1": 0.4})
+    for component in kinds(block, version):
+        running = started(component)
+        stepped(running, range(3))
+        saved = running.save_state()
+        once = stepped(running, range(3, 6))
+        running.restore_state(saved)
+        np.testing.assert_array_equal(stepped(running, range(3, 6)), once)
+        again = started(component)
+        np.testing.assert_array_equal(stepped(again, range(6)), once)
+        if running.restart(component):
+            running.inputs[:] = [2.0, -1.0]
+            running.begin_initialisation(0.0)
+            running.set()
+            running.end_initialisation()
+            np.testing.assert_array_equal(stepped(running, range(6)), once)
+        running.close()
+        again.close()
 
 
 def test_what_is_not_steep_is_left_to_runge_kutta() -> None:
