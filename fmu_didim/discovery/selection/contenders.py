@@ -106,22 +106,23 @@ class Competition:
 
     def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = limits.REACH) -> Contest:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
-        is out of reach of the best, or is not fitted when the time is up, is no contender.
+        is out of reach of the best, or is not fitted when the time is up, is no contender. The best is the
+        plausible one of the groups before, whichever fit of a group ends first.
 
         Args:
             reach: see ``REACH``.
         """
         fit, chosen = self.fit, self._largest_gap_first(chosen)
-        best = [fit.chi_square - limits.LEAST]
+        best = fit.chi_square - limits.LEAST
         leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
         told = watch.counted("fitting candidate", len(chosen))
 
-        def one(candidate: Screened) -> Contender | Outcome:
+        def one(candidate: Screened, best: float) -> Contender | Outcome:
             found = None
             if watch.is_over:
                 return Outcome.NOT_TRIED
             named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
-            if self.fit.chi_square - reach * self._promised(candidate) > best[0]:
+            if self.fit.chi_square - reach * self._promised(candidate) > best:
                 told(f"{named} is out of reach of the best")
                 return Outcome.LEFT_EARLY
             # Here, where no other fit has to wait for the compiler.
@@ -130,12 +131,12 @@ class Competition:
             if candidate.others is not None and candidate.gain >= leading:
                 starts = self._scanned(candidate)
             for start in starts:
-                fitted = self.refit(start, give_up_above=best[0], until=watch.ends)
+                fitted = self.refit(start, give_up_above=best, until=watch.ends)
                 if watch.is_over and (fitted is None or fitted.given_up):
                     return Outcome.NOT_TRIED
                 if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                     found = fitted
-                    best[0] = min(best[0], found.chi_square)
+                    best = min(best, found.chi_square)
             if found is None:
                 told(f"{named} cannot be simulated")
                 return Outcome.NOT_SIMULABLE
@@ -143,7 +144,12 @@ class Competition:
             told(f"{named}, BIC difference {result.delta_bic:.0f}")
             return result
 
-        results = side_by_side([partial(one, candidate) for candidate in chosen], fit.model.allowed_workers(fit.values))
+        results, workers = list[Contender | Outcome](), fit.model.allowed_workers(fit.values)
+        for first in range(0, len(chosen), limits.ABREAST):
+            together = [partial(one, candidate, best) for candidate in chosen[first : first + limits.ABREAST]]
+            results += side_by_side(together, workers)
+            fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
+            best = min([best, *(c.fit.chi_square for c in fitted)])
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)

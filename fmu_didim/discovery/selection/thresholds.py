@@ -39,6 +39,10 @@ SIZES = TABLE(
     "SIZES", (0.5, 1.0, 2.0), "1",
     "Tried of an effect outside the torque balance, as multiples of what its signature says: gears rattle.",
 )  # fmt: skip
+ABREAST = TABLE(
+    "ABREAST", 4, "candidates",
+    "Fitted against the same best so far: what is left early must not depend on which of them ends first.",
+)  # fmt: skip
 STARTS = TABLE("STARTS", 2, "starts", "Number of those from which it is fitted.")
 SMALLER = TABLE(
     "SMALLER", (1.0, 0.3, 0.03), "1",
