@@ -13,6 +13,7 @@ import pytest
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
+from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, _idle, proposal_of
 from fmu_didim.discovery.selection.contest import Outcome, Screened
 from fmu_didim.discovery.watch import Watch
@@ -507,6 +508,7 @@ def test_what_became_of_each_candidate_is_told() -> None:
 def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch, part: float, left: bool) -> None:
     """The best has explained 3^2 * 400 * 1.25 = 4500 of chi-square: another one must promise a quarter of it. Only in
     the torque balance is a signature the slope that promises."""
+    monkeypatch.setattr(limits, "ABREAST", 1)
     slope = np.sqrt(part) * (OTHER + 0.5 * THIRD) + np.sqrt(1 - part) * np.sqrt(1.25) * FOURTH
     weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
     candidates = [
@@ -557,28 +559,41 @@ def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeyp
     assert scanned == [100.0, 75.0]
 
 
-def test_each_fit_must_promise_more_than_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[float] = []
+@pytest.mark.parametrize(
+    ("abreast", "why", "asked"),
+    [
+        (1, "", [995.0, 900.0, 400.0, 400.0]),
+        (2, "", [995.0, 900.0, 995.0, 400.0]),  # those of one group do not see each other, whichever ends first
+        (4, "", [995.0, 900.0, 995.0, 995.0]),
+        (1, "no machine has this", [995.0, 900.0, 995.0, 995.0]),
+    ],
+)
+def test_each_fit_must_promise_more_than_the_best_so_far(
+    monkeypatch: pytest.MonkeyPatch, abreast: int, why: str, asked: list[float]
+) -> None:
+    """The best is a plausible one of the groups before, or another start of its own."""
+    seen: list[float] = []
     squares = iter([900.0, 400.0, 600.0, 300.0])
     before = fitted(plant())
 
     def one(self: Any, proposal: Proposal, *, give_up_above: float, until: float) -> Fit | None:
-        asked.append(give_up_above)
+        seen.append(give_up_above)
         square = next(squares)
         return None if square == 600.0 else replace(before, chi_square=square)
 
     found: list[float] = []
+    monkeypatch.setattr(limits, "ABREAST", abreast)
     monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
         Competition, "contender",
         lambda self, at, fit: found.append(fit.chi_square)
-        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=""),
+        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=why),
     )  # fmt: skip
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     result, _ = competing(
         tried(100.0), tried(60.0, others=None), tried(61.0, others=None), before=replace(before, chi_square=1000.0)
     )
-    assert asked == [995.0, 900.0, 400.0, 400.0]
+    assert seen == asked
     assert found == [400.0, 300.0]  # of two starts the better one
     assert [c.delta_bic for c in result] == [-300.0, -400.0]
 
