@@ -59,9 +59,9 @@ class LinearlyImplicit:
         """Number nm of what a step remembers."""
         return int(self.following.numel_out(1))
 
-    def step(self) -> ca.Function:
+    def step(self, name: str = "step") -> ca.Function:
         """One step with the input held: (x, m, u, p, h) -> x, m of the next."""
         sizes = [self.solution.numel_in(i) for i in range(5)]
         x, m, u, p, h = (ca.SX.sym(name, size) for name, size in zip("xmuph", sizes, strict=True))
         following = self.following(x, m, self.solution(x, m, u, p, h), u, p, h)
-        return ca.Function("step", [x, m, u, p, h], ca.cse([ca.densify(part) for part in following]))
+        return ca.Function(name, [x, m, u, p, h], ca.cse([ca.densify(part) for part in following]))

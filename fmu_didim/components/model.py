@@ -92,6 +92,7 @@ class _ModelInstance(Instance):
         self._x = np.zeros(len(block.states))
         self._next = np.zeros(len(block.states))
         self._memory = np.zeros(block.implicit.memory if block.implicit is not None else 0)
+        self._remembered = np.zeros(self._memory.size)
         self._size = np.zeros(1)
         self._rate = 0.0
         self._live = True
@@ -108,7 +109,6 @@ class _ModelInstance(Instance):
         elif self._block.implicit is None:
             self._update = Evaluator(_substep(self._block), [self._x, self._held, self._p, self._size], self._next)
         else:
-            self._remembered = np.zeros(self._memory.size)
             arguments = [self._x, self._memory, self._held, self._p, self._size]
             self._update = Evaluator(self._block.implicit.step(), arguments, self._next, self._remembered)
 
@@ -154,8 +154,7 @@ class _ModelInstance(Instance):
         for _ in range(count):
             self._update()
             self._x[:] = self._next
-            if self._memory.size:
-                self._memory[:] = self._remembered
+            self._memory[:] = self._remembered
 
     def _sample(self, time: float, size: float) -> None:
         clock = self._clock

@@ -16,7 +16,6 @@ from fmu_didim.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SU
 from fmu_didim.errors import InputError
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
-from fmu_didim.linearly_implicit import LinearlyImplicit
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
@@ -184,7 +183,7 @@ def _exported_functions(block: Block) -> list[ca.Function]:
         _function("block_directional", [x, u, q, dx, du, dq], dots),
         _function("block_start_directional", [u, q, du, dq], [start_dot]),
         *([_function("block_ready", [x, q], [still[:ready]])] if ready else []),
-        *([_function("block_step", *_step(block.implicit))] if block.implicit is not None else []),
+        *([block.implicit.step("block_step")] if block.implicit is not None else []),
     ]
 
 
@@ -200,13 +199,6 @@ def ready_count(block: Block) -> int:
         return 0
     reached = {int(row) for row in block.output.jac_sparsity(0, 1).get_triplet()[0]}
     return min(reached, default=0)
-
-
-def _step(implicit: LinearlyImplicit) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Arguments and results of a linearly implicit step."""
-    step = implicit.step()
-    arguments = [ca.SX.sym(step.name_in(i), step.numel_in(i)) for i in range(step.n_in())]
-    return arguments, list(step(*arguments))
 
 
 def _c_string(text: str) -> str:

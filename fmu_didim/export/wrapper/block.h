@@ -55,10 +55,13 @@ typedef struct {
     double seed[AT_LEAST_ONE(VALUE_COUNT)];
     double sensitivity[AT_LEAST_ONE(VALUE_COUNT)];
     double state_dot[AT_LEAST_ONE(STATE_COUNT)];
+    double stage[AT_LEAST_ONE(STATE_COUNT)];
+#if BLOCK_IMPLICIT
+    double remembered[AT_LEAST_ONE(MEMORY_COUNT)];
+#else
     double slope[AT_LEAST_ONE(STATE_COUNT)];
     double slope_sum[AT_LEAST_ONE(STATE_COUNT)];
-    double stage[AT_LEAST_ONE(STATE_COUNT)];
-    double remembered[AT_LEAST_ONE(MEMORY_COUNT)];
+#endif
     const double **arguments; /* CasADi's work arrays, sized for the hungriest function */
     double **results;
     long long *integers;

@@ -31,11 +31,14 @@ typedef struct {
     double p[SIZE(PARAMETERS)], x[SIZE(STATES)], u[SIZE(INPUTS)], rate, work[SIZE(WORK)];
     Lane dx[SIZE(STATES)], du[SIZE(INPUTS)], hidden[SIZE(HIDDEN)], rest[SIZE(HIDDEN)];
     double coefficients[SIZE(COEFFICIENTS)];
-    double slope[SIZE(STATES)], sum[SIZE(STATES)], stage[SIZE(STATES)];
-    Lane dslope[SIZE(STATES)], dsum[SIZE(STATES)], dstage[SIZE(STATES)];
+    double stage[SIZE(STATES)];
+    Lane dstage[SIZE(STATES)];
 #if IMPLICIT
     double memory[SIZE(MEMORY)], remembered[SIZE(MEMORY)];
     Lane dmemory[SIZE(MEMORY)], dremembered[SIZE(MEMORY)];
+#else
+    double slope[SIZE(STATES)], sum[SIZE(STATES)];
+    Lane dslope[SIZE(STATES)], dsum[SIZE(STATES)];
 #endif
     int substeps, initialising;
 } Instance;
