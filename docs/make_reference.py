@@ -2,7 +2,8 @@
 
     python docs/make_reference.py
 
-The build of the documentation runs it, and a test says when what is committed is not what it writes.
+The tables of docs/examples.md come from examples/index.toml. The build of the documentation runs it, and a test says
+when what is committed is not what it writes.
 """
 
 from __future__ import annotations
@@ -27,12 +28,15 @@ from fmu_didim.diagnostics import Severity
 from fmu_didim.discovery.findings import FindingsDocument
 from fmu_didim.effects import DEFAULT_EFFECTS, EFFECTS, Effect, Parameter
 from fmu_didim.estimators import ESTIMATORS
+from fmu_didim.examples import examples
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.robot import RobotDescription
 from fmu_didim.workflow.codes import all_codes
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py from the package itself: change it there. -->"
+BEGIN = "<!-- From examples/index.toml, by docs/make_reference.py: change it there. -->"
+END = "<!-- Written by hand again. -->"
 PLACES = {
     "torque balance": "In the torque balance of a joint, a column of the regressor and a term of the direct model.",
     "drive": "Between controller and plant, a component of its own in the wiring: a black-box plant gains it, too.",
@@ -76,7 +80,23 @@ def pages() -> dict[str, str]:
         "findings.md": _page("Keys of findings.json", findings, *_model(FindingsDocument)),
         "commands.md": _page("Commands", *_commands(_parser())),
         "api.md": _page("Python", *_api()),
+        "../examples.md": _examples(),
     }
+
+
+def _examples() -> str:
+    """docs/examples.md with its tables anew."""
+    parts = []
+    for example in examples().values():
+        rows = [
+            (f"`{run.command}`", f"{run.shows}; needs {markdown(run.needs)}" if run.needs else run.shows)
+            for run in example.runs
+        ]
+        needs = f" It needs {markdown(example.needs)}." if example.needs else ""
+        parts.append(f"## {example.name}\n\n{example.sentence}.{needs}\n\n{_table(('command', 'what it shows'), rows)}")
+    before, begin, rest = (FOLDER.parent / "examples.md").read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    return "\n\n".join([before + begin, *parts, end + after])
 
 
 def _page(title: str, *parts: str) -> str:

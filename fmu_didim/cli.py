@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import logging
 import os
@@ -17,32 +18,34 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from fmu_didim.campaigns.commands import add_campaign
 from fmu_didim.cli_prepare import add_prepare_verbs
-from fmu_didim.console import CurrentStderr, Display, is_terminal, show, since_start
+from fmu_didim.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.files import is_file
 from fmu_didim.imports import NO_CODE
-from fmu_didim.terminal import printable, unforeseen
+from fmu_didim.terminal import json_shown, printable, quoted, unforeseen
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Outcome
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-EXIT_ERROR, EXIT_INTERRUPTED = 1, 130
+EXIT_ERROR, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
 FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
+    begin()
     with printable():
-        options = _parser().parse_args(arguments)
-        return _run(options)
+        typed = sys.argv[1:] if arguments is None else arguments
+        return _run(_parser().parse_args(typed), typed)
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
     try:
         with _told(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
             _check_current_folder()
+            _check_names(typed)
             return int(options.run(options))
     except KeyboardInterrupt:
         print("\nfmu-didim: interrupted", file=sys.stderr)
@@ -91,6 +94,20 @@ def _check_current_folder() -> None:
         ) from error
 
 
+def _check_names(typed: Sequence[str]) -> None:
+    """Raise InputError where a name could be handed to the system, but not be written into any result or FMU."""
+    places = [os.environ.get(name, "") for name in ("HOME", "TMPDIR", "XDG_CACHE_HOME", "FMU_DIDIM_CACHE")]
+    for name in (*typed, os.getcwd(), *places):  # noqa: PTH109 - as the system gives it
+        try:
+            name.encode("utf-8")
+        except UnicodeEncodeError as error:
+            raise InputError(
+                "The name of a file or folder is not text in the encoding of this shell.", where=name,
+                got=f"encoding {sys.getfilesystemencoding()}",
+                next_step="Set PYTHONUTF8=1, or LC_ALL to a UTF-8 locale such as C.UTF-8; or rename it.",
+            ) from error  # fmt: skip
+
+
 @contextmanager
 def _told(*, quiet: bool) -> Iterator[None]:
     """What the package logs stands on standard error: what takes long the first time, and what to know of an FMU."""
@@ -109,12 +126,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
-        epilog="examples:\n  fmu-didim init log.csv\n  fmu-didim validate case.yaml\n  fmu-didim identify case.yaml",
+        epilog=_BEGIN,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser.set_defaults(run=partial(_no_command, parser))
+    commands = parser.add_subparsers(metavar="COMMAND")
     for verb in add_prepare_verbs(commands, parser=parser):
         _add_common(verb, code=True)
     _add_case_verbs(commands)
@@ -125,6 +143,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    parser.print_help(sys.stderr)
+    return EXIT_USAGE
+
+
+_BEGIN = """begin with an example that ships with the package:
+  fmu-didim example
+
+examples:
+  fmu-didim init log.csv
+  fmu-didim validate case.yaml
+  fmu-didim identify case.yaml"""
 _DEBUG = "show the traceback of an error"
 
 
@@ -153,7 +183,7 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
     found.add_argument("--forbid", action="append", default=[], metavar="EFFECT", help="never propose this effect")
     found.add_argument("--prefer", action="append", default=[], metavar="EFFECT", help="take it first where it fits")
-    found.add_argument("--effect", action="append", default=[], metavar="PACKAGE.MODULE:NAME", help="a further effect")
+    found.add_argument("--effect", action="append", default=[], metavar="MODULE:NAME", help="also this: my.py:MyEffect")
     found.add_argument("--rounds", type=int, default=5, metavar="N", help="largest number of effects (5)")
     found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
     found.add_argument(
@@ -189,7 +219,7 @@ def _verb(
     """A verb whose help ends with examples."""
     examples = "\n".join(f"  {line}" for line in EXAMPLES[key or name])
     verb = commands.add_parser(
-        name, help=help_, description=run.__doc__, epilog=f"examples:\n{examples}",
+        name, help=help_, description=inspect.getdoc(run), epilog=f"examples:\n{examples}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     verb.set_defaults(run=run)
@@ -255,7 +285,7 @@ def _add_fmu(commands: _Commands) -> None:
     four = commands.add_parser("fmu", help="what an FMU is and can (info), how it behaves (check)")
     tasks = four.add_subparsers(required=True, metavar="info|check")
     for name, run in (("info", _fmu_info), ("check", _fmu_check)):
-        task = _verb(tasks, name, run, run.__doc__ or "", f"fmu {name}")
+        task = _verb(tasks, name, run, inspect.getdoc(run) or "", f"fmu {name}")
         task.add_argument("file", type=Path, metavar="FILE.fmu", help="the FMU")
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
@@ -268,8 +298,8 @@ def _add_fmu(commands: _Commands) -> None:
 def _add_cache(commands: _Commands) -> None:
     five = commands.add_parser("cache", help="what is kept between runs: show it, clear it, clear one FMU")
     tasks = five.add_subparsers(required=True, metavar="show|clear")
-    _verb(tasks, "show", _cache_show, _cache_show.__doc__ or "", "cache show")
-    clear = _verb(tasks, "clear", _cache_clear, _cache_clear.__doc__ or "", "cache clear")
+    _verb(tasks, "show", _cache_show, inspect.getdoc(_cache_show) or "", "cache show")
+    clear = _verb(tasks, "clear", _cache_clear, inspect.getdoc(_cache_clear) or "", "cache clear")
     clear.add_argument("file", type=Path, metavar="FILE.fmu", nargs="?", help="only what is kept of this FMU")
 
 
@@ -289,11 +319,11 @@ def _identify(options: argparse.Namespace) -> int:
             case, out=out, figures=options.figures, progress=display.iteration, show=_summary_on(display, options)
         )
     if options.json:
-        print(outcome.document.model_dump_json(indent=1, by_alias=True))
+        print(json_shown(outcome.document.model_dump_json(indent=1, by_alias=True)))
         return outcome.exit_code
     if outcome.robot is not None:
         robot = out / ROBOT_FILE
-        print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {robot})")
+        print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {quoted(robot)})")
         for label in outcome.robots:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
         if outcome.outside_robot:
@@ -343,7 +373,7 @@ def _discover(options: argparse.Namespace) -> int:
             show=_summary_on(display, options), figures=options.figures,
         )  # fmt: skip
     if options.json:
-        print((out / "findings.json").read_text(encoding="utf-8"))
+        print(json_shown((out / "findings.json").read_text(encoding="utf-8")))
         return found.exit_code
     took = f"({since_start():.1f} s)"
     print(f"\nReport: {out / 'discovery.html'}   Findings: {out / 'findings.json'}   {took}")
@@ -438,15 +468,15 @@ def _cache_show(options: argparse.Namespace) -> int:
 
 def _cache_clear(options: argparse.Namespace) -> int:
     """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
-    from fmu_didim.cache import entries, file_digest, remove_entry
+    from fmu_didim.cache import clear, entries, file_digest
 
     if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
-    found = list(entries(file_digest(options.file) if options.file is not None else ""))
-    for entry in found:
-        remove_entry(entry.path)
-    print(f"{len(found)} entries removed, {sum(entry.size for entry in found) / 2**20:.1f} MB")
-    return 0
+    removed, kept = clear(list(entries(file_digest(options.file) if options.file is not None else "")))
+    print(f"{len(removed)} entries removed, {sum(entry.size for entry in removed) / 2**20:.1f} MB")
+    for why, found in kept.items():
+        print(f"{len(found)} entries kept ({why}), such as {found[0].path}")
+    return EXIT_ERROR if kept else 0
 
 
 def _assignments(texts: list[str]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The command line of the verbs that come before a case runs: init, validate, schema, effects, completion."""
+"""The command line of the verbs that come before a case runs: example, init, validate, schema, effects, completion."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fmu_didim.errors import InputError
+from fmu_didim.examples import example_names, examples, write_example
+from fmu_didim.terminal import json_shown, quoted
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SHELLS = ("bash", "zsh", "tcsh")
 KINDS = ("case", "robot", "controller", "effect", "campaign")
+_EXAMPLE = """examples:
+  fmu-didim example                               which there are
+  fmu-didim example scara                         written to the folder scara
+  fmu-didim example arm2r my/arm"""
 _INIT = """examples:
   fmu-didim init log.csv                          reference and torque in one file
   fmu-didim init ref.csv torque.csv ref_test.csv torque_test.csv --out mycase
   fmu-didim init log.mf4 vendor_controller.fmu robot.yaml
+  fmu-didim init log.csv --controller pid.fmu     where its signals do not tell what it is
   fmu-didim init log.mat --law cascade_ppi        with the keys of that controller"""
 _VALIDATE = """examples:
   fmu-didim validate case.yaml
@@ -40,7 +47,8 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     Args:
         parser: of all verbs, whose options are completed.
     """
-    verbs = [_add_init(commands), _add_validate(commands), _add_effects(commands), _add_schema(commands)]
+    add = (_add_example, _add_init, _add_validate, _add_effects, _add_schema)
+    verbs = [one(commands) for one in add]
     shell = _verb(commands, "completion", "print the completion of commands and options for a shell", _COMPLETION)
     shell.add_argument("shell", choices=SHELLS, help=", ".join(SHELLS))
     shell.set_defaults(run=_completion, parser=parser)
@@ -54,17 +62,32 @@ def _verb(commands: Commands, name: str, help_: str, examples: str) -> argparse.
     )  # fmt: skip
 
 
+def _add_example(commands: Commands) -> argparse.ArgumentParser:
+    verb = _verb(commands, "example", "list the examples that ship with the package, or write one out", _EXAMPLE)
+    names = example_names()
+    verb.add_argument(
+        "name", nargs="?", choices=names or None, metavar="NAME", help=f"which one to write: {', '.join(names)}"
+    )
+    verb.add_argument(
+        "folder", nargs="?", type=Path, metavar="FOLDER", help="where to, a new or empty folder (NAME in this one)"
+    )
+    verb.set_defaults(run=_example)
+    return verb
+
+
 def _add_init(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(
         commands, "init", "write a commented case, with robot and controller, for the files that you have", _INIT
     )
     verb.add_argument(
-        "files", type=Path, nargs="+", metavar="FILE", help="logs, FMUs, robot and controller descriptions"
+        "files", type=Path, nargs="*", metavar="FILE", help="logs, FMUs, .mo files, robot and controller descriptions"
     )
     verb.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder of the case (this folder)")
     verb.add_argument(
         "--law", metavar="NAME", help="control law of the controller that is written: pd, pid, cascade_ppi ..."
     )
+    verb.add_argument("--plant", type=Path, metavar="FILE", help="the FMU or .mo file that is the plant")
+    verb.add_argument("--controller", type=Path, metavar="FILE", help="the FMU or .mo file that is the controller")
     verb.set_defaults(run=_init)
     return verb
 
@@ -79,7 +102,7 @@ def _add_validate(commands: Commands) -> argparse.ArgumentParser:
 
 def _add_effects(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(commands, "effects", "list the physical effects, or explain one", _EFFECTS)
-    verb.add_argument("name", nargs="?", metavar="NAME", help="an effect, or package.module:Name of one of your own")
+    verb.add_argument("name", nargs="?", metavar="NAME", help="an effect, or my.py:Name of one of your own")
     verb.add_argument("--json", action="store_true", help="print the entry, or all of them, as JSON")
     verb.set_defaults(run=_effects)
     return verb
@@ -97,11 +120,40 @@ def _add_schema(commands: Commands) -> argparse.ArgumentParser:
     return verb
 
 
+def _example(options: argparse.Namespace) -> int:
+    from fmu_didim.report.table import entries, wrapped
+
+    if options.name is None:
+        print("fmu-didim example NAME writes one of these to a folder, ready to run:\n")
+        print("\n".join(entries([(e.name, f"{e.sentence}.{_needed(e.needs)}") for e in examples().values()], "  ")))
+        return 0
+    written = write_example(options.name, options.folder or Path(options.name))
+    example = written.example
+    print(f"{len(written.files)} files written to {written.folder}")
+    print("\n".join(wrapped(f"{example.sentence}.{_needed(example.needs)}")))
+    print("\nNext:")
+    if written.folder.resolve() != Path.cwd():
+        print(f"  cd {quoted(written.folder)}")
+    for run in example.runs:
+        print(f"  {run.command}")
+        print("\n".join(wrapped(f"{run.shows}{f'; needs {run.needs}' if run.needs else ''}", "      ")))
+    return 0
+
+
+def _needed(what: str) -> str:
+    return f" Needs {what}." if what else ""
+
+
 def _init(options: argparse.Namespace) -> int:
+    if not options.files:
+        raise InputError(
+            "init needs the files that you have.", valid="logs, FMUs, robot and controller descriptions",
+            next_step="fmu-didim init LOG.csv; without files of your own: fmu-didim example.",
+        )  # fmt: skip
     from fmu_didim.report.table import wrapped
     from fmu_didim.workflow.init import start_case
 
-    made = start_case(options.files, options.out, law=options.law)
+    made = start_case(options.files, options.out, law=options.law, plant=options.plant, controller=options.controller)
     width = max((len(f"{file}: {column}") for file, column, _ in made.found), default=0)
     print("Found, by names and units (correct it in the case where it is wrong):")
     for file, column, taken in made.found:
@@ -112,7 +164,7 @@ def _init(options: argparse.Namespace) -> int:
         print(f"\n{path}: {f'{len(open_)} places to be filled in' if open_ else 'nothing to be filled in'}")
         for place, note in open_:
             print("\n".join(wrapped(f"{place}{note}", "  ", "    ")))
-    print(f"\nThen: fmu-didim validate {made.files[0]}")
+    print(f"\nThen: fmu-didim validate {quoted(made.files[0])}")
     return 0
 
 
@@ -127,7 +179,7 @@ def _validate(options: argparse.Namespace) -> int:
             print(f"{mistake.text}\n")
         count = len(found)
         told = f"{count} of the files or entries have mistakes" if count > 1 else "one file or entry has mistakes"
-        print(told if found else f"No mistakes. Next: fmu-didim check {options.case}")
+        print(told if found else f"No mistakes. Next: fmu-didim check {quoted(options.case)}")
     return 1 if found else 0
 
 
@@ -137,7 +189,7 @@ def _effects(options: argparse.Namespace) -> int:
     if options.json:
         entries = [effect_entry(options.name)] if options.name else effect_entries()
         shown = [entry.model_dump(mode="json") for entry in entries]
-        print(json.dumps(shown[0] if options.name else shown, indent=1, ensure_ascii=False))
+        print(json_shown(json.dumps(shown[0] if options.name else shown, indent=1, ensure_ascii=False)))
     else:
         print(effect_text(options.name) if options.name else effects_text(), end="")
     return 0
@@ -149,7 +201,7 @@ def _schema(options: argparse.Namespace) -> int:
 
     is_campaign = options.kind == "campaign"
     made = {"$schema": DIALECT, **CampaignDocument.model_json_schema()} if is_campaign else schema(options.kind)
-    print(json.dumps(made, indent=1, ensure_ascii=False))
+    print(json_shown(json.dumps(made, indent=1, ensure_ascii=False)))
     return 0
 
 

@@ -7,7 +7,6 @@ import math
 import os
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from fmu_didim.terminal import harmless
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
     from fmu_didim.prediction.iteration import Iteration
 
-_IMPORTED = time.perf_counter()
+_begun = [time.perf_counter()]
 YELLOW = "bold yellow"
 _STYLES = (
     (r"(?m)^((VALID|READY|NAMED|NOTHING MISSING):|No mistakes).*", "bold green"),
@@ -38,15 +37,14 @@ ROWS = 12
 """Iterations that the live table shows."""
 
 
+def begin() -> None:
+    """A command begins now: what its process did before, such as the shell that it was, is not counted."""
+    _begun[0] = time.perf_counter()
+
+
 def since_start() -> float:
-    """Seconds since this process started; since this module was imported where the system does not tell."""
-    imported = time.perf_counter() - _IMPORTED
-    try:
-        fields = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        started = float(fields[19]) / os.sysconf("SC_CLK_TCK")
-        return max(time.clock_gettime(time.CLOCK_BOOTTIME) - started, imported)
-    except (OSError, ValueError, IndexError, AttributeError):
-        return imported
+    """Seconds since the command began; since this module was imported where none did."""
+    return time.perf_counter() - _begun[0]
 
 
 def raw(stream: Any) -> TextIO:
@@ -119,7 +117,7 @@ class Display:
             self._console.print(self._table(self._iterations))
 
     def say(self, text: str) -> None:
-        """Tell what is done now, with the time since the start of the process."""
+        """Tell what is done now, with the time since the command began."""
         if self._quiet:
             return
         now = since_start()

@@ -16,8 +16,12 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
-from yaml.composer import ComposerError
-from yaml.constructor import ConstructorError
+from yaml.composer import Composer, ComposerError
+from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.parser import Parser
+from yaml.reader import Reader, ReaderError
+from yaml.resolver import Resolver
+from yaml.scanner import Scanner
 
 from fmu_didim.docstrings import about, key_texts
 from fmu_didim.errors import InputError
@@ -26,8 +30,8 @@ from fmu_didim.files import is_file
 MAXIMUM_BYTES = 256 * 2**10
 MAXIMUM_VALUES = 50_000
 MAXIMUM_DEPTH = 50
-"""Bounds of a YAML file, values and depth with all aliases written out: ten times what the largest description has, and
-read in two seconds."""
+"""Bounds of a YAML file, values and depth with all aliases written out: more than a campaign of some thousand settings
+has. What is beyond them is not read to its end."""
 MOST_PROBLEMS = 20
 """Problems of one file that are told."""
 LONGEST = 60
@@ -128,7 +132,7 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
             valid=f"at most {MAXIMUM_BYTES}", next_step="Put signals into CSV, MAT or Parquet files.",
         )  # fmt: skip
     try:
-        content = yaml.load(raw.decode("utf-8"), Loader=_Loader)
+        content = _content(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise InputError(
@@ -142,17 +146,32 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
     return content
 
 
-class _Loader(yaml.SafeLoader):
-    """Plain values only, within bounds, and no key twice."""
+def _content(text: str, loader: type[Any] | None = None) -> Any:
+    """What a YAML text holds; its errors quote the line."""
+    try:
+        return (loader or _LOADER)(text).get_single_data()
+    except ReaderError as error:
+        error.name = "the file"
+        raise
+    except yaml.MarkedYAMLError as error:
+        for name in ("context_mark", "problem_mark"):
+            if mark := getattr(error, name):
+                setattr(error, name, yaml.Mark("the file", mark.index, mark.line, mark.column, f"{text}\0", mark.index))
+        raise
 
-    def __init__(self, stream: str) -> None:
-        super().__init__(stream)
-        self.name = "the file"
+
+class _Loader(Composer, SafeConstructor, Resolver):
+    """Plain values only, within bounds, and no key twice; a subclass makes the events."""
+
+    def __init__(self) -> None:
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        Resolver.__init__(self)
         self._depth = self._count = 0
         self._measured: dict[yaml.Node, tuple[int, int]] = {}  # values in it and its depth, aliases written out
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        event: yaml.Event = self.peek_event()  # type: ignore[attr-defined]
         self._depth += 1
         self._count += 1
         self._bound(self._count, self._depth, event.start_mark)
@@ -197,6 +216,30 @@ class _Loader(yaml.SafeLoader):
             raise ConstructorError(None, None, str(error), node.start_mark) from error
 
 
+class _InPython(_Loader, Reader, Scanner, Parser):
+    """Events of PyYAML's own parser."""
+
+    def __init__(self, text: str) -> None:
+        Reader.__init__(self, text)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+        _Loader.__init__(self)
+
+
+_LOADER: type[Any] = _InPython
+if yaml.__with_libyaml__:
+    from yaml.cyaml import CParser  # type: ignore[attr-defined]
+
+    class _InC(_Loader, CParser):
+        """Events of libyaml, in a fifth of the time."""
+
+        def __init__(self, text: str) -> None:
+            CParser.__init__(self, text)
+            _Loader.__init__(self)
+
+    _LOADER = _InC
+
+
 def _refusal(problem: str, mark: Any) -> ComposerError:
     return ComposerError(None, None, problem, mark)
 
@@ -207,15 +250,22 @@ def _parts(node: yaml.Node) -> list[yaml.Node]:
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
-def validate(model: type[Model], content: dict[str, Any], *, where: str, lines: Lines | None = None) -> Model:
+FOLDER = "folder"
+"""Key of pydantic's context: the folder of the file, to which names of other files are relative."""
+
+
+def validate(
+    model: type[Model], content: dict[str, Any], *, where: str, lines: Lines | None = None, folder: Path | None = None
+) -> Model:
     """``content`` as a ``model``; raises one InputError that lists every problem with its path.
 
     Args:
         lines: of the file that the content is from; problems are then told with theirs.
+        folder: of that file; None: the working folder.
     """
     open_ = [] if lines is None else [f"{place}: still to be filled in{note}" for place, note in lines.unfilled()]
     try:
-        made = model.model_validate(content)
+        made = model.model_validate(content, context={FOLDER: folder or Path()})
     except ValidationError as error:
         if other := _other_kind(content, model):
             raise InputError(f"This is {other}.", where=where, next_step=KINDS[other][1]) from error
@@ -262,7 +312,7 @@ def problems_error(found: Sequence[str], *, where: str) -> InputError:
 def read_document(model: type[Model], path: Path | str) -> Model:
     """Load and validate a YAML file; problems are told with their lines."""
     content = load_yaml(path)
-    return validate(model, content, where=str(path), lines=Lines(Path(path)))
+    return validate(model, content, where=str(path), lines=Lines(Path(path)), folder=Path(path).parent)
 
 
 TO_FILL_IN = "EDIT"
@@ -278,7 +328,8 @@ class Lines:
     @cached_property
     def _root(self) -> yaml.Node | None:
         try:
-            return _Loader(self._text).get_single_node()
+            root: yaml.Node | None = _LOADER(self._text).get_single_node()
+            return root
         except yaml.YAMLError:  # which is told by load_yaml
             return None
 

@@ -7,7 +7,10 @@ Each says *what* went wrong, *where*, what was *got*, which values are *valid* a
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+import platform
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Self
 
 MOST_NAMES = 60
@@ -127,3 +130,52 @@ class DivergedError(SimulationError):
 
 class IdentificationError(FmuDidimError):
     """No parameters could be identified; nothing is returned in their place."""
+
+
+class LibraryError(FmuDidimError):
+    """A library that this package uses does not work as it is installed; no file of the user is to blame."""
+
+    def __init__(self, name: str, *, got: object) -> None:
+        version, bounds = _installed(name)
+        super().__init__(
+            f"The library {name} does not work as it is installed.",
+            where=f"{name} {version}".strip() + f", Python {platform.python_version()}",
+            got=got,
+            valid=bounds,
+            next_step=f'pip install --upgrade "{bounds or name}"',
+        )
+
+
+@contextmanager
+def loading(name: str, *, absent: FmuDidimError | None = None) -> Iterator[None]:
+    """What goes wrong while a library is imported is told as its own fault, not as that of what it is needed for.
+
+    Args:
+        name: of its module. absent: what to say where it is not installed at all.
+
+    Raises:
+        LibraryError: it is there and does not work, or is absent and always needed; ``absent``.
+    """
+    try:
+        yield
+    except Exception as error:
+        if absent is not None and isinstance(error, ModuleNotFoundError) and error.name == name:
+            raise absent from error
+        raise LibraryError(name, got=f"{type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
+
+
+def _installed(name: str) -> tuple[str, str]:
+    """The version of a library, "not installed" if there is none, and the versions that this package needs."""
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    def of(package: str) -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            return "not installed"
+
+    try:
+        bounds = [line.partition(";")[0].strip() for line in requires("fmu_didim") or ()]
+    except PackageNotFoundError:
+        bounds = []  # the package runs from its folder
+    return of(name), next((line for line in bounds if re.match(rf"{name}\b(?!-)", line)), "")

@@ -150,11 +150,16 @@ _MEDIAN = 0.6745
 """Median of the size of a normal variable of deviation one."""
 
 
-def write_csv(signals: Trajectory, path: Path | str) -> None:
-    """Write a trajectory as CSV with the header ``t,<names>``, 9 significant digits."""
+def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None:
+    """Write a trajectory as CSV in UTF-8 with the header ``t,<names>``.
+
+    Args:
+        digits: significant digits; 17 are read back to the last bit.
+    """
     header = ",".join(("t", *signals.names))
     table = np.column_stack([signals.time, signals.values])
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments="")
+    with Path(path).open("w", encoding="utf-8", newline="\n") as stream:
+        np.savetxt(stream, table, fmt=f"%.{digits}g", delimiter=",", header=header, comments="")
 
 
 def derivative(time: Array, values: Array) -> Array:

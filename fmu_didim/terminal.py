@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
+import json
 import os
+import re
+import shlex
 import sys
 import tempfile
 import traceback
@@ -24,23 +28,74 @@ def harmless(text: str) -> str:
     return text.translate(_SHOWN)
 
 
+def quoted(path: Path) -> str:
+    """A path in a command to be typed, as the shell of this system takes it."""
+    if os.name != "nt":
+        return shlex.quote(str(path))
+    return f'"{path}"' if set(str(path)) & set(" &()^;,=%!'") else str(path)
+
+
+_PLAIN = {
+    "σ": "sigma", "τ": "tau", "Ω": "Ohm", "µ": "u", "μ": "u", "°": "deg", "·": ".", "⋅": ".", "×": "x", "√": "sqrt",
+    "±": "+-", "−": "-", "–": "-", "→": "->", "…": "...", "“": '"', "”": '"', "█": "#", "░": ".", "‰": "per mille",
+    "─": "-", "━": "-", "│": "|",
+}  # fmt: skip
+"""What stands for a sign that an encoding lacks; for a letter of a name nothing does."""
+_RAISED = dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
+_ENCODED = "fmu_didim.plain"
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Signs that an encoding lacks in letters that all have: ``sigma``, ``kg.m^2``; ``?`` for all others."""
+    assert isinstance(error, UnicodeEncodeError)
+    text = error.object[error.start : error.end]
+    text = re.sub(f"[{''.join(_RAISED)}]+", lambda m: "^" + "".join(_RAISED[c] for c in m[0]), text)
+    return "".join(c if c.isascii() else _PLAIN.get(c, "?") for c in text), error.end
+
+
+codecs.register_error(_ENCODED, _plain)
+
+
+def json_shown(text: str) -> str:
+    """JSON as standard output can show it: what it lacks, or what would steer it, is escaped, and nothing is lost."""
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+        escaped = "[\x7f-\x9f\u202a-\u202e\u2066-\u2069]"
+    except UnicodeEncodeError:
+        escaped = "[^\x00-\x7e]"
+    return re.sub(escaped, lambda found: json.dumps(found[0])[1:-1].replace("\x7f", "\\u007f"), text)
+
+
+class Encodable:
+    """A stream to which all text can be written, whatever its encoding lacks."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._wrapped = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._wrapped, name)
+
+    def write(self, text: str) -> int:
+        encoding = getattr(self._wrapped, "encoding", None) or "utf-8"
+        self._wrapped.write(text.encode(encoding, _ENCODED).decode(encoding))
+        return len(text)
+
+
 class Printable:
     """A stream to which only text goes that it can show and that steers nothing.
 
-    Control characters are written out, and what its encoding lacks becomes ``?``. Where nobody reads any more
+    Control characters are written out, and what its encoding lacks in plain letters. Where nobody reads any more
     (``| head``) or the disk is full, the rest of what is printed is lost, and not the work that goes on.
     """
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream, self._is_gone = stream, False
+        self._stream, self._is_gone = Encodable(stream), False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        shown = harmless(text).encode(encoding, "replace").decode(encoding)
-        self._try(lambda: self._stream.write(shown))
+        self._try(lambda: self._stream.write(harmless(text)))
         return len(text)
 
     def flush(self) -> None:
@@ -57,7 +112,7 @@ class Printable:
                 nowhere = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(nowhere, self._stream.fileno())
                 os.close(nowhere)
-            if error.errno != errno.EPIPE and self._stream is not sys.__stderr__:
+            if error.errno != errno.EPIPE and self._stream._wrapped is not sys.__stderr__:
                 sys.stderr.write(f"fmu-didim: the output cannot be written: {error}\n")
 
 

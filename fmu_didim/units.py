@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from fmu_didim.errors import loading
+
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Exponents = tuple[int, ...]
 _log = logging.getLogger(__name__)
@@ -143,9 +145,10 @@ def _pint_syntax(text: str) -> str:
 
 @cache
 def _registry() -> Any:
-    import pint
+    with loading("pint"):
+        import pint
 
-    return pint.UnitRegistry()
+        return pint.UnitRegistry()
 
 
 def _by_pint(text: str) -> UnitDefinition | None:

@@ -2,6 +2,7 @@
 
     python -m tests.monte_carlo --rate 10 --seeds 1000 --json monte_carlo_10hz.json
     python -m tests.monte_carlo --rate 200 --noise half-coloured --low-pass 4 --out results/coloured
+    python -m tests.monte_carlo --figures docs/figures/monte_carlo.json
 
 These run as campaigns; the tests call the estimator alone.
 
@@ -17,9 +18,11 @@ import argparse
 import json
 import sys
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -33,6 +36,7 @@ from fmu_didim.prediction.fit import point
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
 from fmu_didim.prediction.weighting import NoiseOfResidual
+from tests.figures import command_of, write_figures
 from tests.helpers import ROOT, with_torque
 
 RATES = (4, 10, 20, 50, 200)
@@ -59,6 +63,10 @@ class Design:
     rate_hz: int
     coloured: bool = False
     low_pass_hz: float | None = None
+
+    def __str__(self) -> str:
+        filtered = f", low-pass filter at {self.low_pass_hz:g} Hz" if self.low_pass_hz else ""
+        return f"torque at {self.rate_hz} Hz, {'half-coloured' if self.coloured else 'white'} noise{filtered}"
 
 
 def half_coloured(rng: np.random.Generator, shape: tuple[int, int], rate_hz: float) -> np.ndarray:
@@ -112,6 +120,7 @@ class Summary:
     efficiency: np.ndarray
     efficiency_didim: np.ndarray
     stated: np.ndarray
+    stated_paper: np.ndarray
 
     def text(self) -> str:
         """A table."""
@@ -136,7 +145,10 @@ def summarise(design: Design, runs: list[dict[str, list[float]]]) -> Summary:
     here = context(design.rate_hz)
     table = {key: np.array([run[key] for run in runs]) for key in runs[0]}
     factor = stats.t.ppf(0.975, table["freedom"])
-    scatter = table["value"].std(axis=0, ddof=1)
+    scatter, scatter_didim = (table[key].std(axis=0, ddof=1) for key in ("value", "didim_value"))
+
+    def root_mean_square(key: str) -> np.ndarray:
+        return np.sqrt((table[key] ** 2).mean(axis=0))
 
     def coverage(value: str, half: np.ndarray) -> np.ndarray:
         return 100 * (np.abs(table[value] - here.truth) <= half).mean(axis=0)
@@ -147,8 +159,9 @@ def summarise(design: Design, runs: list[dict[str, list[float]]]) -> Summary:
         coverage_didim=coverage("didim_value", factor * table["didim_std"]),
         coverage_paper=coverage("didim_value", factor * table["paper_std"]),
         efficiency=scatter / here.bound,
-        efficiency_didim=table["didim_value"].std(axis=0, ddof=1) / here.bound,
-        stated=np.sqrt((table["std"] ** 2).mean(axis=0)) / scatter,
+        efficiency_didim=scatter_didim / here.bound,
+        stated=root_mean_square("std") / scatter,
+        stated_paper=root_mean_square("paper_std") / scatter_didim,
     )
 
 
@@ -186,9 +199,34 @@ def _freedom(factor: float) -> float:
     return float(optimize.brentq(lambda nu: stats.t.ppf(0.975, nu) - factor, 1.0, 1e9))
 
 
-def main() -> None:
+PAGES = {"white": Design(10), "coloured": Design(200, coloured=True)}
+"""Name of the figures on pages -> what they are measured with."""
+
+
+def figures(summaries: Mapping[str, Summary], seeds: int) -> dict[str, str]:
+    """What pages say of these designs: coverage and efficiency, all parameters together."""
+    found = {"seeds": str(seeds)}
+    for name, summary in summaries.items():
+        found |= {
+            f"{name}.coverage": f"{summary.coverage.mean():.0f}",
+            f"{name}.coverage_paper": f"{summary.coverage_paper.mean():.0f}",
+            f"{name}.efficiency": f"{np.sqrt((summary.efficiency**2).mean()):.2f}",
+            f"{name}.efficiency_didim": f"{np.sqrt((summary.efficiency_didim**2).mean()):.2f}",
+            f"{name}.stated_paper": f"{summary.stated_paper.min():.2f} to {summary.stated_paper.max():.2f}",
+        }
+    return found
+
+
+def _content(design: Design, seeds: int, summary: Summary) -> dict[str, Any]:
+    lists = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(summary).items()}
+    return {**vars(design), "seeds": seeds, **lists}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Coverage and efficiency of the SCARA identification")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.monte_carlo", description="Coverage and efficiency of the SCARA identification"
+    )
     parser.add_argument("--rate", type=int, choices=RATES, default=10, help="torque rate in Hz")
     parser.add_argument("--noise", choices=("white", "half-coloured"), default="white")
     parser.add_argument("--low-pass", type=float, help="cut-off in Hz of the filter of torque and regressor")
@@ -196,18 +234,22 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, help="folder of the campaign, to be resumed (a temporary one)")
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    design = Design(options.rate, options.noise != "white", options.low_pass)
+    parser.add_argument("--figures", type=Path, help="run the designs that pages tell of, and write their figures")
+    options = parser.parse_args(arguments)
+    one = {"run": Design(options.rate, options.noise != "white", options.low_pass)}
+    designs = PAGES if options.figures else one
+    summaries = {}
     with tempfile.TemporaryDirectory() as scratch:
-        out = options.out or Path(scratch) / "run"
-        summary = campaign(design, options.seeds, out, workers=options.processes)
-    filtered = f", low-pass filter at {options.low_pass:g} Hz" if options.low_pass else ""
-    print(
-        f"SCARA, torque at {options.rate} Hz, {options.noise} noise{filtered}, {options.seeds} seeds\n{summary.text()}"
-    )
+        for name, design in designs.items():
+            out = (options.out or Path(scratch)) / name
+            summaries[name] = campaign(design, options.seeds, out, workers=options.processes)
+            print(f"SCARA, {design}, {options.seeds} seeds\n{summaries[name].text()}")
+    contents = [_content(design, options.seeds, summaries[name]) for name, design in designs.items()]
     if options.json:
-        content = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(summary).items()}
-        options.json.write_text(json.dumps({**vars(design), "seeds": options.seeds, **content}, indent=1))
+        options.json.write_text(json.dumps(contents[0], indent=1))
+    if options.figures:
+        command = command_of("tests.monte_carlo", ["--seeds", str(options.seeds), "--figures", str(options.figures)])
+        write_figures(options.figures, command, figures(summaries, options.seeds), data=contents)
 
 
 if __name__ == "__main__":

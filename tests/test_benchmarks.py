@@ -25,10 +25,12 @@ from tests.benchmarks.discovery_stages import STAGES, staged
 from tests.benchmarks.figure import Figure, Settings, interleaved
 from tests.benchmarks.master_overhead import _against
 from tests.benchmarks.other_masters import ecos, libcosim
+from tests.benchmarks.publish import publish, record, texts
 from tests.benchmarks.scara_loop import ours
 from tests.benchmarks.tx40_simulation import model, pinocchio
 from tests.blind.campaign import Order, make_order
 from tests.blind.translate import translate
+from tests.conftest import package
 from tests.helpers import ROOT
 
 SCHEMA = {
@@ -98,6 +100,7 @@ def test_c_program_of_the_tx40_gives_our_trajectory_and_that_of_pinocchio() -> N
     expected = tx40.program(tx40.excitation(duration_s=1.0)).runner(ticks)()
     # The regrouped parameters of the model act like the description's only to rounding.
     assert relative(found, expected) <= 1e-9
+    package("pinocchio")
     theirs = np.hstack(pinocchio().run(wanted, ticks.size))
     assert relative(theirs, expected) <= 1e-9
 
@@ -130,6 +133,25 @@ def test_an_absent_competitor_is_no_missed_goal(monkeypatch: pytest.MonkeyPatch)
     assert shown.count("  absent\n") == 3 and "NO" not in shown
 
 
+def test_what_is_run_again_takes_its_place_in_the_file(tmp_path: Path) -> None:
+    file, settings = tmp_path / "speed.json", Settings(3)
+    first = {"b": record([Figure("of b", 2.0, 1.0)], settings, 0.5), "gone": record([], settings, 0.5)}
+    publish(file, first, ["a", "b", "gone"])
+    publish(file, {"a": record([Figure("of a", 5.0, 4.0, "at least")], settings, 9.0)}, ["a", "b"])
+    held = json.loads(file.read_text(encoding="utf-8"))
+    assert list(held["data"]) == ["a", "b"]
+    assert held["figures"] == texts(held["data"], ["a", "b"])
+    when = held["date"]
+    assert held["figures"]["table"][2:] == [
+        f"| of a | ≥ 4 | 5 | yes | {when}, 9 |", f"| of b | ≤ 1 | 2 | **no** | {when}, 0.5 |",
+    ]  # fmt: skip
+    assert (held["figures"]["missed"], held["figures"]["not_run"]) == ("of b; 1 of 2 that were measured", "none")
+    assert texts(held["data"], ["a", "b", "c"])["not_run"] == "c"
+    with pytest.raises(SystemExit):
+        main(["--quick", "--figures", str(file)])
+
+
+@pytest.mark.gate
 def test_times_are_interleaved() -> None:
     calls: list[str] = []
     times = interleaved({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, repeats=2)
@@ -137,6 +159,7 @@ def test_times_are_interleaved() -> None:
     assert {name: len(values) for name, values in times.seconds.items()} == {"a": 2, "b": 2}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", ["master_overhead", "scara_loop", "scara_identification", "reruns", "command_start"])
 def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "figures.json"
@@ -150,6 +173,7 @@ def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: p
         assert all(np.isfinite(value) for value in figure["medians"].values())
 
 
+@pytest.mark.gate
 def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.benchmarks.first_identification"], cwd=ROOT, check=True, capture_output=True,

@@ -16,7 +16,7 @@ import pytest
 
 import fmu_didim
 from fmu_didim import cache
-from fmu_didim.cache import KINDS, cached_folder, entries, limit_size
+from fmu_didim.cache import COMPILER, KINDS, cached_folder, entries, limit_size
 from fmu_didim.cli import main
 from fmu_didim.components.fmu import load_fmu, probe_fmu
 from fmu_didim.components.fmu import rerun as rerun_module
@@ -171,7 +171,7 @@ def test_all_that_is_kept_is_known() -> None:
     for path in Path(fmu_didim.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         used |= set(re.findall(r'cached_folder\(\s*"(\w+)"|cache_directory\(\) / "(\w+)"', text))
-    assert {name for pair in used for name in pair if name} == set(KINDS)
+    assert {name for pair in used for name in pair if name} | {COMPILER} == set(KINDS)
 
 
 # ---- FMUs ------------------------------------------------------------------------------------------
@@ -187,6 +187,7 @@ def test_a_truncated_library_of_an_fmu(tmp_path: Path, root: Path, monkeypatch: 
     np.testing.assert_allclose(drive(load_fmu(path), ONES, H), slave_outputs(ONES))
 
 
+@pytest.mark.gate
 def test_the_command_cache(tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, other = awkward_fmu(tmp_path), awkward_fmu(tmp_path, "RESET_KEEPS_STATE")
     for path in (one, other):

@@ -124,6 +124,7 @@ def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+@pytest.mark.gate
 def test_fmu_info_and_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "fmus/scara/robot.yaml", "--out", str(tmp_path), "--fmi", "3.0"]) == 0
     fmu = capsys.readouterr().out.strip()

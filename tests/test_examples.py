@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
 from fmu_didim.workflow import discover, identify
-from tests.conftest import needs_emps
+from tests.conftest import ROOT, needs_emps
 
 SCARA = Path("examples/scara")
 CAMPAIGNS = (
@@ -26,6 +29,7 @@ def load(path: str) -> dict[str, object]:
     return runpy.run_path(path)
 
 
+@pytest.mark.gate
 def test_shipped_data_are_what_the_script_makes(tmp_path: Path) -> None:
     """The torque tables come from the generator, whose equations and integrator are not the package's."""
     import yaml
@@ -68,6 +72,7 @@ def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
         assert title in script["table"](title, estimate)  # type: ignore[operator]
 
 
+@pytest.mark.gate
 def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "sweep.html"
     monkeypatch.setattr(sys, "argv", ["rate_sweep.py", "--out", str(out)])
@@ -77,6 +82,23 @@ def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     breaks = float(printed.split("Breaks at ")[1].split()[0])
     assert breaks < 4
     assert "torque rate, Hz" in out.read_text(encoding="utf-8")
+
+
+def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
+    """From the shell, in another folder; from the rate of its log downwards, by its own estimator."""
+    content = load_case(SCARA / "two_payloads.yaml").content
+    for run in content["experiments"].values():
+        run["torque"] = {**run["torque"], "file": str((SCARA / run["torque"]["file"]).resolve()), "rate_hz": 0.7}
+    content["robot"] = str(Path("fmus/scara/robot.yaml").resolve())
+    content["controller"] = {"source": str(Path("controllers/scara_pd.yaml").resolve())}
+    (tmp_path / "my case.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    command = [sys.executable, str(Path("examples/scara/rate_sweep.py").resolve()), "my case.yaml"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    rows = done.stdout.splitlines()
+    assert rows[0].startswith("SCARA, two runs, payload in the second") and "paper" not in done.stdout
+    assert [float(row.split()[0]) for row in rows[3:5]] == [0.7, 0.5]
+    assert "Kp2" in rows[2] and (tmp_path / "results/my case_rates.html").is_file()
 
 
 @needs_emps
@@ -124,6 +146,7 @@ def test_every_case_file_is_named_here() -> None:
     }
 
 
+@pytest.mark.gate
 def test_discovery_finds_what_the_data_of_the_arm_hide(tmp_path: Path) -> None:
     """Other functional form, other integrator, other smoothing: the names, the joints and the lag come out right."""
     import yaml

@@ -42,6 +42,7 @@ def test_plant_gives_its_reference_output(name: str) -> None:
         assert worst <= 1e-6 * np.abs(expected.values[:, i]).max(), column
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", PLANTS)
 def test_plant_in_model_exchange_agrees_with_dop853(name: str) -> None:
     """Constant torque, FMPy's CVode against SciPy's DOP853."""

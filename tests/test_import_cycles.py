@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 import grimp
 import pytest
+
+from tests.conftest import ROOT
 
 
 def cycles(package: str) -> list[str]:
@@ -63,3 +67,12 @@ def package(folder: Path, monkeypatch: pytest.MonkeyPatch, modules: dict[str, st
         (place / f"{module}.py").write_text(text.format(name) + "\n", encoding="utf-8")
     monkeypatch.syspath_prepend(folder)
     return name
+
+
+def test_contributing_lists_the_layers_that_are_kept() -> None:
+    """The list of CONTRIBUTING is that of the contract of import-linter, row by row."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    kept = next(c["layers"] for c in project["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Layers")[2]
+    rows = re.findall(r"^ {4}(\w+(?: \| \w+)*)", text.partition("\nThe engine")[0], re.M)
+    assert rows == [layer.replace("fmu_didim.", "") for layer in kept]

@@ -6,13 +6,17 @@ import os
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fmu_didim import load_case
 from fmu_didim.cli import main
+from fmu_didim.effects import EFFECTS, find_effect
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.imports import NO_CODE, import_object
+from fmu_didim.robot import RobotDescription, read_robot, write_robot
+from fmu_didim.workflow import discover
 from tests.cases import scara_case
 
 GAINS = (
@@ -105,19 +109,129 @@ def test_a_case_without_code_runs_all_the_same(tmp_path: Path) -> None:
     assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path), "--quiet", "--no-code"]) == 0
 
 
-def test_files_are_looked_for_beside_the_case_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    here, there = tmp_path / "here", tmp_path / "there"
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a module, on no import path; beside it ``there``, which has none."""
+    here = tmp_path / "here ü"
     here.mkdir()
-    there.mkdir()
-    (here / "mine.py").write_text("law = 'of the current folder'\n", encoding="utf-8")
+    (tmp_path / "there").mkdir()
+    (here / "mine_here.py").write_text("law = 'of the working folder'\n", encoding="utf-8")
     monkeypatch.chdir(here)
     monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
-    with pytest.raises(InputError, match="does not exist"):
-        import_object("mine.py:law", folder=there)
-    with pytest.raises(InputError, match="would be looked for in the current folder"):
-        import_object("mine.py:law")
-    with pytest.raises(InputError, match="cannot be imported"):
-        import_object("mine:law", folder=here)
-    assert import_object("mine.py:law", folder=here) == "of the current folder"
+    return here
+
+
+def test_a_file_is_that_beside_what_names_it(here: Path) -> None:
+    there = here.parent / "there"
+    with pytest.raises(InputError, match=r"does not exist[\s\S]*there.mine_here\.py"):
+        import_object("mine_here.py:law", folder=there)
+    assert import_object("../here ü/mine_here.py:law", folder=there) == "of the working folder"
+    assert import_object("mine_here.py:law", folder=here) == "of the working folder"
+    assert import_object("mine_here.py:law") == "of the working folder"
     with pytest.raises(UnknownNameError, match="Did you mean 'law'"):
-        import_object("mine.py:laws", folder=here)
+        import_object("mine_here.py:laws", folder=here)
+
+
+def test_a_module_is_beside_what_names_it_or_installed_or_in_the_working_folder(here: Path) -> None:
+    there = here.parent / "there"
+    assert import_object("mine_here:law", folder=there) == "of the working folder"
+    (there / "mine_here.py").write_text("law = 'of there'\n", encoding="utf-8")
+    assert import_object("mine_here:law", folder=there) == "of there"
+    (here / "colorsys.py").write_text("rgb_to_hsv = 'planted'\n", encoding="utf-8")
+    assert import_object("colorsys:rgb_to_hsv", folder=there) != "planted"
+    with pytest.raises(InputError, match=r"cannot be found[\s\S]*file absent_module\.py in .*there"):
+        import_object("absent_module:law", folder=there)
+
+
+def test_two_files_of_one_name_are_two_modules(here: Path) -> None:
+    there = here.parent / "there"
+    text = "from dataclasses import dataclass\n@dataclass\nclass Law:\n    gain: float = {}\n"
+    for folder, gain in ((here, 1.0), (there, 2.0)):
+        (folder / "law_of.py").write_text("from __future__ import annotations\n" + text.format(gain), encoding="utf-8")
+    first, second = (import_object("law_of:Law", folder=folder) for folder in (here, there))
+    assert (first().gain, second().gain) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("named", ["", "law", "mine_here.py", "mine_here:", ":law", "mine_here:law()", "a b:law"])
+def test_what_is_no_reference_is_refused(here: Path, named: str) -> None:
+    with pytest.raises(InputError, match=r"does not name a Python object[\s\S]*path/to/file\.py:name"):
+        import_object(named)
+
+
+EFFECT = """
+from fmu_didim.effects import Parameter, TorqueEffect
+
+
+class Root(TorqueEffect):
+    name = "root"
+    title = "Root"
+    equation = "Fr*dq"
+    signature = experiment = source = "test"
+    own_parameters = (Parameter("Fr", ("N.m", "N"), "friction"),)
+
+    def columns(self, at, shapes):
+        return (at.dq,)
+"""
+
+
+def test_an_effect_is_found_beside_the_robot_that_names_it(here: Path) -> None:
+    """And again where the description is written to another folder and read from a third one."""
+    there = here.parent / "there"
+    (there / "own.py").write_text(EFFECT, encoding="utf-8")
+    joint = "{type: revolute, effects: [viscous, '%s'], parameters: {ZZ: 1, Fr: 2}}"
+    for named in ("own:Root", "own.py:Root", "../there/own.py:Root"):
+        (there / "robot.yaml").write_text(f"name: x\njoints: [{joint % named}]\n", encoding="utf-8")
+        robot = read_robot("../there/robot.yaml")
+        write_robot(robot, here.parent / "copy.yaml")
+        again = read_robot(here.parent / "copy.yaml")
+        assert again == robot and again.joints[0].all_effects()[1].title == "Root"
+    with pytest.raises(InputError, match=r"does not exist[\s\S]*here ü.own\.py"):
+        find_effect("own.py:Root")
+
+
+def test_effects_in_memory_are_of_the_working_folder(here: Path) -> None:
+    (here / "own.py").write_text(EFFECT, encoding="utf-8")
+    content = {"name": "x", "joints": [{"type": "revolute", "effects": ["own:Root"], "parameters": {"Fr": 2}}]}
+    robot = RobotDescription.model_validate(content)
+    assert find_effect("own.py:Root") is find_effect("own:Root") is robot.joints[0].all_effects()[0]
+
+
+def test_code_that_a_case_names_is_among_its_files(tmp_path: Path) -> None:
+    """By whichever of the two forms; another text is another digest."""
+    from fmu_didim.workflow.case_files import case_files
+
+    for form in ("mine.py", "mine"):
+        case = load_case(case_with(tmp_path, GAINS, source=f"{form}:law"))
+        digest = case_files(case)[f"{form}:law"]
+        other = load_case(case_with(tmp_path, GAINS + "# another\n", source=f"{form}:law"))
+        assert case_files(other)[f"{form}:law"] != digest
+
+
+@pytest.mark.parametrize("place", ["working folder", "case"])
+@pytest.mark.parametrize("named", ["own:Root", "own.py:Root"])
+def test_discover_takes_a_module_or_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the working folder or beside the case; the same effect may be forbidden by its other name."""
+    taken: dict[str, Any] = {}
+
+    def search(model: object, **given: Any) -> None:
+        taken.update(given)
+        raise InputError("seen")
+
+    here, there = tmp_path / "here ü", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    case = scara_case(there)
+    monkeypatch.chdir(here)
+    (here if place == "working folder" else case.parent).joinpath("own.py").write_text(EFFECT, encoding="utf-8")
+    monkeypatch.setattr(sys.modules[discover.__module__], "discover_in", search)
+    other = {"own:Root": "own.py:Root", "own.py:Root": "own:Root"}[named]
+    arguments = ["discover", str(case), "--out", "out", "--effect", named, "--forbid", other]
+    assert main([*arguments, "--quiet"]) == 1
+    assert "seen" in capsys.readouterr().err
+    (key,) = set(taken["effects"]) - set(EFFECTS)
+    assert taken["effects"][key].title == "Root"
+    assert taken["options"].forbid == {key}
+    assert main([*arguments, "--no-code"]) == 1
+    assert "not to be run" in capsys.readouterr().err

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, package
+from tests.patience import patience
 
-nbformat = pytest.importorskip("nbformat")
-nbclient = pytest.importorskip("nbclient")
-pytest.importorskip("ipykernel")
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of Jupyter's own parts
+nbformat = package("nbformat")
+nbclient = package("nbclient")
+package("ipykernel")
 FOLDER = ROOT / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 MOST_LINES = 15
@@ -53,7 +53,9 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
         patch.setenv("IPYTHONDIR", str(folder / "ipython"))
         patch.setenv("JUPYTER_DATA_DIR", str(folder / "jupyter"))  # no kernel of somebody else
         where = {"metadata": {"path": str(folder / "examples" / "notebooks")}}
-        nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", resources=where).execute()
+        nbclient.NotebookClient(
+            notebook, timeout=round(patience(300)), kernel_name="python3", resources=where
+        ).execute()
     found = {}
     for cell in code_cells(notebook):
         results = [output["data"] for output in cell["outputs"] if "data" in output]
@@ -61,6 +63,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
     return found
 
 
+@pytest.mark.gate
 def test_identify_shows_its_parameters_and_its_verdict(shown: dict[str, dict[str, Any]]) -> None:
     names = ("ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2")
     for cell in ("outcome", "outcome.to_frame()"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -12,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from fmu_didim.cli import main
-from fmu_didim.terminal import Printable, printable
+from fmu_didim.terminal import Encodable, Printable, json_shown, printable
 from tests.cases import scara_case
+from tests.patience import patience
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full and /proc")
 ROOT = Path(__file__).parents[1]
@@ -26,7 +28,7 @@ def command(*arguments: str, shell: str = "", **environment: str) -> subprocess.
     line += " ".join(f"'{argument}'" for argument in arguments)
     line = shell.format(line) if "{}" in shell else f"{line} {shell}"
     known = os.environ | {"PYTHONPATH": str(ROOT)} | environment
-    return subprocess.run(["bash", "-c", line], capture_output=True, env=known, timeout=300, check=False)
+    return subprocess.run(["bash", "-c", line], capture_output=True, env=known, timeout=patience(300), check=False)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +54,38 @@ def test_an_encoding_without_the_letters_and_names_that_are_none() -> None:
     stream = Printable(io.TextIOWrapper(raw, encoding="ascii"))
     stream.write("σ = 0.1 N·m, file \udcff\n")
     stream.flush()
-    assert raw.getvalue() == b"? = 0.1 N?m, file ?\n"
+    assert raw.getvalue() == b"sigma = 0.1 N.m, file ?\n"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"),
+    [
+        ("utf-8", "σ ± 3 kg·m² s⁻¹ → ü 漢"),
+        ("cp1252", "sigma ± 3 kg·m² s^-¹ -> ü ?"),
+        ("cp437", "σ ± 3 kg·m² s^-1 -> ü ?"),
+        ("ascii", "sigma +- 3 kg.m^2 s^-1 -> ? ?"),
+    ],
+)
+def test_signs_that_an_encoding_lacks(encoding: str, shown: str) -> None:
+    """In a pipe, and below the colours of a terminal."""
+    for wrapped in (Printable, Encodable):
+        raw = io.BytesIO()
+        stream = wrapped(io.TextIOWrapper(raw, encoding=encoding))
+        stream.write("σ ± 3 kg·m² s⁻¹ → ü 漢")
+        stream.flush()
+        assert raw.getvalue().decode(encoding) == shown
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
+def test_json_says_the_same_in_every_encoding(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name whose letters became ``?`` would be another name."""
+    content = {"τ1": "ü 漢 \U0001f600 \udcff", "steers": "\x9b2J \u202e \x7f \x1b \n"}
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", Printable(io.TextIOWrapper(raw, encoding=encoding)))
+    print(json_shown(json.dumps(content, ensure_ascii=False)))
+    sys.stdout.flush()
+    assert json.loads(raw.getvalue().decode(encoding)) == content
+    assert json_shown('"σ"') == ('"σ"' if encoding == "utf-8" else '"\\u03c3"')
 
 
 def test_names_in_files_reach_the_terminal_written_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,6 +148,7 @@ def test_streams_are_as_before() -> None:
     assert (sys.stdout, sys.stderr) == before
 
 
+@pytest.mark.gate
 @LINUX
 def test_a_reader_that_has_gone_ends_nothing(tmp_path: Path) -> None:
     """``| head -1``, before the table: the results are written all the same."""
@@ -130,6 +164,7 @@ def test_a_reader_that_has_gone_ends_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "result.json").is_file()
 
 
+@pytest.mark.gate
 @LINUX
 def test_an_output_that_is_full_is_told(tmp_path: Path) -> None:
     done = command("identify", CASE, "--out", str(tmp_path / "out"), shell="> /dev/full")
@@ -139,6 +174,7 @@ def test_an_output_that_is_full_is_told(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "result.json").is_file()
 
 
+@pytest.mark.gate
 @LINUX
 def test_a_terminal_of_letters_only() -> None:
     done = command("check", "--codes", LC_ALL="C", PYTHONUTF8="0", PYTHONIOENCODING="ascii:strict")
@@ -146,13 +182,13 @@ def test_a_terminal_of_letters_only() -> None:
     assert all(byte < 128 for byte in done.stdout)
 
 
+@pytest.mark.gate
 @LINUX
 @pytest.mark.parametrize(
     ("environment", "told"),
     [
         ({"FMU_DIDIM_CACHE": "/proc/nowhere"}, "The cache of compiled and extracted files cannot be written"),
         ({"FMU_DIDIM_CACHE": "/dev/null"}, "The cache of compiled and extracted files cannot be written"),
-        ({"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "", "FMU_DIDIM_CACHE": ""}, "cannot be written"),
     ],
 )
 def test_a_cache_that_cannot_be_written(environment: dict[str, str], told: str, tmp_path: Path) -> None:
@@ -163,7 +199,36 @@ def test_a_cache_that_cannot_be_written(environment: dict[str, str], told: str, 
 
 
 @LINUX
+def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
+    """Nobody has named its folder, so another one does as well; in one line, whatever processes are started."""
+    (tmp_path / "temporary").mkdir()
+    home = {"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "", "FMU_DIDIM_CACHE": "", "TMPDIR": str(tmp_path / "temporary")}
+    done = command("identify", CASE, "--out", str(tmp_path / "out"), **home)
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stderr.decode().splitlines() if "cannot be written" in line]
+    assert str(tmp_path / "temporary" / "fmu_didim") in line and "FMU_DIDIM_CACHE" in line
+    assert (tmp_path / "out" / "result.json").is_file()
+
+
+@LINUX
 def test_a_folder_that_is_no_more(tmp_path: Path) -> None:
     done = command("check", "--codes", shell=f"mkdir {tmp_path}/gone && cd {tmp_path}/gone && rmdir ../gone && {{}}")
     assert done.returncode == 1
     assert "The current folder does not exist any more" in done.stderr.decode()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode on other systems")
+@pytest.mark.parametrize("place", ["argument", "folder", "home"])
+def test_a_name_that_the_shell_cannot_read_is_told_before_any_work(place: str, tmp_path: Path) -> None:
+    """Where UTF-8 is switched off by hand, and where a name on the disk is not UTF-8."""
+    odd = os.fsencode(tmp_path) + b"/r\xfcbe"
+    Path(os.fsdecode(odd)).mkdir()
+    environment = os.environb | {b"PYTHONPATH": os.fsencode(ROOT)} | ({b"HOME": odd} if place == "home" else {})
+    argument = odd + b"/case.yaml" if place == "argument" else os.fsencode(CASE)
+    command = [os.fsencode(sys.executable), b"-m", b"fmu_didim.cli", b"identify", argument]
+    cwd = odd if place == "folder" else os.fsencode(tmp_path)
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, check=False)
+    told = done.stderr.decode("utf-8", "replace")
+    assert done.returncode == 1, told
+    assert "is not text in the encoding of this shell" in told and "PYTHONUTF8=1" in told
+    assert "building" not in told and "unforeseen" not in told

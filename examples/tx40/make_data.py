@@ -3,9 +3,9 @@
     wrist  the motor friction that couples joints 5 and 6, with the published values of the TX40
     load   friction of the gear of joint 2 that grows with the torque it transmits
 
-The robot starts from the description in ``fmus/tx40``; the simulation takes 40 substeps in a control period where the
-cases take 10. The noise is 1.5 % of each joint's torque, half of its variance white, half with a correlation time of
-10 ms; its seeds stand here.
+The robot is that of ``fmus/tx40/robot.yaml`` with the effect added; the simulation takes 40 substeps of RK4 in a
+control period, the cases as few linearly implicit ones as their noise allows. The noise is 1.5 % of each joint's
+torque, half of its variance white, half with a correlation time of 10 ms; its seeds stand here.
 
     python examples/tx40/make_data.py [--out FOLDER]
 """

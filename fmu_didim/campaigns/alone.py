@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.identity import NAMING, file_of
 from fmu_didim.campaigns.plan import Plan, Run
 from fmu_didim.campaigns.truth import noisy_logs, on_simulated, simulated_truth, validated_noise
-from fmu_didim.signals import Trajectory
+from fmu_didim.imports import is_reference, located
+from fmu_didim.signals import write_csv
 
 CASE_FILE = "case.yaml"
 
@@ -31,17 +31,11 @@ def write_alone(plan: Plan, run: Run, folder: Path) -> Path:
     if content.truth is not None:
         truth = simulated_truth(written(content.truth, folder), here)
         for name, log in noisy_logs(truth, validated_noise(content.noise), run.data).items():
-            _write_exactly(log, folder / name)
+            write_csv(log, folder / name, digits=17)
         case = on_simulated(case)
     path = folder / CASE_FILE
     path.write_text(yaml.safe_dump(_absolute(written(case, folder), here), sort_keys=False), encoding="utf-8")
     return path
-
-
-def _write_exactly(log: Trajectory, path: Path) -> None:
-    """A table whose numbers are read back to the last bit."""
-    table = np.column_stack([log.time, log.values])
-    np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(("t", *log.names)), comments="")
 
 
 def _absolute(value: Any, folder: Path, key: str = "") -> Any:
@@ -52,8 +46,7 @@ def _absolute(value: Any, folder: Path, key: str = "") -> Any:
         return [_absolute(v, folder, key) for v in value]
     if key not in NAMING or not isinstance(value, str):
         return value
+    if is_reference(value):
+        return located(value, folder)
     path = file_of(value, folder)
-    if path is None or not path.is_file() or value.startswith("data:"):
-        return value
-    name = f":{value.rpartition(':')[2]}" if ".py:" in value else ""
-    return value if value.partition(":")[2] and not name else f"{path.resolve()}{name}"
+    return value if path is None or not path.is_file() or value.startswith("data:") else str(path.resolve())

@@ -23,6 +23,7 @@ from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
 from fmu_didim.documents import load_yaml, problems_error
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.files import file_name
 from fmu_didim.workflow.result_folder import check_writable
 
 _log = logging.getLogger(__name__)
@@ -230,7 +231,7 @@ def campaign(
         InputError: too much is wrong with it to plan anything; all else is told by :meth:`Campaign.check`.
     """
     if isinstance(source, Mapping):
-        content, folder, stem = dict(source), Path(folder), str(source.get("name", "campaign")).replace("/", "_")
+        content, folder, stem = dict(source), Path(folder), file_name(str(source.get("name", "campaign")))
         file = ""
     else:
         content, folder = load_yaml(source), Path(source).parent

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fmu_didim.campaigns import thresholds as limits
-from fmu_didim.errors import InputError
+from fmu_didim.errors import InputError, loading
 
 
 @contextmanager
@@ -26,12 +26,11 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
     Raises:
         InputError: distributed is not installed, or no worker answers.
     """
-    try:
+    absent = InputError(
+        "A cluster needs Dask.", next_step="Install it here and on the workers: pip install 'fmu_didim[cluster]'."
+    )
+    with loading("distributed", absent=absent):
         from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "A cluster needs Dask.", next_step="Install it here and on the workers: pip install 'fmu_didim[cluster]'."
-        ) from error
     try:
         if "://" in address:
             client = Client(address, timeout=limits.SCHEDULER_S)

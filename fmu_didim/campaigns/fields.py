@@ -12,6 +12,7 @@ import yaml
 
 from fmu_didim.documents import load_yaml
 from fmu_didim.errors import InputError
+from fmu_didim.imports import located
 
 DESCRIPTIONS = (("robot",), ("plant", "source"), ("controller", "source"))
 """Where a case names the file of a description."""
@@ -59,6 +60,9 @@ def _read(path: Path, changed_ns: int, size: int) -> dict[str, Any]:
     content = load_yaml(path)
     if isinstance(content.get("robot"), str):
         content["robot"] = str((path.parent / content["robot"]).resolve())
+    for joint in content.get("joints") or ():
+        if isinstance(joint, dict) and isinstance(joint.get("effects"), list):
+            joint["effects"] = [located(e, path.parent) if isinstance(e, str) else e for e in joint["effects"]]
     return content
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
-import re
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
@@ -17,16 +16,16 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.cache import file_digest
-from fmu_didim.case.data import DATA_PREFIX, data_folder
+from fmu_didim.case.data import DATA_PREFIX, data_folder, how_to_get
 from fmu_didim.documents import load_yaml
 from fmu_didim.identification.provenance import PACKAGES
+from fmu_didim.imports import is_reference, located
 
 NAMING = ("file", "source", "robot", "system")
 """Keys under which a case or a description names a file."""
 PACKAGE = Path(__file__).parents[1]
 REMARKS = ("description", "obtain")
 """Keys that change no result."""
-_OBJECT = re.compile(r"^[\w./\\-]+:[A-Za-z_]\w*$")
 
 
 def digest(value: Any) -> str:
@@ -49,10 +48,10 @@ class References:
     """The digests of files that cases name; each file is read once, so all runs of a plan see the same."""
 
     def __init__(self) -> None:
-        # Names of files that canonical() came across and that do not exist stand in ``absent``.
+        # Names of files that canonical() came across and that do not exist -> how to get them, in ``absent``.
         self._known: dict[tuple[str, Path], Any] = {}
         self._missing: dict[tuple[str, Path], str] = {}
-        self.absent: set[str] = set()
+        self.absent: dict[str, str] = {}
 
     def canonical(self, value: Any, folder: Path, key: str = "", *, of_case: bool = True) -> Any:
         """A value in which numbers are floats, files are their digests, and descriptions their content.
@@ -64,9 +63,12 @@ class References:
         if isinstance(value, Mapping):
             kept = ((str(k), v) for k, v in value.items() if k not in REMARKS)
             of_case = of_case and key not in ("robot", "source")
-            return {k: self.canonical(v, folder, k, of_case=of_case) for k, v in kept}
+            found = {k: self.canonical(v, folder, k, of_case=of_case) for k, v in kept}
+            if (missing := self._missing.get((str(value.get("file")), folder))) in self.absent:
+                self.absent[missing] = how_to_get(value["file"], str(value.get("obtain", "")))
+            return found
         if isinstance(value, str):
-            is_name = key in NAMING or _OBJECT.match(value)
+            is_name = key in NAMING or is_reference(value)
             return self._reference(value, folder, required=of_case and key in NAMING) if is_name else value
         if isinstance(value, Sequence):
             return [self.canonical(v, folder, key, of_case=of_case) for v in value]
@@ -77,7 +79,7 @@ class References:
         if known not in self._known:
             self._known[known] = self._read(name, folder)
         if required and known in self._missing:
-            self.absent.add(self._missing[known])
+            self.absent.setdefault(self._missing[known], "")
         return self._known[known]
 
     def _read(self, name: str, folder: Path) -> Any:
@@ -87,7 +89,7 @@ class References:
             return name
         if path.suffix in (".yaml", ".yml"):
             return self.canonical(load_yaml(path), path.parent, of_case=False)
-        content = [name.rpartition(":")[2] if ".py:" in name else "", file_digest(path)]
+        content = [name.rpartition(":")[2] if path.suffix == ".py" else "", file_digest(path)]
         return content + [file_digest(p) for p in imported(path)] if path.suffix == ".py" else content
 
 
@@ -106,9 +108,9 @@ def file_of(name: str, folder: Path) -> Path | None:
     """The file that a name in a case means: a path, one in the data folder, or that of a Python object."""
     if name.startswith(DATA_PREFIX):
         return data_folder(folder) / name.removeprefix(DATA_PREFIX)
-    if not _OBJECT.match(name):
+    if not is_reference(name):
         return folder / name
-    module = name.rpartition(":")[0]
+    module = located(name, folder).rpartition(":")[0]
     if module.endswith(".py"):
         return folder / module
     with suppress(ImportError, ValueError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,6 @@ import pyarrow as pa
 from pyarrow.csv import write_csv
 from pyarrow.parquet import write_table
 
-from fmu_didim.cache import whole_file
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.charts import page_figures
 from fmu_didim.campaigns.notebook import banner
@@ -23,10 +21,12 @@ from fmu_didim.campaigns.quality import USED
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import FILES, unwritable
 from fmu_didim.campaigns.texts import shown
+from fmu_didim.files import whole_file
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import REPORT_FILE
 from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
+from fmu_didim.workflow.case_files import shell_line
 
 TEMPLATE = "campaign.html.j2"
 DISCOVERY_REPORT = "discovery.html"
@@ -82,7 +82,8 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
     provenance: dict[str, Any] = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
     provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
     if head.get("file"):
-        provenance["command"] = shlex.join(["fmu-didim", "campaign", "run", head["file"]])
+        words = ["fmu-didim", "campaign", "run", head["file"], "--out", str(results.folder.resolve())]
+        provenance["command"] = shell_line(words)
     write_page(
         path,
         TEMPLATE,
@@ -101,7 +102,7 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         rows=_rows(results, runs),
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
         left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
-        show=f"fmu-didim campaign show {results.folder}",
+        show=shell_line(["fmu-didim", "campaign", "show", str(results.folder)]),
     )
 
 

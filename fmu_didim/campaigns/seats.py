@@ -6,14 +6,15 @@ import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from fmu_didim.cache import cache_directory
+from fmu_didim.cache import cache_directory, told
 from fmu_didim.campaigns import thresholds as limits
+from fmu_didim.files import file_permissions, made
 
 
 def sources_of(case: Mapping[str, Any]) -> set[str]:
@@ -34,8 +35,10 @@ def seats(files: Mapping[Path, int], is_over: Callable[[], bool]) -> Iterator[No
     """
     with ExitStack() as held:
         for place, count in sorted((_place(file), count) for file, count in files.items()):
-            place.mkdir(parents=True, exist_ok=True)
-            os.utime(place)  # used
+            with told(place):
+                made(made(place.parent) / place.name)
+            with suppress(PermissionError):  # another user's, in a folder that is not shared
+                os.utime(place)  # used
             while not is_over():
                 seat = _free_seat(place, count)
                 if seat is not None:
@@ -54,10 +57,8 @@ def _place(file: Path) -> Path:
 def _free_seat(place: Path, count: int) -> FileLock | None:
     """A seat that nobody had, now held; None if all are taken."""
     for k in range(count):
-        lock = FileLock(place / f"{k}.lock", thread_local=False)
-        try:
+        lock = FileLock(place / f"{k}.lock", mode=file_permissions(place), thread_local=False)
+        with told(place), suppress(Timeout):
             lock.acquire(timeout=0)
-        except Timeout:
-            continue
-        return lock
+            return lock
     return None

@@ -16,15 +16,16 @@ import time
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import pyarrow as pa
 from pyarrow import parquet
 
-from fmu_didim.cache import sync, whole_file
 from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.errors import InputError
+from fmu_didim.files import advice, patiently, sync, whole_file
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
@@ -132,9 +133,9 @@ class Store:
         """One row a run that was run, of all plans and versions; the better and later one where there are several."""
         names = list(ROW.names if columns is None else dict.fromkeys((*BRIEF, *columns)))
         schema = pa.schema([ROW.field(name) for name in names])
-        tables = [*self._parts(names)]
+        # Journals first: one that meanwhile becomes a part is found there.
         journalled = [{name: row.get(name) for name in names} for row in self._lines()]
-        tables.append(pa.Table.from_pylist(journalled, schema=schema))
+        tables = [pa.Table.from_pylist(journalled, schema=schema), *self._parts(names)]
         table = pa.concat_tables([t.select(names).cast(schema) for t in tables])
         return _once(table)
 
@@ -147,8 +148,13 @@ class Store:
 
     def _lines(self) -> Iterator[dict[str, Any]]:
         for path in sorted((self.folder / JOURNALS).glob("*.jsonl")):
-            with suppress(FileNotFoundError):  # it has just become a part
-                yield from read_lines(path)
+            try:
+                yield from patiently(partial(_all_lines, path))
+            except FileNotFoundError:
+                continue  # it has just become a part
+            except PermissionError:  # it has, too: Windows removes it when its last reader has closed it
+                if not _part(self.folder, path).is_file():
+                    raise
 
     def others(self) -> list[str]:
         """Other runners that work on the folder now."""
@@ -193,6 +199,15 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                     yield row
 
 
+def _all_lines(path: Path) -> list[dict[str, Any]]:
+    return list(read_lines(path))
+
+
+def _part(folder: Path, journal: Path) -> Path:
+    """The Parquet file that a journal becomes."""
+    return folder / PARTS / f"{journal.stem}.parquet"
+
+
 class Journal:
     """What one worker writes."""
 
@@ -234,18 +249,19 @@ class Journal:
             return
         self.close()
         rows = [{name: row.get(name) for name in ROW.names} for row in read_lines(self._path)]
-        target = self._folder / PARTS / f"{self._path.stem}.parquet"
+        target = _part(self._folder, self._path)
         target.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(target) as temporary:
             parquet.write_table(pa.Table.from_pylist(rows, schema=ROW), temporary)
         sync(target.parent)
-        self._path.unlink()
+        with suppress(PermissionError):  # Windows, where another reads it: its rows are there twice and count once
+            patiently(self._path.unlink)
         self._count, self._number = 0, self._number + 1
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
     """What is said where the folder cannot be written to."""
+    step = "Make room and run the campaign again: what is in the folder is whole, and is not run again."
     return InputError(
-        "The results cannot be written.", where=str(folder), got=str(error),
-        next_step="Make room and run the campaign again: what is in the folder is whole, and is not run again.",
-    )  # fmt: skip
+        "The results cannot be written.", where=str(folder), got=str(error), next_step=advice(error, step)
+    )

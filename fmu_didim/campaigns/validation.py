@@ -160,7 +160,8 @@ class _Form:
                 plan.references.canonical(part if content.truth is None else _without(part), folder)
             except InputError as error:
                 found += [str(error)] if str(error) not in found else []
-            found += [f"the file {name} does not exist" for name in sorted(plan.references.absent)]
+            absent = sorted(plan.references.absent.items())
+            found += [f"the file {name} does not exist{f'. {step}' if step else ''}" for name, step in absent]
             self.sources |= sources_of(part)
         for section, model in (("noise", Noise), ("options", Options)):
             try:

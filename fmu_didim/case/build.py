@@ -189,7 +189,8 @@ def load_case(
         source: the case file, or its content.
         folder: to which the paths of a content are relative; those of a file are relative to its own folder.
         signals: name of a data file as the case has it -> signals in memory that are taken instead.
-        require_torque: whether the torque logs are read at once; a mere simulation needs none.
+        require_torque: whether the torque logs are read at once, if the case names them: one without is simulated, and
+            refused by what needs them.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
@@ -218,7 +219,7 @@ def load_case(
     case = Case(
         document, folder, parameters, plant, controller, base, step, estimator, path, dict(signals or {}), robot
     )
-    if require_torque:
+    if require_torque and all(run.torque is not None for run in document.runs.values() if run.role == "estimation"):
         _ = case.model  # what is wrong with the data is found now
     return case
 

@@ -45,16 +45,24 @@ def data_folder(folder: Path) -> Path:
 
 def resolve(source: SignalFile, folder: Path) -> Path:
     """The path of a file; raises InputError that says where to get it."""
-    if source.file.startswith(DATA_PREFIX):
-        root = data_folder(folder)
-        path = root / source.file.removeprefix(DATA_PREFIX)
-        step = f"Set {DATA_VARIABLE} to the folder that holds {source.file.removeprefix(DATA_PREFIX)}."
-    else:
-        path = folder / source.file
-        step = "Check the path in the case file; it is relative to the folder of that file."
+    is_data = source.file.startswith(DATA_PREFIX)
+    path = data_folder(folder) / source.file.removeprefix(DATA_PREFIX) if is_data else folder / source.file
     if not is_file(path):
-        raise InputError("A data file is absent.", where=str(path), next_step=f"{step} {source.obtain}".strip())
+        step = how_to_get(source.file, source.obtain)
+        raise InputError("A data file is absent.", where=str(path), next_step=step)
     return path
+
+
+def how_to_get(file: str, obtain: str = "") -> str:
+    """What a user whose data file is absent does next.
+
+    Args:
+        file: as the case names it; obtain: what the case says of where to get it.
+    """
+    step = "Check the path in the case file; it is relative to the folder of that file."
+    if file.startswith(DATA_PREFIX):
+        step = f"Set {DATA_VARIABLE} to the folder that holds {file.removeprefix(DATA_PREFIX)}."
+    return f"{step} {obtain}".strip()
 
 
 def read_signals(
@@ -185,7 +193,10 @@ def read_experiment(
     )
     reference = motion.signals
     if source.torque is None:
-        raise InputError("The torque log is missing.", where=label, next_step="Add torque: {file: ...}.")
+        raise InputError(
+            "The torque log is missing.", where=label,
+            next_step="Add torque: {file: ...} to it. Without, the case can be simulated, but nothing be identified.",
+        )  # fmt: skip
     read = read_signals(source.torque, folder, signals, torque_units=torque_units)
     log = _of_two_rows(read.signals, source.torque.file)
     torque = log.select([f"tau{j}" for j in range(1, len(torque_units) + 1)])

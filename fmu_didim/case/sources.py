@@ -30,7 +30,7 @@ class ComponentSource(Strict):
     Attributes:
         kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
         source: a description (``.yaml``), an ``.fmu`` file, a Modelica file (``.mo``, run in model exchange), or
-            ``package.module:name`` (``file.py:name``) of a python-control system or of a function that returns one. A
+            ``module:name`` or ``path/to/file.py:name`` of a python-control system or of a function that returns one. A
             plant without source is the robot.
         model: name of the model in a Modelica file; that of the file by default.
         inputs, outputs: role in the loop (``q_ref1``, ``tau1``; for controller inputs also a sum such as
@@ -121,7 +121,7 @@ class SignalFile(Strict):
         columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
             zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``.
         time: name of the time column, or ``{name: ..., unit: ms}``, or ``{rate_hz: ...}`` where there is none.
-        csv: how a CSV file is written, where that cannot be found out.
+        csv: how a CSV file is written, where that cannot be recognised.
         obtain: where a user gets the file, shown when it is absent.
     """
 

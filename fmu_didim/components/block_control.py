@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.block import Block
 from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.signals import Array
+from fmu_didim.symbolic import jacobian
 
 
 def to_control(block: Block) -> Any:
@@ -20,9 +21,7 @@ def to_control(block: Block) -> Any:
     The parameters of a nonlinear system are its ``params``; those of a linear one are fixed at their
     present values.
     """
-    import control
-
-    names = {
+    names: dict[str, Any] = {
         "inputs": [v.name for v in block.inputs],
         "outputs": [v.name for v in block.outputs],
         "states": [v.name for v in block.states],
@@ -31,10 +30,26 @@ def to_control(block: Block) -> Any:
     }
     matrices = _linear_matrices(block)
     if matrices is not None:
-        return control.ss(*matrices, **names)
+        return state_space(*matrices, **names)
+    import control
+
     update, output = (_NumpyFunction(f, block) for f in (block.update, block.output))
     parameters = {v.name: v.start for v in block.parameters}
     return control.nlsys(update, output, params=parameters, **names)
+
+
+def state_space(a: Array, b: Array, c: Array, d: Array, **names: Any) -> Any:
+    """A ``StateSpace`` of these matrices; ``names``: its signals, its name and ``dt``.
+
+    python-control (0.10.2) makes one without states by setting the shape of arrays, which numpy 2.5 deprecates and will
+    remove; so such a system is made with a state that does nothing, which python-control then takes away.
+    """
+    import control
+
+    if a.size:
+        return control.StateSpace(a, b, c, d, **names)
+    none = np.zeros((1, 1)), np.zeros((1, d.shape[1])), np.zeros((d.shape[0], 1))
+    return control.StateSpace(*none, d, **{**names, "states": 1}, remove_useless_states=True)
 
 
 class _NumpyFunction:
@@ -78,10 +93,10 @@ def _linear_matrices(block: Block) -> tuple[Array, Array, Array, Array] | None:
     result = []
     for function in (block.update, block.output):
         value = function(x, u, ca.DM(block.parameter_values))
-        jacobian = ca.jacobian(value, z)
+        slope = jacobian(value, z)
         offset = ca.substitute(value, z, ca.SX.zeros(nx + nu))
-        if ca.depends_on(jacobian, z) or not bool(ca.simplify(offset).is_zero()):
+        if ca.depends_on(slope, z) or not bool(ca.simplify(offset).is_zero()):
             return None
-        result.append(ca.evalf(jacobian).full())
+        result.append(ca.evalf(slope).full())
     (ab, cd) = result
     return ab[:, :nx], ab[:, nx:], cd[:, :nx], cd[:, nx:]

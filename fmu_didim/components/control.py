@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 from fmu_didim.components.base import Component, Instance, SameObject, SampleClock, block_feedthrough, check_names
-from fmu_didim.components.block_control import to_control
+from fmu_didim.components.block_control import state_space, to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.imports import raised
@@ -64,13 +64,13 @@ class ControlComponent(Component):
         if isinstance(self.system, _state_space()):  # python-control's own holds a function that cannot be pickled
             s = self.system
             names = {"inputs": s.input_labels, "outputs": s.output_labels, "states": s.state_labels, "name": s.name}
-            state["system"] = _Matrices((s.A, s.B, s.C, s.D, s.dt), names)
+            state["system"] = _Matrices((s.A, s.B, s.C, s.D), {**names, "dt": s.dt})
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         if isinstance(state["system"], _Matrices):
             matrices = state["system"]
-            state = {**state, "system": _state_space()(*matrices.arguments, **matrices.names)}
+            state = {**state, "system": state_space(*matrices.arguments, **matrices.names)}
         self.__dict__.update(state)
 
     def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ControlComponent:

@@ -27,8 +27,8 @@ FRICTION_NEGATIVE = CATALOGUE(
 NOT_PHYSICAL = CATALOGUE(
     "not-physical", DOUBT, rank=55,
     meaning="No links of positive mass have these base parameters, or any that are as near as their uncertainty.",
-    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: what is wrong there, "
-    "the inertia of some link makes up for.",
+    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: an error there is "
+    "compensated by an impossible inertia of some link.",
 )  # fmt: skip
 MASS_INDEFINITE = CATALOGUE(
     "mass-matrix-indefinite", DOUBT, rank=57,

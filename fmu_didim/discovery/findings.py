@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 
-from fmu_didim.cache import whole_file
 from fmu_didim.diagnosis.judgement import DiagnosticResult, Verdict
 from fmu_didim.documents import Number, Saved
 from fmu_didim.errors import InputError
+from fmu_didim.files import whole_file
 
 FINDINGS_FILE = "findings.json"
 Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]

@@ -8,6 +8,7 @@ from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 from fmu_didim.discovery.selection.contest import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
+from fmu_didim.imports import without_folder
 from fmu_didim.prediction.loop_description import EffectAtJoint
 
 SEARCH_RUNNING = CATALOGUE(
@@ -86,4 +87,4 @@ def _leader(tried: tuple[Tried, ...]) -> str:
 
 
 def _named(effect_at: EffectAtJoint) -> str:
-    return f"{effect_at.effect} on joint {effect_at.joint}"
+    return f"{without_folder(effect_at.effect)} on joint {effect_at.joint}"

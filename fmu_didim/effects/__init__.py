@@ -79,7 +79,7 @@ from fmu_didim.effects.torque_saturation import TorqueSaturation
 from fmu_didim.effects.viscous import Viscous
 from fmu_didim.effects.wrist_friction import WristFriction
 from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.imports import import_object, run_code
+from fmu_didim.imports import check_allowed, import_object, located, run_code
 
 _ALL: tuple[Effect, ...] = (
     # torque balance
@@ -99,27 +99,37 @@ EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ALL}
 DEFAULT_EFFECTS: tuple[str, ...] = ("motor_inertia", "viscous", "coulomb", "torque_offset")
 
 
-@cache
 def find_effect(name: str) -> Effect:
-    """The effect of this name, or ``package.module:Name`` for one outside the tree.
+    """The effect of this name, or ``module:Name`` (``file.py:Name``) for one outside the tree.
 
     Raises:
         UnknownNameError: there is no such effect; InputError: it is no effect.
     """
+    if ":" not in name:
+        return _found(name)
+    check_allowed(name, where=_WHERE)
+    return _found(located(name))
+
+
+_WHERE = "effects of a joint"
+
+
+@cache
+def _found(name: str) -> Effect:
     found = EFFECTS.get(name)
     if ":" in name:
-        found = import_object(name, where="effects of a joint")
+        found = import_object(name, where=_WHERE)
         if isinstance(found, type) and issubclass(found, Effect):
-            found = run_code(found, what="effect", where="effects of a joint", got=name)
+            found = run_code(found, what="effect", where=_WHERE, got=name)
     elif found is None:
         raise UnknownNameError("effect", name, EFFECTS)
     if not isinstance(found, TorqueEffect | NonlinearEffect):
-        raise InputError(f"'{name}' cannot be listed at a joint: it is no effect.", where="effects of a joint")
+        raise InputError(f"'{name}' cannot be listed at a joint: it is no effect.", where=_WHERE)
     return found
 
 
 def effect_catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
-    """All effects of the tree by their names, and further ones, each by its ``package.module:Name``.
+    """All effects of the tree by their names, and further ones, each by the name that is given.
 
     Raises:
         InputError, UnknownNameError: as :func:`find_effect`.

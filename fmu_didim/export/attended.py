@@ -16,6 +16,9 @@ def _end_with_input(process: "subprocess.Popen[bytes]") -> None:
     sys.stdin.buffer.read()
     if hasattr(os, "killpg"):
         os.killpg(os.getpgid(0), signal.SIGKILL)  # this process, too
+    with contextlib.suppress(OSError):  # Windows, which ends a process without those that it has started
+        command = ["taskkill", "/T", "/F", "/PID", str(process.pid)]
+        subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     with contextlib.suppress(OSError):
         process.kill()
 

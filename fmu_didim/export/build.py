@@ -18,7 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from platform import libc_ver, machine, processor
 
-from fmu_didim.cache import cache_directory
+from fmu_didim.cache import COMPILER, own_folder
 from fmu_didim.errors import BuildError
 from fmu_didim.export.platforms import Platform, host_platform
 
@@ -32,6 +32,7 @@ _FLAGS: dict[str, tuple[str, ...]] = {
     "darwin": (*_COMMON, "-fPIC"),
     "windows": _COMMON,
 }
+_NAMED = {"linux": "", "darwin": "-Wl,-install_name,@rpath/", "windows": ""}
 _WINDOWS_LIBRARIES = tuple(f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("math", "heap", "stdio", "string", "private"))
 """Windows' own C library, by the names under which it is linked."""
 _ATTENDED = Path(__file__).with_name("attended.py")
@@ -57,6 +58,7 @@ class Compiler:
         lean: arguments of a link without the compiler's own run-time library, which ziglang compiles for each platform
             when it is first used: seconds, for Windows minutes; empty: no such link.
         runtime: the file in ``wrapper/`` that stands for it then; lean_libraries: arguments that stand last then.
+        named: the option before the name that a library bears inside, where that would be the path it was built at.
     """
 
     command: tuple[str, ...]
@@ -66,6 +68,11 @@ class Compiler:
     lean: tuple[str, ...] = ()
     runtime: str = ""
     lean_libraries: tuple[str, ...] = ()
+    named: str = ""
+
+    def link_flags(self, output: Path) -> tuple[str, ...]:
+        """The flags to link a library with; it bears its file name inside, wherever it is built."""
+        return (*self.flags, f"{self.named}{output.name}") if self.named else self.flags
 
 
 def compiler_for_here() -> Compiler:
@@ -109,14 +116,16 @@ def find_compiler(platform: Platform | None = None) -> Compiler:
     chosen = os.environ.get("CC", "").strip()
     if chosen and target == host:
         command = tuple(shlex.split(chosen, posix=os.name != "nt"))
-        return Compiler(command, flags, f"{chosen}: {_version_of(command)}", libraries)
+        return Compiler(command, flags, f"{chosen}: {_version_of(command)}", libraries, named=_NAMED[target.system])
     try:
         release = version("ziglang")
     except PackageNotFoundError as error:
         advice = "pip install ziglang" + (", or set the environment variable CC." if target == host else ".")
         raise BuildError(f"There is no C compiler for {target.name}.", next_step=advice) from error
     flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined", *_zig_target(target, host))
-    found = Compiler((sys.executable, "-P", "-m", "ziglang", "cc"), flags, f"zig {release}", libraries)
+    found = Compiler(
+        (sys.executable, "-P", "-m", "ziglang", "cc"), flags, f"zig {release}", libraries, named=_NAMED[target.system]
+    )
     if target.system == "windows":
         return replace(found, lean=("-nostdlib",), runtime="windows.c", lean_libraries=_WINDOWS_LIBRARIES)
     return replace(found, lean=("-rtlib=none",), lean_libraries=libraries)
@@ -147,8 +156,8 @@ def compile_shared_library(source_dir: Path, output: Path, *, main: str, compile
     began = time.perf_counter()
     if expected > TOLD_FROM:
         _log.info("compiling %s (about %.0f s; the result is kept) ...", output.name, expected)
-    if not chosen.lean or not _built_lean(chosen, source_dir, target, main, what):
-        command = [*chosen.command, *chosen.flags, "-o", target, main, *chosen.libraries]
+    if not chosen.lean or not _built_lean(chosen, source_dir, output, main, what):
+        command = [*chosen.command, *chosen.link_flags(output), "-o", target, main, *chosen.libraries]
         run_compiler(command, cwd=source_dir, what=what)
     if not output.is_file():
         raise BuildError("The C compiler wrote no file.", where=target, next_step=_ADVICE)
@@ -156,7 +165,7 @@ def compile_shared_library(source_dir: Path, output: Path, *, main: str, compile
         _log.info("compiled %s in %.1f s", output.name, time.perf_counter() - began)
 
 
-def _built_lean(chosen: Compiler, source_dir: Path, target: str, main: str, what: str) -> bool:
+def _built_lean(chosen: Compiler, source_dir: Path, output: Path, main: str, what: str) -> bool:
     """Whether the library could be linked without the compiler's own run-time library; the code itself must compile."""
     with tempfile.TemporaryDirectory(prefix="objects-", dir=source_dir) as name:
         objects = [f"{name}/main.o"]
@@ -169,10 +178,11 @@ def _built_lean(chosen: Compiler, source_dir: Path, target: str, main: str, what
                 [*chosen.command, *chosen.flags, "-c", "-o", objects[1], str(runtime)], cwd=source_dir, what=what
             )
         with suppress(BuildError):
-            link = [*chosen.flags, *chosen.lean, "-o", target, *objects, *chosen.lean_libraries]
+            target = str(output.absolute())
+            link = [*chosen.link_flags(output), *chosen.lean, "-o", target, *objects, *chosen.lean_libraries]
             run_compiler([*chosen.command, *link], cwd=source_dir, what=what)
             return True
-    _log.info("compiling the run-time library of the platform of %s (minutes, once on this machine) ...", target)
+    _log.info("compiling the run-time library of the platform of %s (minutes, once on this machine) ...", output)
     return False
 
 
@@ -206,12 +216,12 @@ def run_compiler(command: Sequence[str], *, what: str, cwd: Path | None = None) 
     environment = dict(os.environ)
     for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
         # Zig would otherwise write to the home folder and to the current one.
-        environment.setdefault(name, str(cache_directory() / "zig"))
+        environment.setdefault(name, str(own_folder(COMPILER)))
     where = shlex.join(command)
     try:
         with subprocess.Popen(
-            [sys.executable, "-I", "-S", str(_ATTENDED), *command], cwd=cwd, env=environment, text=True,
-            errors="replace", stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            [sys.executable, "-I", "-S", "-X", "utf8", str(_ATTENDED), *command], cwd=cwd, env=environment,
+            encoding="utf-8", errors="replace", stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             start_new_session=True,
         ) as process:  # fmt: skip
             held, process.stdin = process.stdin, None  # open for as long as the command is wanted

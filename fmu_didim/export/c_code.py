@@ -16,6 +16,7 @@ from fmu_didim.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SU
 from fmu_didim.errors import InputError
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
+from fmu_didim.symbolic import forward
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"
@@ -172,8 +173,8 @@ def _exported_functions(block: Block) -> list[ca.Function]:
     start = column(block.start(u, q), nx)
     rate = column(block.step_rate(x, q), 1) if block.step_rate is not None else kind(ca.DM(0.0))
     # One forward sweep for both results, so that they share what they have in common.
-    dots = [ca.densify(dot) for dot in ca.forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
-    start_dot = ca.densify(ca.forward([start], [u, q], [[du, dq]])[0][0])
+    dots = [ca.densify(dot) for dot in forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
+    start_dot = ca.densify(forward([start], [u, q], [[du, dq]])[0][0])
     ready, still = ready_count(block), column(block.output(x, kind.zeros(nu), q), len(block.outputs))
     return [
         _function("block_update", [x, u, q], [update]),

@@ -15,11 +15,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from fmu_didim.block import Block
-from fmu_didim.cache import cached_folder, whole_file
+from fmu_didim.cache import cached_folder
 from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler, wrapper_source
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
 from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
+from fmu_didim.files import file_name, whole_file
 from fmu_didim.version import __version__
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
@@ -48,7 +49,8 @@ def build_fmu(
 
     Args:
         block: the equations; its variables are in SI units.
-        directory: also copy the file there, as ``<name of the block>.fmu``.
+        directory: also copy the file there, as ``<name of the block>.fmu``; a name that Windows keeps for a device
+            (``aux``) gets a ``_`` behind it.
         fmi_version: one of :data:`fmu_didim.export.versions.VERSIONS`; all compute the same.
         platforms: the machines it is for, names in :data:`fmu_didim.export.platforms.PLATFORMS`; default:
             this one. This machine's binary is built by the compiler CC if that is set, those of the others
@@ -68,13 +70,13 @@ def build_fmu(
     check_exportable(block, own_names=fmi.own_names)
     compilers = {platform: find_compiler(platform) for platform in select_platforms(platforms)}
     content = _content_digest(block, fmi)
-    file_name = f"{block.name}.fmu"
+    name = f"{file_name(block.name)}.fmu"
     folder = cached_folder(
         "exported",
         _key(content, compilers),
-        lambda new: _build(block, fmi, content, compilers, new / file_name),
+        lambda new: _build(block, fmi, content, compilers, new / name),
     )
-    path = folder / file_name
+    path = folder / name
     return path if directory is None else copied(path, directory)
 
 
@@ -121,11 +123,11 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
     sources.update(fmi.sources(block))
     with tempfile.TemporaryDirectory(prefix="sources-", dir=path.parent) as name:  # gone with it, if this is killed
         source_dir = Path(name)
-        for file_name, text in sources.items():
-            (source_dir / file_name).write_text(text, encoding="utf-8", newline="\n")
+        for source, text in sources.items():
+            (source_dir / source).write_text(text, encoding="utf-8", newline="\n")
 
         def compiled(platform: Platform) -> Path:
-            library = source_dir / platform.name / f"{block.name}{platform.suffix}"
+            library = source_dir / platform.name / f"{path.stem}{platform.suffix}"
             library.parent.mkdir()
             compile_shared_library(source_dir, library, main=fmi.main, compiler=compilers[platform])
             return library
@@ -137,8 +139,8 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
             for folder, platform in sorted(fmi.folders(list(compilers), host_platform()).items()):
                 library = libraries[platform]
                 add_member(archive, f"binaries/{folder}/{library.name}", library.read_bytes())
-            for file_name in sorted(sources):
-                add_member(archive, f"sources/{file_name}", sources[file_name].encode())
+            for source in sorted(sources):
+                add_member(archive, f"sources/{source}", sources[source].encode())
 
 
 def add_member(archive: zipfile.ZipFile, name: str, content: bytes) -> None:

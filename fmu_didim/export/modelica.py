@@ -14,6 +14,7 @@ from fmu_didim.export.fmu import add_member, copied
 from fmu_didim.export.platforms import host_platform
 from fmu_didim.export.sources import compile_sources, source_compiler
 from fmu_didim.export.versions import written_version
+from fmu_didim.files import file_name
 
 FMI = "2.0"
 
@@ -45,10 +46,11 @@ def build_modelica(path: Path, *, model: str | None = None, directory: Path | No
         ) from error  # fmt: skip
     compiler = source_compiler()
     state = hashlib.sha256(repr((release, name, compiler.flags, compiler.version)).encode())
-    for file in sorted(path.parent.glob("*.mo")):
-        state.update(file.name.encode() + file.read_bytes())
+    for source in sorted(path.parent.glob("*.mo")):
+        state.update(source.name.encode() + source.read_bytes())
     key = state.hexdigest()[:32]
-    built = cached_folder("exported", key, lambda folder: _build(path, name, folder / f"{name}.fmu")) / f"{name}.fmu"
+    file = f"{file_name(name)}.fmu"
+    built = cached_folder("exported", key, lambda folder: _build(path, name, folder / file)) / file
     return built if directory is None else copied(built, directory)
 
 

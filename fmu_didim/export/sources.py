@@ -55,7 +55,7 @@ def compile_sources(
             objects.append(f"{temporary}/{i}.o")
             own = [*chosen.command, *shared, *defined, *headers, "-c", "-o", objects[-1], str(folder.absolute() / name)]
             run_compiler(own, cwd=folder, what=what)
-        link = [*chosen.command, *chosen.flags, "-o", str(output.absolute()), *objects]
+        link = [*chosen.command, *chosen.link_flags(output), "-o", str(output.absolute()), *objects]
         if chosen.lean and not chosen.runtime:
             with suppress(BuildError):
                 run_compiler([*link, *chosen.lean, *chosen.lean_libraries], cwd=folder, what=what)

@@ -25,6 +25,7 @@ from fmu_didim.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, 
 from fmu_didim.cache import cached_folder
 from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler, wrapper_source
 from fmu_didim.linearly_implicit import LinearlyImplicit
+from fmu_didim.symbolic import jacobian, reverse
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4
@@ -135,9 +136,9 @@ def _jacobians(expression: ca.SX, arguments: Sequence[ca.SX]) -> list[ca.SX]:
     """
     count = expression.numel()
     if count >= sum(argument.numel() for argument in arguments):
-        return [ca.jacobian(expression, argument) for argument in arguments]
+        return [jacobian(expression, argument) for argument in arguments]
     rows = ca.SX.eye(count)
-    swept = ca.reverse([expression], list(arguments), [[rows[:, i]] for i in range(count)])
+    swept = reverse([expression], list(arguments), [[rows[:, i]] for i in range(count)])
     patterns = [ca.jacobian_sparsity(expression, argument) for argument in arguments]
     return [
         ca.project(ca.horzcat(*(sweep[i] for sweep in swept)).T, pattern) if pattern.nnz() else ca.SX(pattern)
@@ -221,7 +222,7 @@ class _Writer:
         if self.balance is not None and ca.depends_on(wanted, a):
             residual = self.balance.residual(x, a, u, p)
             product.add(residual, {"dx": x, "du": u}, self.chosen)
-            product.add_solution(_inverse(ca.jacobian(residual, a), symmetric=self.balance.symmetric), "rest")
+            product.add_solution(_inverse(jacobian(residual, a), symmetric=self.balance.symmetric), "rest")
             lines = [*product.code("rest", 0, a.numel()), *product.code("hidden", a.numel(), a.numel())]
         first = len(product.terms)
         product.add(wanted, {"dx": x, "hidden": a, "du": u}, self.chosen)
@@ -247,7 +248,7 @@ class _Writer:
         product, given = _Product(own_lanes=self.own_lanes), {"dx": x, "dm": m, "du": u}
         residual, count = implicit.residual(x, m, a, u, p, h), implicit.hidden
         product.add(residual, given, self.chosen)
-        product.add_solution(_inverse(ca.jacobian(residual, a), symmetric=True), "rest")
+        product.add_solution(_inverse(jacobian(residual, a), symmetric=True), "rest")
         lines = [*product.code("rest", 0, count), *product.code("hidden", count, count)]
         after, memory = (_column(part) for part in implicit.following(x, m, a, u, p, h))
         product.add(ca.vertcat(after, memory), {**given, "hidden": a}, self.chosen)

@@ -1,8 +1,8 @@
 """Where an estimation starts: given values, the robot description, or a motion that was not simulated.
 
 Least squares of the measured torque on the regressor of a motion needs no initial values at all. The motion is the one
-that the measured torque implies, by the inverse of the controller, or the reference; what errors of the motion make of
-light links is mended by the nearest values that physical links can have.
+that the measured torque implies, by the inverse of the controller, or the reference. Inertias that no link can have, as
+errors of the motion give light links, are replaced by the nearest possible ones.
 """
 
 from __future__ import annotations

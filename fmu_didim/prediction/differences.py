@@ -4,7 +4,9 @@ The difference D(h) = (tau(+h) - tau(-h)) / 2h of a plant whose integrator is no
 grows with h^2, and by what rounding and the plant's own step control add to each simulation, which grows with 1/h. The
 second difference tau(+h) + tau(-h) - 2 tau shows both at no cost: of errors of equal size in three simulations it
 keeps sqrt(6), the first one sqrt(2), so that the first errs by 1/sqrt(3) of the second, or by less where the second is
-curvature.
+curvature. A longer step H tells the two apart: curvature is (h/H)^2 of the second difference of H, what else there is
+in that of h is error; and D(h) is truncated by (D(H) - D(h)) / ((H/h)^2 - 1). Without that, any curvature would count
+as error, and shorter steps would look better, in which jitter counts ten times as much.
 
 Step control that takes the same steps for very small changes makes a torque smooth in pieces, whose slopes need not be
 that of the whole. So a short step is believed only if all longer ones agree with it, as well as they are known.
@@ -34,6 +36,7 @@ class Step:
 
     Attributes:
         place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
+        curved: how many times as much the second difference by itself would show, because of curvature.
         jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, where second
             differences do not fall with the step as curvature does; empty where none is seen.
         sought: error for which no better step was found, or needed.
@@ -43,6 +46,7 @@ class Step:
     error: float
     jitter: tuple[float, ...] = ()
     sought: float = np.inf
+    curved: float = 1.0
 
     def is_sought(self, wanted: float) -> bool:
         """Whether a step for such an error was looked for already."""
@@ -50,8 +54,10 @@ class Step:
 
     def after(self, known: Step, wanted: float) -> Step:
         """This one, with what the one before has shown."""
-        jitter = known.jitter if known.place == self.place else self.jitter
-        return replace(self, jitter=jitter, sought=min(wanted, known.sought))
+        sought = min(wanted, known.sought)
+        if known.place != self.place or self.curved > 1:
+            return replace(self, sought=sought)
+        return replace(self, error=self.error / known.curved, curved=known.curved, jitter=known.jitter, sought=sought)
 
 
 Steps = dict[tuple[str, int], Step]
@@ -82,6 +88,7 @@ class Ladder:
     def __init__(self, run: Simulation, torque: Array, i: int, size: float) -> None:
         self._run, self._torque, self._i, self._size = run, torque, i, size
         self._tried: dict[int, Difference | None] = {}
+        self._second: dict[int, Array] = {}
 
     def at(self, place: int) -> Difference | None:
         """The difference with the step of this place; None where it cannot be simulated."""
@@ -96,11 +103,11 @@ class Ladder:
             above, below = (self._run.moved(self._i, here + by).torque() for by in (change, -change))
         except SimulationError:
             return None
-        first = float(np.linalg.norm(above - below))
-        second = float(np.linalg.norm(above + below - 2 * self._torque))
-        error = second / np.sqrt(3) / first if first > 0 else np.inf
-        jitter = np.sqrt(np.mean((above + below - 2 * self._torque) ** 2, axis=0) / SIMULATIONS)
-        return Difference((above - below) / (2 * change), Step(place, float(error), tuple(jitter.tolist())))
+        first, second = above - below, above + below - 2 * self._torque
+        norm = float(np.linalg.norm(first))
+        error = float(np.linalg.norm(second)) / np.sqrt(3) / norm if norm > 0 else np.inf
+        self._second[place] = second
+        return Difference(first / (2 * change), Step(place, float(error), _jitter(second)))
 
     def best(self, wanted: float, begin: int = FIRST_STEP) -> Difference:
         """The first difference that errs by at most ``wanted`` of its norm, or else the one that errs least.
@@ -153,17 +160,43 @@ class Ladder:
                 next_step="Start from other values.",
             )
         agreeing = [one for k, one in enumerate(known) if all(_agrees(one, longer) for longer in known[:k])]
-        best = min(agreeing, key=_size_of_error)
+        best = min(map(self._by_longer, agreeing), key=_size_of_error)
         return _with_jitter(best, self._jitter_beside(best))
+
+    def _by_longer(self, one: Difference) -> Difference:
+        """A difference with the error that the next longer step shows, where that is less."""
+        assert one.step is not None
+        place = one.step.place
+        beyond = min((k for k, other in self._tried.items() if k > place and other is not None), default=None)
+        if beyond is None or not np.isfinite(one.step.error):
+            return one
+        longer, step = self._tried[beyond], limits.DIFFERENCE_STEPS[place] * self._size
+        assert longer is not None
+        square = (limits.DIFFERENCE_STEPS[beyond] / limits.DIFFERENCE_STEPS[place]) ** 2
+        rest = self._second[place] - self._second[beyond] / square
+        scattered = float(np.linalg.norm(rest)) / np.sqrt(3) / (2 * step)
+        truncated = float(np.linalg.norm(longer.column - one.column)) / (square - 1)
+        error = float(np.hypot(scattered, truncated) / np.linalg.norm(one.column))
+        if not 0 < error < one.step.error:
+            return one
+        found = replace(one.step, error=error, curved=one.step.error / error, jitter=_jitter(rest))
+        return replace(one, step=found)
 
     def _jitter_beside(self, best: Difference) -> tuple[float, ...]:
         """By the next shorter step."""
         assert best.step is not None
         shorter = self._tried.get(best.step.place - 1)
-        if shorter is None or shorter.step is None:
+        if shorter is None:
             return ()
+        shorter = self._by_longer(shorter)
+        assert shorter.step is not None
         ratio = limits.DIFFERENCE_STEPS[shorter.step.place] / limits.DIFFERENCE_STEPS[best.step.place]
         return shorter.step.jitter if max(shorter.step.jitter) >= ratio * max(best.step.jitter) else ()
+
+
+def _jitter(second: Array) -> tuple[float, ...]:
+    """(n,) root mean square of the error of a simulation, by second differences (N, n)."""
+    return tuple(np.sqrt(np.mean(second**2, axis=0) / SIMULATIONS).tolist())
 
 
 def _with_jitter(one: Difference, jitter: tuple[float, ...]) -> Difference:

@@ -6,7 +6,9 @@ with the deviations s_j of a :class:`~fmu_didim.prediction.weighting.Weighting`.
 Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia
 matrix is not positive definite somewhere along its motion: what the data hardly show moves less then, as where the base
 parameters make up for an effect that is missing. So the point reached is always the best one seen. In a fit that is to
-settle, a step that gains far less than it promised is shortened.
+settle, a step that gains far less than it promised is shortened. Where the torque jitters, the lowest cost is one that
+jitter has drawn, not that of the minimum: there such a fit makes each step with fresh slopes in full, whose cost is the
+promised one as far as two costs can be compared.
 
 Source: J. Nocedal, S. J. Wright, *Numerical Optimization*, 2nd ed., 2006, chapter 10.
 """
@@ -242,13 +244,18 @@ class _Solver:
         """How much a step may promise where the minimum is reached, but the torque jitters by J deviations.
 
         Chi-square of the jitter in as many directions as there are parameters; or, as long as it is a small part of a
-        deviation, what two costs differ by because of it, which is 2 J times the norm of the residual.
+        deviation, what two costs differ by because of it.
         """
         jitter = jitter_in(self._steps, step.deviation)
         if not jitter:
             return 0.0
-        blurred = min(2 * jitter * float(np.sqrt(step.cost)), limits.LEFT_BY_JITTER)
+        blurred = min(self._blur(step), limits.LEFT_BY_JITTER)
         return max(jitter**2 * float(chi2.isf(limits.EXCESS, step.change.size)), blurred)
+
+    def _blur(self, step: _Step) -> float:
+        """2 J |r| sqrt(2 p), standard deviation of the difference of two costs |r|^2 by jitter J of p parameters."""
+        jitter = jitter_in(self._steps, step.deviation)
+        return 2 * jitter * float(np.sqrt(2 * step.change.size * step.cost))
 
     def _record(self, values: Array, torque: Array, moved: Array, step: _Step, note: str) -> None:
         if self._progress is None:
@@ -276,12 +283,15 @@ class _Solver:
             try:
                 torque = model.torque(trial)
                 reached = sum_of_squares(self._measured - torque, step.deviation)
-                if reached < step.cost:
+                kept = damping == 0 and self._keeps_promise(at, step, reached)
+                if kept or reached < step.cost:
                     for label in others:  # what was measured there is not looked at
                         model.torque(trial, label)
             except SimulationError as error:
                 edge, note = True, f"step damped: {error.what}"
                 continue
+            if kept:
+                return _Found(trial, torque, reached, promised, tried, edge)
             if damping == 0 and self._stopping.tolerance is not None:
                 found = self._shortened(at, step, _Found(trial, torque, reached, promised, tried, edge))
                 tried = found.tried
@@ -299,6 +309,16 @@ class _Solver:
             else:
                 note = "step damped: the error grew"
         return best or _Found(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
+
+    def _keeps_promise(self, at: _State, step: _Step, reached: float) -> bool:
+        """Whether a full step with fresh slopes has reached the cost that it promised, as far as jitter lets one see.
+
+        What it misses must be less than noise moves the minimum by, so that no jitter excuses a step that is wrong.
+        """
+        if self._stopping.tolerance is None or not at.fresh:
+            return False
+        hidden = min(limits.DRAWN_BY_JITTER * self._blur(step), float(chi2.isf(limits.EXCESS, step.change.size)))
+        return reached <= step.cost - step.promised + hidden
 
     def _shortened(self, at: _State, step: _Step, found: _Found) -> _Found:
         """The least cost along a step that went too far, by the parabola through its slope, its beginning and its end.

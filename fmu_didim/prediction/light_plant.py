@@ -1,8 +1,8 @@
 """The motion that a measured torque implies: the controller inverted by the loop itself.
 
-A controller that tracks makes a torque of its tracking error, tau = C(e), and so the measured torque tells the motion
-q = q_ref - C^-1(tau). C is whatever stands in the loop, a law, an FMU, a lag in a drive; it is inverted by a plant so
-light that the controller drags it wherever its torque becomes the measured one:
+A controller that tracks makes a torque of its tracking error, tau = C(e), and so the measured torque tells the motion q
+= q_ref - C^-1(tau). C is whatever stands in the loop, a law, an FMU, a lag in a drive. It is inverted by simulating the
+controller with an almost massless plant, so that its torque matches the measured one:
 
     m (ddq - ddq_ref) + d (dq - dq_ref) = tau - tau_measured,        m = |C(i w)| / w^2
 

@@ -1,8 +1,8 @@
 """The noise of logs on their grids, as a residual shows it.
 
-A residual r = (I - S Phi') e of sensitivity S and influence Phi holds less than the noise e where the motion is slow:
-what noise of a given autocovariance Omega would lose there, S Phi' Omega + Omega Phi S' - S Phi' Omega Phi S', is added
-to the autocovariances of r.
+The fit takes up a part of the noise e, most of it where the motion is slow, so the residual r = (I - S Phi') e of
+sensitivity S and influence Phi is smaller than the noise. What noise of a given autocovariance Omega would lose so,
+S Phi' Omega + Omega Phi S' - S Phi' Omega Phi S', is added to the autocovariances of r.
 """
 
 from __future__ import annotations

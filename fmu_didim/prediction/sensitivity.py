@@ -197,7 +197,7 @@ class _Column:
         if known is None:
             found = self.ladder.best(wanted)
             return replace(found, step=found.step and replace(found.step, sought=wanted))
-        allowed = max(wanted, limits.KEPT_STEP * known.error) if known.is_sought(wanted) else wanted
+        allowed = max(wanted, limits.KEPT_STEP * known.error * known.curved) if known.is_sought(wanted) else wanted
         found = self.ladder.best(allowed, known.place)
         return replace(found, step=found.step and found.step.after(known, wanted))
 

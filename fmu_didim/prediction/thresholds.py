@@ -267,6 +267,11 @@ LEFT_BY_JITTER = TABLE(
     "A step that promises no more, half a standard deviation, need not be made where a jitter of the torque hides what "
     "it gains.",
 )  # fmt: skip
+DRAWN_BY_JITTER = TABLE(
+    "DRAWN_BY_JITTER", 5.0, "standard deviations",
+    "Of the difference of two costs, by which jitter may make a step miss its promise: a cost that is too low by three "
+    "of its own and one that is too high by as much are 4.2 apart.",
+)  # fmt: skip
 EQUAL = TABLE(
     "EQUAL", 1e-9, "1",
     "Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost grows.",

@@ -5,12 +5,13 @@ An estimate that follows the noise by d theta = sum_t Phi_t' e_t has the covaria
     C = sum over joints and logs of Phi' Omega Phi,
 
 with the influence Phi = S (S'S)^-1 for least squares and the autocovariance Omega of the noise, whatever the weights
-were. Omega comes from the residual r = (I - S Phi') e, which holds less than the noise where the motion is slow: what
-an autoregression would lose there is added to the autocovariances that it is fitted to. Noise that a test does not
-tell from white keeps the variance that it was weighted with. The noise of different joints counts as independent. The
-values themselves are not those of whitened samples: that would gain 7 % of a deviation at most (SCARA, 200 Hz, half of
-the noise with a memory of 50 ms), and let fast model error decide. Sources: Andrews, Monahan, Econometrica 60 (1992),
-for C by autoregressions; Durbin, Watson, Biometrika 37 (1950), for correlations of residuals that depend on S.
+were. Omega comes from the residual r = (I - S Phi') e, which is smaller than the noise, most where the motion is slow,
+because the fit takes up a part of it: what an autoregression would lose so is added to the autocovariances that it is
+fitted to. Noise that a test cannot tell from white keeps the variance that it was weighted with. The noise of different
+joints counts as independent. The values themselves are not those of whitened samples: that would gain 7 % of a
+deviation at most (SCARA, 200 Hz, half of the noise with a memory of 50 ms), and let fast model error decide. Sources:
+Andrews, Monahan, Econometrica 60 (1992), for C by autoregressions; Durbin, Watson, Biometrika 37 (1950), for
+correlations of residuals that depend on S.
 """
 
 from __future__ import annotations

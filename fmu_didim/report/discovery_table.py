@@ -39,7 +39,7 @@ def discovery_table(document: FindingsDocument) -> str:
 
 
 def _finding(number: int, finding: FindingResult) -> list[str]:
-    """One named effect: values, what it is worth, what it is mistaken for."""
+    """One named effect: values, what it is worth, what it cannot be told from."""
     head = f"{number}  {words.named(finding)} ({finding.place})"
     rows = [(p.name, words.value_line(p)) for p in finding.parameters]
     rows.append(("share of the gap", words.share_text(finding.share_of_gap)))

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 import yaml
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from fmu_didim.documents import Angle, Strict, read_document
+from fmu_didim.documents import FOLDER, Angle, Strict, read_document
 from fmu_didim.effects import (
     DEFAULT_EFFECTS,
     LINK_PARAMETERS,
@@ -20,6 +20,7 @@ from fmu_didim.effects import (
     find_effect,
 )
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.imports import located
 from fmu_didim.signals import Variable
 
 
@@ -35,7 +36,8 @@ class Joint(Strict):
         alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number.
         a, d: lengths in m.
         limits: range of the position of the joint, where it is known.
-        effects: names of the effects at this joint, or ``package.module:Name`` of further ones; replaces the default.
+        effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
+            looked for beside this file; replaces the default.
         parameters: values of the link's inertial parameters and of the parameters of its effects, by name without the
             number of the joint (``ZZ``, ``Fv``, ``v0``); 0 where none is given, or what the effect starts with.
     """
@@ -52,8 +54,9 @@ class Joint(Strict):
 
     @field_validator("effects")
     @classmethod
-    def _known_effects(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _known_effects(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         problems = []
+        value = tuple(located(name, (info.context or {}).get(FOLDER, Path())) for name in value)
         for name in value:
             try:
                 found = find_effect(name)

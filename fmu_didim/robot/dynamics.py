@@ -15,6 +15,7 @@ import numpy as np
 
 from fmu_didim.effects import PAYLOAD, Surroundings, TorqueEffect
 from fmu_didim.robot.description import RobotDescription
+from fmu_didim.symbolic import jacobian
 
 
 def rigid_body_torque(
@@ -181,4 +182,4 @@ def link_columns(
     rigid: ca.SX, joint: int, parameters: Mapping[str, ca.SX], names: Sequence[str] = PAYLOAD
 ) -> dict[str, ca.SX]:
     """Columns (n,) of the rigid-body regressor for some inertial parameters of a link, joint from 0."""
-    return {name: ca.jacobian(rigid, parameters[f"{name}{joint + 1}"]) for name in names}
+    return {name: jacobian(rigid, parameters[f"{name}{joint + 1}"]) for name in names}

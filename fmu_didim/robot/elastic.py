@@ -28,6 +28,7 @@ from fmu_didim.robot.equations import NEWTON_STEPS, Equations
 from fmu_didim.robot.implicit import StiffBalance
 from fmu_didim.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.signals import Variable
+from fmu_didim.symbolic import jacobian
 
 ROUNDING = 0.05
 """Radius of the rounded corners of backlash, as a fraction of half its gap."""
@@ -109,7 +110,7 @@ class ElasticEquations(Equations):
             self._steep[j] = steep_drive[j]
         self._plain = self._drive + self._carried
         self.torque, self.rates = self._loaded_rows[0] + self._loaded_rows[1], ca.vertcat(*rates)
-        self.motor = ca.vertcat(*(ca.jacobian(self._drive[j], self.ddq[j]) for j in self.elastic))
+        self.motor = ca.vertcat(*(jacobian(self._drive[j], self.ddq[j]) for j in self.elastic))
         whole = ca.vertcat(self.ddq, self.link_ddq)
         if ca.depends_on(self._inertia, whole) or ca.depends_on(self.rates, ca.vertcat(whole, self.load)):
             raise InputError(
@@ -149,12 +150,12 @@ class ElasticEquations(Equations):
     @cached_property
     def _inertia(self) -> ca.SX:
         """(n + m, n + m), symmetric: of motors and links by (ddq, ddq_link)."""
-        return ca.jacobian(self._rows(self._drive, self._carried), ca.vertcat(self.ddq, self.link_ddq))
+        return jacobian(self._rows(self._drive, self._carried), ca.vertcat(self.ddq, self.link_ddq))
 
     @cached_property
     def mass(self) -> ca.SX:
         """M with all gears locked."""
-        return ca.jacobian(self.locked(self._locked), self.ddq)
+        return jacobian(self.locked(self._locked), self.ddq)
 
     def locked(self, expression: ca.SX) -> ca.SX:
         """The expression for links that follow their motors."""
@@ -173,7 +174,7 @@ class ElasticEquations(Equations):
             return ca.ldl_solve(-ca.substitute(rows, unknown, nothing), *ca.ldl(self._inertia))
         solution = ca.ldl_solve(-ca.substitute(plain, unknown, nothing), *ca.ldl(self._inertia))
         loads = ca.vertcat(*(self.rigid[j] for j in range(self.q.numel()) if j not in self.elastic))
-        slope = ca.jacobian(rows, unknown) + ca.jacobian(rows, free) @ ca.jacobian(loads, unknown)
+        slope = jacobian(rows, unknown) + jacobian(rows, free) @ jacobian(loads, unknown)
         for _ in range(NEWTON_STEPS):
             load = ca.substitute(loads, unknown, solution)
             here, there = [free, unknown], [load, solution]
@@ -229,7 +230,7 @@ class ElasticEquations(Equations):
         """tau, with ddq_link from the balance of the links and the loads from there."""
         m = len(self.elastic)
         links = ca.vertcat(*(self._carried[j] - self.gear[i] for i, j in enumerate(self.elastic)))
-        left = ca.jacobian(links, self.link_ddq)
+        left = jacobian(links, self.link_ddq)
         found = -ca.ldl_solve(ca.substitute(links, self.link_ddq, ca.SX.zeros(m)), *ca.ldl(left))
         torque = ca.substitute(self._gear_as_load(self.torque), self.load, self.rigid)
         return ca.substitute(torque, self.link_ddq, found)

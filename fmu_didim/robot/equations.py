@@ -21,6 +21,7 @@ from fmu_didim.robot.implicit import StiffBalance
 from fmu_didim.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.robot.tilt import gravity_vector
 from fmu_didim.signals import Variable
+from fmu_didim.symbolic import jacobian
 
 NEWTON_STEPS = 3
 """Enough for |load| and its like: once no load changes its sign any more, one step is exact."""
@@ -137,7 +138,7 @@ class Equations:
     @cached_property
     def mass(self) -> ca.SX:
         """M: inertia of links and rotors, effects of the load left out."""
-        return ca.jacobian(self._plain, self.ddq)
+        return jacobian(self._plain, self.ddq)
 
     def at_rest(self, expression: ca.SX) -> ca.SX:
         """The expression for ddq = 0."""
@@ -157,7 +158,7 @@ class Equations:
 
     def transmitted(self, acceleration: ca.SX) -> ca.SX:
         """The load (n,) for an acceleration."""
-        return ca.jacobian(self.rigid, self.ddq) @ acceleration + self.at_rest(self.rigid)
+        return jacobian(self.rigid, self.ddq) @ acceleration + self.at_rest(self.rigid)
 
     def _with_loads(self, free: ca.SX, factors: Sequence[ca.SX]) -> ca.SX:
         """Solve M a + N + E(y) = tau for a, given free = M^-1 (tau - N), by Newton's method in y.
@@ -170,9 +171,9 @@ class Equations:
         meant = ca.vertcat(*(self.rigid[j] for j in self.loaded), *(self.ddq[i] for i in used))
         rows = [i for i in range(self.ddq.numel()) if not self._by_load[i].is_zero()]
         extra = ca.vertcat(*(self._by_load[i] for i in rows))
-        slope = ca.jacobian(extra, unknown)
+        slope = jacobian(extra, unknown)
         yielding = ca.ldl_solve(ca.SX.eye(self.ddq.numel())[:, rows], *factors)
-        coupling = ca.jacobian(meant, self.ddq)
+        coupling = jacobian(meant, self.ddq)
         target, mobility = coupling @ free + self.at_rest(meant), coupling @ yielding
         y = target
         for _ in range(NEWTON_STEPS):

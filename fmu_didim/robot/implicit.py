@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from fmu_didim.linearly_implicit import LinearlyImplicit
+from fmu_didim.symbolic import jacobian
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class _Motion:
 
     def remembered(self, balance: StiffBalance) -> ca.SX:
         """c (nw,), slopes of w by which the midpoint is found."""
-        moving = ca.jacobian(balance.rate, balance.v)
+        moving = jacobian(balance.rate, balance.v)
         slopes = moving @ (self.v + self.h / 4 * self.b)
         for i, place in enumerate(balance.states):
             slopes[place] = self.own[i]
@@ -102,7 +103,7 @@ def implicit_step(
         within: symbols of the equations and what stands for them: parameters as expressions of p.
     """
     moving = ca.vertcat(balance.v, balance.w)
-    steep = ca.jacobian(ca.vertcat(balance.friction, balance.gears, balance.rate), moving)
+    steep = jacobian(ca.vertcat(balance.friction, balance.gears, balance.rate), moving)
     if not ca.depends_on(steep, ca.vertcat(moving, balance.clock)):
         return None
     motion = _Motion.of(balance)
@@ -110,7 +111,7 @@ def implicit_step(
     count, h = balance.v.numel(), motion.h
     following = [ca.vertcat(motion.v, motion.w) + h * slopes, motion.clock + h]
     memory = ca.vertcat(balance.unknown, *(slopes[count + place] for place in balance.states))
-    matrix, rest = ca.jacobian(rows, balance.unknown), ca.substitute(rows, balance.unknown, ca.SX.zeros(count))
+    matrix, rest = jacobian(rows, balance.unknown), ca.substitute(rows, balance.unknown, ca.SX.zeros(count))
     solution = ca.ldl_solve(-rest, *ca.ldl(matrix))
     after = ca.vertcat(*(following[0][target] if target >= 0 else following[1] for target in order))
     places = {target: place for place, target in enumerate(order)}
@@ -132,8 +133,8 @@ def implicit_step(
 def _rows(balance: StiffBalance, motion: _Motion) -> tuple[ca.SX, ca.SX]:
     """The rows (na,) that a step solves, and the slopes (na + nw,) of v and w in it."""
     v, w, a, b, h = balance.v, balance.w, balance.unknown, motion.b, motion.h
-    bristles, springs = ca.jacobian(balance.friction, w), ca.jacobian(balance.gears, w)
-    own, moved = ca.diag(ca.jacobian(balance.rate, w)), ca.jacobian(balance.rate, v)
+    bristles, springs = jacobian(balance.friction, w), jacobian(balance.gears, w)
+    own, moved = ca.diag(jacobian(balance.rate, w)), jacobian(balance.rate, v)
     c = motion.remembered(balance)
     weights = _weights(-h * own)
     share = 1 / (1 - h * weights * own)
@@ -155,13 +156,13 @@ def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
     There the tangent is zero and the joint would be thrown to the other side, again and again; with the chord it comes
     to rest.
     """
-    a, b, h, mass = balance.unknown, motion.b, motion.h, ca.diag(ca.jacobian(balance.rows, balance.unknown))
-    tangents = ca.jacobian(balance.friction, balance.v)
+    a, b, h, mass = balance.unknown, motion.b, motion.h, ca.diag(jacobian(balance.rows, balance.unknown))
+    tangents = jacobian(balance.friction, balance.v)
     begun = ca.substitute(balance.friction, balance.v, motion.v)
     carried = h * ca.fmax(_chords(begun, motion.v), 0)
     relaxed = h * ca.fmax(ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel())), 0)
     unresolved = _unresolved(motion.v, motion.v - h * b, carried, relaxed, mass)
-    tangents, dampers = _stabilising(tangents), _symmetric(ca.jacobian(balance.gears, balance.v))
+    tangents, dampers = _stabilising(tangents), _symmetric(jacobian(balance.gears, balance.v))
     if tangents.sparsity().is_diag():
         late = (1 - unresolved) * (tangents @ (a - b) / 2)
     else:

@@ -7,6 +7,7 @@ import numpy as np
 
 from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array
+from fmu_didim.symbolic import jacobian
 
 
 class InertiaColumns:
@@ -18,7 +19,7 @@ class InertiaColumns:
 
     def __init__(self, q: ca.SX, chi: ca.SX, mass: ca.SX) -> None:
         self._count = int(chi.numel())
-        self._columns = Vectorised(ca.Function("inertia_columns", [q], [ca.densify(ca.jacobian(ca.vec(mass), chi))]))
+        self._columns = Vectorised(ca.Function("inertia_columns", [q], [ca.densify(jacobian(ca.vec(mass), chi))]))
         self._last: tuple[bytes, Array] | None = None
 
     def at(self, q: Array) -> Array:

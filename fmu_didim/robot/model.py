@@ -23,6 +23,7 @@ from fmu_didim.robot.inertia import InertiaColumns, scaled_eigenvalues
 from fmu_didim.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
 from fmu_didim.robot.vectorised import Vectorised
 from fmu_didim.signals import Array, Variable
+from fmu_didim.symbolic import jacobian
 
 LONG = 1e9
 """A time in s that lies after, and with the other sign before, all that happens in a run."""
@@ -124,7 +125,7 @@ class RobotModel:
 
     @cached_property
     def _columns(self) -> ca.SX:
-        return ca.jacobian(self._equations.torque, self._chi)
+        return jacobian(self._equations.torque, self._chi)
 
     @cached_property
     def transmitted(self) -> ca.Function:

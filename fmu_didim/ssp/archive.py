@@ -92,6 +92,7 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
     def refuse(what: str, info: zipfile.ZipInfo) -> InputError:
         return InputError(what, where=str(path), got=info.orig_filename, next_step="Do not use this archive.")
 
+    _check_size(infos, path)
     entries: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
     for info in infos:
@@ -109,6 +110,10 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
             raise refuse("Two entries of the archive have the same name.", info)
         folded.add(place)
         entries[name] = info
+    return entries
+
+
+def _check_size(infos: list[zipfile.ZipInfo], path: Path) -> None:
     total, own = sum(info.file_size for info in infos), path.stat().st_size
     expands = total > RATIO_FROM and total > MAXIMUM_RATIO * own
     if total > MAXIMUM_BYTES or len(infos) > MAXIMUM_ENTRIES or expands:
@@ -117,7 +122,6 @@ def _check_entries(infos: list[zipfile.ZipInfo], path: Path) -> Mapping[str, zip
             got=f"{total} bytes in {len(infos)} entries, packed into {own}",
             valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries, {MAXIMUM_RATIO} times what is packed",
         )  # fmt: skip
-    return entries
 
 
 def _is_safe(name: str) -> bool:

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-from fmu_didim.cache import whole_file
 from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.files import file_name, whole_file
 from fmu_didim.master import System
 from fmu_didim.ssp.archive import parse_xml
 from fmu_didim.ssp.compose import Part, connections, parts
@@ -82,7 +82,7 @@ def _sources(own: Mapping[str, Part]) -> dict[str, str]:
 
 
 def _safe(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+    return file_name(re.sub(r"[^A-Za-z0-9_-]", "_", name))
 
 
 def _write(path: Path, files: Mapping[str, bytes | Path]) -> None:

@@ -1,4 +1,4 @@
-"""CSV files as loggers write them: delimiter, decimal comma, lines before the header and a row of units are found out.
+"""CSV files as loggers write them: delimiter, decimal comma, lines before the header and a row of units are recognised.
 
 Every delimiter with every decimal sign is tried on the whole file; that one counts with which each line after the
 header is a row of as many numbers as the header has names. Where two of them give different numbers, or none does, the
@@ -38,7 +38,7 @@ LIMIT = 2**27
 
 
 class CsvLayout(Strict):
-    """How a CSV file is written, where that cannot be found out.
+    """How a CSV file is written, where that cannot be recognised.
 
     Attributes:
         delimiter: one character between the cells; decimal: the decimal sign.
@@ -74,7 +74,7 @@ class _MisfitError(Exception):
 
 
 def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
-    """The table in a CSV file; what had to be found out stands in its notes.
+    """The table in a CSV file; what had to be recognised stands in its notes.
 
     Raises:
         InputError: no layout fits the file, or several do.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.errors import InputError
+from fmu_didim.errors import InputError, loading
 from fmu_didim.tables.nested import as_columns
 from fmu_didim.tables.table import Table
 
@@ -20,13 +20,12 @@ def read_hdf5(path: Path, *, separator: str = "/") -> Table:
     Args:
         separator: between the names of groups.
     """
-    try:
+    absent = InputError(
+        "HDF5 files, and MAT files of version 7.3, need h5py.", where=str(path),
+        next_step="pip install fmu_didim[hdf5], or save as MAT version 5 (save -v7) or CSV.",
+    )  # fmt: skip
+    with loading("h5py", absent=absent):
         import h5py
-    except ImportError as error:
-        raise InputError(
-            "HDF5 files, and MAT files of version 7.3, need h5py.", where=str(path),
-            next_step="pip install fmu_didim[hdf5], or save as MAT version 5 (save -v7) or CSV.",
-        ) from error  # fmt: skip
     named: dict[str, Any] = {}
     units: dict[str, str] = {}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fmu_didim.errors import InputError
+from fmu_didim.errors import InputError, loading
 from fmu_didim.tables.hdf5_file import read_hdf5
 from fmu_didim.tables.level5 import contents, is_level_5
 from fmu_didim.tables.nested import as_columns, leaves
@@ -26,7 +26,8 @@ def read_mat(path: Path) -> Table:
     if is_level_5(raw):
         named = contents(raw)
     else:
-        from scipy.io import loadmat
+        with loading("scipy"):
+            from scipy.io import loadmat
 
         named = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
     columns = as_columns(leaves(named))

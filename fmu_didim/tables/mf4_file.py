@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import InputError
+from fmu_didim.errors import InputError, loading
 from fmu_didim.signals import Array
 from fmu_didim.tables.table import Table
 
@@ -19,13 +19,12 @@ def read_mf4(path: Path) -> Table:
     A name that several groups have becomes ``<group>.<name>``, groups counted from 0; the instants of a group are the
     column ``time <group>``.
     """
-    try:
+    absent = InputError(
+        "MF4 files need asammdf.", where=str(path),
+        next_step="pip install fmu_didim[mf4], or export the channels as CSV.",
+    )  # fmt: skip
+    with loading("asammdf", absent=absent):
         from asammdf import MDF
-    except ImportError as error:
-        raise InputError(
-            "MF4 files need asammdf.", where=str(path),
-            next_step="pip install fmu_didim[mf4], or export the channels as CSV.",
-        ) from error  # fmt: skip
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     times: dict[str, str] = {}

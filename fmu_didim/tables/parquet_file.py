@@ -6,19 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_didim.errors import InputError
+from fmu_didim.errors import loading
 from fmu_didim.tables.table import Table
 
 
 def read_parquet(path: Path) -> Table:
     """The numeric columns of a Parquet file; units from the entry ``unit`` in the metadata of a column."""
-    try:
+    with loading("pyarrow"):
         from pyarrow import parquet, types  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    except ImportError as error:
-        raise InputError(
-            "Parquet files need pyarrow.", where=str(path),
-            next_step="pip install fmu_didim[parquet], or convert the file to CSV.",
-        ) from error  # fmt: skip
     table = parquet.read_table(path)
     fields = [f for f in table.schema if types.is_floating(f.type) or types.is_integer(f.type)]
     units = {f.name: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for f in fields}

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from fmu_didim.errors import InputError
+from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.files import is_file
 from fmu_didim.signals import Trajectory
 from fmu_didim.tables.columns import TimeColumn
@@ -28,10 +28,11 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
     """The columns of a file, as they stand there.
 
     Args:
-        layout: how a CSV file is written, where that cannot be found out.
+        layout: how a CSV file is written, where that cannot be recognised.
 
     Raises:
-        InputError: the file is missing, has another format, is damaged or cannot be understood.
+        InputError: the file is missing, has another format, is damaged or cannot be understood; LibraryError: what
+            reads it does not work as it is installed.
     """
     path = Path(path)
     if not is_file(path):
@@ -43,7 +44,7 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters of a file is told in our words
             return read_csv(path, layout) if reader is read_csv else reader(path)
-    except InputError:
+    except FmuDidimError:
         raise
     except Exception as error:
         raise InputError(

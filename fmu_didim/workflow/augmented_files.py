@@ -18,6 +18,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.run import Found
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.export import build_fmu
+from fmu_didim.imports import is_reference, located
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import BASE, LOG, PLANT
 from fmu_didim.prediction.loop_model import LoopModel
@@ -148,11 +149,13 @@ def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -
 
 
 def _seen_from(name: str, old: Path, new: Path, written: Mapping[str, str]) -> str:
-    """A path, or ``file.py:name``, seen from another folder; whatever is no file there stays as it is."""
+    """A path, or ``module:name``, seen from another folder; whatever is no file there stays as it is."""
     if name in written:
         return written[name]
-    file, colon, member = name.partition(":")
-    return os.path.relpath(old / file, new) + colon + member if (old / file).is_file() else name
+    if is_reference(name):
+        file, _, member = located(name, old).rpartition(":")
+        return f"{os.path.relpath(file, new)}:{member}" if file.endswith(".py") else name
+    return os.path.relpath(old / name, new) if (old / name).is_file() else name
 
 
 def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:

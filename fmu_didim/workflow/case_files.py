@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fmu_didim.cache import file_digest
 from fmu_didim.case import Case
 from fmu_didim.case.data import resolve
 from fmu_didim.case.sources import SignalFile
+from fmu_didim.imports import is_reference, located
 
 NO_OPTIONS: Mapping[str, object] = {}
 
@@ -31,8 +34,9 @@ def _named(case: Case) -> dict[str, Path]:
     named: dict[str, Path] = {}
     archive = document.system.source if document.system is not None else None
     for source in (document.robot, *(part.source for part in document.parts.values()), archive):
-        if source is not None and ":" not in source:
-            named[source] = case.folder / source
+        if source is not None:
+            file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
+            named[source] = case.folder / file
     for run in document.runs.values():
         for part in (run.reference, run.torque, run.positions):
             if isinstance(part, SignalFile) and part.file not in case.signals:
@@ -40,18 +44,24 @@ def _named(case: Case) -> dict[str, Path]:
     return named
 
 
-def repeating(verb: str, case: Case, options: Mapping[str, object] = NO_OPTIONS) -> dict[str, str]:
-    """``command``: what repeats a run in the folder of its case; nothing for a case that is no file.
+def repeating(verb: str, case: Case, out: Path | None, options: Mapping[str, object] = NO_OPTIONS) -> dict[str, str]:
+    """``command``: what repeats a run in ``folder``, the working folder; nothing for a case that is not in files alone.
 
     Args:
-        options: name of each option in Python -> its value; those that are empty are left out.
+        out: folder of the results; options: name of each option in Python -> its value; those that are empty are left
+            out.
     """
-    if not case.path.name:
+    if not case.path.name or case.signals:
         return {}
-    words = ["fmu-didim", verb, case.path.name]
+    words = ["fmu-didim", verb, str(case.path), *(["--out", str(out)] if out is not None else [])]
     for name, value in options.items():
         values = value if isinstance(value, list | tuple) else [value]
         for each in values:
             if each is not None:
                 words += [f"--{name.replace('_', '-')}", str(each)]
-    return {"command": shlex.join(words)}
+    return {"folder": str(Path.cwd()), "command": shell_line(words)}
+
+
+def shell_line(words: Sequence[str]) -> str:
+    """A command as it is typed in a shell of this system."""
+    return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)

@@ -18,6 +18,7 @@ from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import effect_catalogue
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.identification.provenance import provenance
+from fmu_didim.imports import located
 from fmu_didim.prediction.workers import one_blas_thread
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.workflow.augmented_files import (
@@ -60,10 +61,11 @@ def discover(
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
             left there is replaced, or nothing of it.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
-        effects: further effects, ``package.module:Name``.
+        effects: further effects, ``module:Name`` or ``path/to/file.py:Name``, of the working folder or the folder of
+            the case, or ``package.module:Name`` of an installed package.
         rounds: largest number of effects; seed: of the bootstrap.
-        time_limit: s from now on after which the search ends with the best answer so far, whose verdict is
-            ``unfinished``; the fit of the base model is always made, and what was found is written in any case.
+        time_limit: s from now on after which the search ends with the best answer so far: the answer is ``unfinished``
+            and the verdict not settled. The fit of the base model is always made, and what was found is written.
         figures: whether each chart of the page is written there as PNG and SVG, too (``figure_*``), for a paper.
         progress: called with a line about each piece of work.
         show: called with what was found before it takes its place in ``out``.
@@ -76,12 +78,15 @@ def discover(
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder)
     model = case.model
-    catalogue = effect_catalogue(effects)
-    for name in (*forbid, *prefer):
+    places = (Path(), case.folder)
+    forbidden, preferred, further = ([located(n, *places) for n in names] for names in (forbid, prefer, effects))
+    catalogue = effect_catalogue(further)
+    for name in (*forbidden, *preferred):
         if name not in catalogue:
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
     chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
-    record = provenance(model, {"name": "discover"}, files=case_files(case)) | repeating("discover", case, chosen)
+    record = provenance(model, {"name": "discover"}, files=case_files(case))
+    record |= repeating("discover", case, None if out is None else Path(out), chosen)
     of_data = refuse_problems(case_diagnostics(case, causes=False))
     run = _Run(case, _description(case), watch, folder, show or (lambda found: None))
     found = discover_in(
@@ -89,7 +94,7 @@ def discover(
         description=run.description,
         name=case.name,
         effects=catalogue,
-        options=Options(forbid=frozenset(forbid), prefer=tuple(prefer), rounds=rounds, seed=seed),
+        options=Options(forbid=frozenset(forbidden), prefer=tuple(preferred), rounds=rounds, seed=seed),
         provenance={**record, "loop": model.systems[model.first].describe()},
         watch=watch,
         keep=None if folder is None else run.keep,

@@ -77,7 +77,8 @@ def identify(
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder)
     model = case.model
-    record = provenance(model, case.estimator.describe(), files=case_files(case)) | repeating("identify", case)
+    record = provenance(model, case.estimator.describe(), files=case_files(case))
+    record |= repeating("identify", case, None if out is None else Path(out))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     refusal = _Refusal(case, folder, record)

@@ -16,12 +16,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.cache import PARTIAL, remove_stale, sync, whole_file
 from fmu_didim.case import Case, load_case
 from fmu_didim.errors import InputError
+from fmu_didim.files import PARTIAL, advice, patiently, remove_stale, sync, whole_file
 from fmu_didim.workflow.case_files import paths_read
 
 LEAST_FREE = 16 * 2**20
@@ -97,7 +98,7 @@ class ResultFolder:
         done: list[tuple[Path, Path]] = []
         try:
             for source, target in moves:
-                source.replace(target)
+                patiently(partial(source.replace, target))
                 done.append((source, target))
         except BaseException:  # Ctrl-C as well
             for source, target in reversed(done):
@@ -183,4 +184,6 @@ def told_unwritable(path: Path) -> Iterator[None]:
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
-    return InputError("The results cannot be written.", where=str(folder), got=str(error), next_step=_ADVICE)
+    return InputError(
+        "The results cannot be written.", where=str(folder), got=str(error), next_step=advice(error, _ADVICE)
+    )

@@ -18,7 +18,7 @@ from fmu_didim.effects import UNITS
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.robot import RobotDescription, read_robot
 
-NOT_YAML = (".fmu", ".ssp")
+NOT_YAML = (".fmu", ".ssp", ".mo")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def mistakes(path: Path | str) -> list[Mistake]:
     for label, run in _runs(content):
         found += _of_run(label, run, path.parent, units)
     if not found:
-        _tried(found, path, load_case)
+        _tried(found, path, lambda path: load_case(path).model)
     return list({mistake.text: mistake for mistake in found}.values())
 
 

@@ -27,6 +27,7 @@ from tests.benchmarks import (
     tx40_simulation,
 )
 from tests.benchmarks.figure import Figure, Settings
+from tests.benchmarks.publish import load, publish, record
 
 BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "master_overhead": master_overhead.run,
@@ -60,12 +61,21 @@ def table(figures: Sequence[Figure]) -> str:
     return "\n".join(lines)
 
 
-def measure(names: Sequence[str], settings: Settings) -> list[Figure]:
-    """The figures of these benchmarks; progress goes to standard error."""
+def measure(
+    names: Sequence[str], settings: Settings, keep: Callable[[str, Sequence[Figure], float], None]
+) -> list[Figure]:
+    """The figures of these benchmarks; progress goes to standard error.
+
+    Args:
+        keep: called after each with its name, its figures and the load of the machine before it.
+    """
     figures = []
     for name in names:
         print(f"{name} ...", file=sys.stderr, flush=True)
-        figures += BENCHMARKS[name](settings)
+        before = load()
+        found = BENCHMARKS[name](settings)
+        keep(name, found, before)
+        figures += found
     return figures
 
 
@@ -73,6 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print the table, write the JSON file."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description="Ratios against limits and others")
     parser.add_argument("--json", type=Path, help="file for the figures")
+    parser.add_argument(
+        "--figures", type=Path, help="file of figures for docs/include.py; what is not run keeps what it gave before"
+    )
     parser.add_argument("--only", action="append", choices=BENCHMARKS, help="may be given several times")
     parser.add_argument("--repeats", type=int, default=5, help="rounds of each measurement")
     parser.add_argument("--quick", action="store_true", help="small counts, only to see that it runs")
@@ -80,8 +93,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--full", action="store_true", help="1 000 identifications, repeated TX40 identifications, a second discovery"
     )
     options = parser.parse_args(arguments)
+    if options.quick and options.figures:
+        parser.error("--quick measures too little for --figures")
     settings = Settings(options.repeats, options.quick, options.full)
-    figures = measure(options.only or list(BENCHMARKS), settings)
+
+    def keep(name: str, found: Sequence[Figure], before: float) -> None:
+        if options.figures:
+            publish(options.figures, {name: record(found, settings, before)}, list(BENCHMARKS))
+
+    figures = measure(options.only or list(BENCHMARKS), settings, keep)
     print(table(figures))
     if options.json:
         options.json.write_text(json.dumps([f.content() for f in figures], indent=1) + "\n", encoding="utf-8")

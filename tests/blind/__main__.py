@@ -2,7 +2,8 @@
 
 python -m tests.blind make FOLDER --seeds 20 --rates 100 20     make cases
 python -m tests.blind FOLDER --out FILE [--score]               run discovery on cases, and score it
-python -m tests.blind publish CSV FOLDER FILE [FOLDER FILE ...] all cases of campaigns as a table, and Markdown
+python -m tests.blind publish CSV FOLDER FILE [FOLDER FILE ...] all cases of campaigns as a table
+python -m tests.blind publish CSV --figures JSON                what the documentation says of that table
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.blind.campaign import PAIRS, make_campaign
 from tests.blind.harness import by_campaign, case_folders, read_lines
-from tests.blind.publish import collected, markdown, write_rows
+from tests.blind.publish import collected, figures, read_rows, write_rows
 from tests.blind.score import read_truth, score, text
 from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
+from tests.figures import command_of, write_figures
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,14 +68,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _publish(given: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.blind publish", description="Publish campaigns.")
-    parser.add_argument("csv", type=Path, help="file to write, one row a case")
-    parser.add_argument("campaigns", type=Path, nargs="+", metavar="FOLDER FILE", help="cases and their lines")
+    parser.add_argument("csv", type=Path, help="table of cases, one row each")
+    parser.add_argument(
+        "campaigns", type=Path, nargs="*", metavar="FOLDER FILE", help="write the table anew: cases and their lines"
+    )
+    parser.add_argument("--figures", type=Path, help="file of figures for docs/include.py, from the table alone")
     options = parser.parse_args(given)
     if len(options.campaigns) % 2:
         parser.error("every folder of cases needs its file of lines")
-    lines, truths = collected(list(zip(options.campaigns[::2], options.campaigns[1::2], strict=True)))
-    write_rows(options.csv, lines, truths)
-    print(markdown(lines, truths))
+    if options.campaigns:
+        write_rows(options.csv, *collected(list(zip(options.campaigns[::2], options.campaigns[1::2], strict=True))))
+    found = figures(*read_rows(options.csv))
+    if options.figures:
+        arguments = ["publish", str(options.csv), "--figures", str(options.figures)]
+        write_figures(options.figures, command_of("tests.blind", arguments), found)
+    print("\n".join([*found["criteria"], "", *found["matrix"]]))
     return 0
 
 

@@ -35,6 +35,8 @@ ANY_JOINT = frozenset({"drive_gain", "base_tilt", "payload_change", "log_time_sh
 """Effects whose joint is not judged: the gain's is not identifiable, the others belong to the whole robot."""
 VISIBLE = 1.0
 """Only effects of at least this gap, in noise deviations, count for the bar."""
+SHRINKS_SURELY = "shrinks by 60 % with its interval below 1"
+"""The one rate that needs more than the published table holds."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,13 @@ class Rate:
     """A share of cases (or a shrink) against its bar.
 
     Attributes:
-        good, count: cases. bar: least share. most: whether the bar is an upper limit instead.
+        good, count: cases. bar: least share, None where it is only to be seen. most: whether it is an upper limit.
     """
 
     name: str
     good: int
     count: int
-    bar: float
+    bar: float | None
     most: bool = False
 
     @property
@@ -59,7 +61,9 @@ class Rate:
     @property
     def passed(self) -> bool:
         """Whether the bar is reached; without cases there is nothing to fail."""
-        return self.count == 0 or (self.share <= self.bar if self.most else self.share >= self.bar)
+        if self.count == 0 or self.bar is None:
+            return True
+        return self.share <= self.bar if self.most else self.share >= self.bar
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,14 @@ def _serious(findings: Iterable[Mapping[str, Any]], truth: Truth) -> list[Mappin
     ]
 
 
+def in_set(line: Mapping[str, Any], truth: Truth) -> bool:
+    """Whether the first serious finding, or its set, holds the class of the one effect that is hidden."""
+    serious = _serious(line["findings"], truth)
+    if not serious or len(truth.effects) != 1:
+        return False
+    return any(same_class(name, truth.effects[0][0]) for name in members(serious[0]))
+
+
 def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Score:
     """Every criterion of the method over these cases.
 
@@ -170,7 +182,7 @@ def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Sc
             good = not serious and verdict != "error"
             tally.update({"clean": 1, "clean false": int(not good), "clean not nothing": int(verdict != "nothing")})
         elif truth.gap >= VISIBLE:
-            good = _judge(truth, serious, verdict, tally)
+            good = _judge(truth, line, serious, tally)
             _gaps(line, refused, tally, shrinks)
         if not good:
             notes.append(
@@ -179,8 +191,9 @@ def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Sc
     return Score(_rates(tally, shrinks), dict(matrix), tuple(shrinks), tuple(notes))
 
 
-def _judge(truth: Truth, serious: Sequence[Mapping[str, Any]], verdict: str, tally: Counter[str]) -> bool:
+def _judge(truth: Truth, line: Mapping[str, Any], serious: Sequence[Mapping[str, Any]], tally: Counter[str]) -> bool:
     """Counts one case with something hidden; returns whether it is right."""
+    verdict = line["verdict"]
     if len(truth.effects) > 1:
         good = all(any(matches(f, effect, joint) for f in serious) for effect, joint in truth.effects)
         tally.update({"two": 1, "two good": int(good)})
@@ -191,12 +204,12 @@ def _judge(truth: Truth, serious: Sequence[Mapping[str, Any]], verdict: str, tal
         good = (verdict == "unknown" and not serious) or bool(
             serious and all(matches(f, effect, joint) for f in serious)
         )
-        tally.update({"outside": 1, "outside good": int(good)})
+        tally.update({"outside": 1, "outside good": int(good), "outside unknown": int(verdict == "unknown")})
         return good
     speed = "fast" if truth.rate_hz >= 50 else "slow"
     right = bool(serious) and same_class(str(serious[0]["effect"]), effect)
-    inside = bool(serious) and any(same_class(name, effect) for name in members(serious[0]))
-    tally.update({speed: 1, f"{speed} good": int(right), "set": 1, "set good": int(inside)})
+    tally.update({speed: 1, f"{speed} good": int(right), "set": 1, "set good": int(in_set(line, truth))})
+    tally["exact"] += int(bool(serious) and serious[0]["effect"] == effect)
     tally["refused"] += int(not serious)
     if right and joint is not None:
         tally.update({"joint": 1, "joint good": int(serious[0].get("joint") == joint)})
@@ -233,22 +246,24 @@ def _rates(tally: Counter[str], shrinks: Sequence[float]) -> tuple[Rate, ...]:
     rates = [Rate(name, tally[good], tally[count], bar, most) for name, good, count, bar, most in rows]
     rates.append(Rate("median held-out gap shrinks by 60 %", int(median), int(bool(shrinks)), 1.0))
     # Without a bar of their own: printed to be seen.
-    rates.append(Rate("  shrinks by 60 % with its interval below 1", tally["gap good"], tally["gap"], 0.0))
-    rates.append(Rate("  nothing named though an effect was there", tally["refused"], tally["set"], 1.0, True))
-    rates.append(
-        Rate("  clean plants with another verdict than nothing", tally["clean not nothing"], tally["clean"], 1.0, True)
+    seen = (
+        (SHRINKS_SURELY, "gap good", "gap"),
+        ("exactly the hidden effect", "exact", "set"),
+        ("effect outside the catalogue answered *unknown*", "outside unknown", "outside"),
+        ("nothing named though an effect was there", "refused", "set"),
+        ("clean plants with another answer than *nothing*", "clean not nothing", "clean"),
     )
-    return tuple(rates)
+    return (*rates, *(Rate(name, tally[good], tally[count], None) for name, good, count in seen))
 
 
 def text(found: Score) -> str:
     """The rates, the matrix and the cases that went wrong, for the terminal."""
     rows = []
     for rate in found.rates:
-        bar = f"{'<=' if rate.most else '>='} {100 * rate.bar:3.0f} %"
+        bar = "" if rate.bar is None else f"{'<=' if rate.most else '>='} {100 * rate.bar:3.0f} %"
         share = f"{100 * rate.share:5.1f} %" if rate.count else "      -"
-        mark = "      " if rate.name.startswith(" ") else ("  ok  " if rate.passed else " FAIL ")
-        rows.append(f"{mark} {rate.name:<50} {share}  {rate.good:4d} of {rate.count:<4d} {bar if mark.strip() else ''}")
+        mark = "      " if rate.bar is None else ("  ok  " if rate.passed else " FAIL ")
+        rows.append(f"{mark} {rate.name:<50} {share}  {rate.good:4d} of {rate.count:<4d} {bar}")
     if found.shrinks:
         rows.append(f"       held-out gap shrinks by {100 * float(np.median(found.shrinks)):.0f} % (median)")
     rows += ["", f"{'hidden':<44} called (cases)"]

@@ -21,7 +21,8 @@ from fmu_didim.workflow import simulate
 from tests.blind.__main__ import main
 from tests.blind.campaign import PAIRS, make_campaign
 from tests.blind.harness import case_folders, evaluate, read_lines, reduced
-from tests.blind.score import CLASSES, Truth, read_truth, same_class, score, text
+from tests.blind.publish import read_rows, write_rows
+from tests.blind.score import CLASSES, SHRINKS_SURELY, Truth, read_truth, same_class, score, text
 from tests.blind.simulator.design import Design, development_design, random_motion, varied_design
 from tests.blind.simulator.equations import base_columns, rigid_torque, root_mean_square
 from tests.blind.simulator.hidden import EFFECTS, UNKNOWN
@@ -248,6 +249,7 @@ def test_effects_reach_the_gap_that_is_asked_for(effect: str) -> None:
     assert (size.plain >= 0.6 * size.refitted).all()
 
 
+@pytest.mark.gate
 def test_every_effect_and_pair_can_be_made() -> None:
     for i, names in enumerate([*EFFECTS, *UNKNOWN, *PAIRS]):
         plant, path, deviation = make_plant(names.split("+"), np.random.default_rng([2, i]), level=1.5)
@@ -452,8 +454,44 @@ def test_campaigns_are_published_with_their_failures(tmp_path: Path, capsys: pyt
     shown = capsys.readouterr().out
     assert "| stribeck | stribeck 1 | dead zone 1 |" in shown
     assert "| right class, below 50 Hz | 0.0 % | 0 of 1 | 0.0 to 97.5 % | ≥ 85 % |" in shown
+    file = tmp_path / "figures.json"
+    assert main(["publish", str(table), "--figures", str(file)]) == 0  # from the table alone
+    assert capsys.readouterr().out == shown
+    held = json.loads(file.read_text(encoding="utf-8"))["figures"]
+    assert (held["cases"], held["fast"], held["exact_cases"]) == ("2", "100.0 %", "1 of 2")
+    assert (held["wrong.stribeck"], held["wrong.stribeck.slow"]) == ("1 of 2", "1")
     with pytest.raises(SystemExit):
         main(["publish", str(table), str(tmp_path / "cases")])
+
+
+def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
+    """Clutter, sets, joints that are not judged and cases that are not right come back from it."""
+    truths = {
+        "x/a": truth(("spring", 1)),
+        "x/b": truth(("spring", 1), clutter=False),
+        "x/c": truth(("drive_gain", None), gap=0.5),
+        "x/d": truth(),
+        "x/e": truth(("stribeck", 1), ("backlash", 2), rate_hz=20.0),
+        "x/f": truth(("unknown_push", 1)),
+    }
+    lines = [
+        line("x/a", ("torque_ripple", 2), ("torque_offset", 1)),
+        line("x/b", ("torque_ripple", 1)),
+        line("x/c", ("drive_gain", 2)),
+        line("x/d", ("torque_ripple", 1)),
+        line("x/e", ("stribeck", 1)),
+        line("x/f", verdict="unknown"),
+    ]
+    lines[0]["findings"][1]["ambiguous"] = ["gravity_compensator"]
+    write_rows(tmp_path / "all.csv", lines, truths)
+    again = score(*read_rows(tmp_path / "all.csv"))
+    before = score(lines, truths)
+    assert again.matrix == before.matrix
+    assert again.notes == before.notes
+    assert again.shrinks == before.shrinks
+    rates = [[r for r in found.rates if r.name != SHRINKS_SURELY] for found in (again, before)]
+    assert rates[0] == rates[1]
+    assert dict(counts(lines, truths))["right class within the reported set"] == (1, 2)
 
 
 def test_truth_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -559,7 +597,7 @@ def test_score_sees_each_kind_of_failure() -> None:
     assert found["right joint of a right class"] == (0, 1)
     assert found["effect outside the catalogue refused"] == (0, 1)
     assert found["a name on a clean plant"] == (2, 3)
-    assert found["clean plants with another verdict than nothing"] == (3, 3)
+    assert found["clean plants with another answer than *nothing*"] == (3, 3)
     assert found["both of two effects found"] == (0, 1)
     assert found["nothing named though an effect was there"] == (1, 4)
     assert found["shrinks by 60 % with its interval below 1"] == (5, 6)

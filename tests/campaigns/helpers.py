@@ -33,15 +33,15 @@ REFERENCE = {
 }  # fmt: skip
 
 
-def sledge_case(controller: str) -> dict[str, Any]:
-    """A mass with friction whose controller is an FMU with one input and one output."""
+def sledge_case(controller: str, **of_fmu: Any) -> dict[str, Any]:
+    """A mass with friction whose controller is an FMU with one input and one output; further keys of its entry."""
     joint = {"type": "prismatic", "effects": ["viscous"], "parameters": {"M": 2.0, "Fv": 60.0}}
     return {
         "name": "sledge",
         "robot": {"name": "sledge", "gravity": [0, 0, 0], "joints": [joint]},
         "controller": {
             "source": controller, "inputs": {"q_ref1 - q1": "u"}, "outputs": {"command1": "y"},
-            "parameters": {"d": 4000.0}, "rate_hz": 200,
+            "parameters": {"d": 4000.0}, "rate_hz": 200, **of_fmu,
         },
         "loop": {"rate_hz": 200},
         "train": {"reference": REFERENCE, "torque": {"file": "none.csv", "rate_hz": 50}},

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,9 +18,11 @@ from fmu_didim.campaigns.campaign import campaign
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import Store
 from tests.campaigns.test_resume import CONTENT, begun, table
+from tests.conftest import package
 from tests.helpers import ROOT
+from tests.patience import patience, wait_until
 
-pytest.importorskip("distributed")
+package("distributed")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
 DASK = [sys.executable, "-m", "dask"]
 
@@ -41,13 +42,6 @@ def process(*command: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
         child.wait()
 
 
-def wait_for(what: str, condition: object, seconds: float = 90.0) -> None:
-    limit = time.monotonic() + seconds
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < limit, f"no {what} after {seconds:g} s"
-        time.sleep(0.1)
-
-
 @contextmanager
 def cluster(folder: Path) -> Iterator[tuple[Path, list[subprocess.Popen[bytes]]]]:
     """The scheduler file, and scheduler and two workers."""
@@ -55,15 +49,15 @@ def cluster(folder: Path) -> Iterator[tuple[Path, list[subprocess.Popen[bytes]]]
     file.unlink(missing_ok=True)
     loopback = ("--host", "127.0.0.1", "--scheduler-file", str(file))
     with process("scheduler", *loopback, "--port", "0", "--no-dashboard", log=folder / "scheduler.log") as scheduler:
-        wait_for("scheduler", file.is_file)
+        wait_until(file.is_file, "scheduler")
         options = ("--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1",
-                   "--death-timeout", "60", "--local-directory", str(folder))  # fmt: skip
+                   "--death-timeout", f"{patience(60):g}", "--local-directory", str(folder))  # fmt: skip
         with (
             process("worker", *options, "--name", "one", log=folder / "one.log") as one,
             process("worker", *options, "--name", "two", log=folder / "two.log") as two,
         ):
-            for name in ("one", "two"):
-                wait_for(f"worker {name}", lambda name=name: b"Registered to" in (folder / f"{name}.log").read_bytes())
+            for log in (folder / "one.log", folder / "two.log"):
+                wait_until(lambda log=log: b"Registered to" in log.read_bytes(), f"worker of {log.name}")
             yield file, [scheduler, one, two]
 
 
@@ -79,6 +73,7 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return table(out)
 
 
+@pytest.mark.gate
 def test_the_same_as_here(local: pd.DataFrame, tmp_path: Path) -> None:
     with cluster(tmp_path) as (file, _):
         campaign(CONTENT, tmp_path / "run").run(scheduler=str(file))
@@ -92,12 +87,12 @@ def test_a_worker_killed_then_the_scheduler(local: pd.DataFrame, tmp_path: Path)
     file.write_text(yaml.safe_dump({**CONTENT, "seeds": 40}))
     with cluster(tmp_path) as (address, (scheduler, one, _)):
         runner = begun(file, out, "--scheduler", str(address))
-        wait_for("row", lambda: count(out) > 0)
+        wait_until(lambda: count(out) > 0, "row")
         os.killpg(one.pid, signal.SIGKILL)
         before = count(out)
-        wait_for("row after the worker's end", lambda: count(out) > before + 4)
+        wait_until(lambda: count(out) > before + 4, "row after the worker's end")
         os.killpg(scheduler.pid, signal.SIGKILL)
-        said = runner.communicate(timeout=200)[0].decode()
+        said = runner.communicate(timeout=patience(200))[0].decode()
         assert runner.returncode == 1, said
         assert "The cluster is gone" in said
         assert "not run again" in said
@@ -105,7 +100,7 @@ def test_a_worker_killed_then_the_scheduler(local: pd.DataFrame, tmp_path: Path)
     assert 0 < stored < 80
     with cluster(tmp_path) as (address, _):
         runner = begun(file, out, "--scheduler", str(address))
-        said = runner.communicate(timeout=400)[0].decode()
+        said = runner.communicate(timeout=patience(400))[0].decode()
         assert runner.returncode == 0, said
     found = table(out)
     assert len(found) == 80
@@ -116,8 +111,11 @@ def test_a_worker_killed_then_the_scheduler(local: pd.DataFrame, tmp_path: Path)
     assert Results(Store(out)).status().open == 0
 
 
-def test_no_scheduler_there(tmp_path: Path) -> None:
+@pytest.mark.gate
+def test_no_scheduler_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from fmu_didim.campaigns import cluster
     from fmu_didim.errors import InputError
 
+    monkeypatch.setattr(cluster.limits, "SCHEDULER_S", patience(2))
     with pytest.raises(InputError, match="No scheduler answers there"):
         campaign(CONTENT, tmp_path / "run").run(scheduler="tcp://127.0.0.1:9")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from fmu_didim.campaigns.campaign import campaign
 from fmu_didim.campaigns.document import CampaignDocument
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.validation import case_problems, read_campaign
+from fmu_didim.case.data import DATA_VARIABLE
 from fmu_didim.documents import load_yaml
-from tests.conftest import needs_emps
+from tests.conftest import EMPS_FILES, needs_emps
 from tests.helpers import ROOT
 
 FOLDER = ROOT / "examples/campaigns"
@@ -32,12 +34,35 @@ def vary_of(name: str) -> Any:
     return load_yaml(FOLDER / f"{name}.yaml")["vary"]
 
 
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A data folder whose files are empty: what the form of a campaign takes from them is that they are there."""
+    (tmp_path / "emps").mkdir()
+    for name in EMPS_FILES:
+        (tmp_path / "emps" / name).touch()
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    return tmp_path
+
+
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.yaml")), ids=lambda path: path.stem)
-def test_form(path: Path) -> None:
+def test_form(path: Path, data: Path) -> None:
     plan, found = read_campaign(load_yaml(path), FOLDER)
     assert plan is not None
     assert found + case_problems(plan, None)[0] == []
     jsonschema.validate(load_yaml(path), CampaignDocument.model_json_schema())
+
+
+def test_data_that_are_not_shipped_are_told(data: Path) -> None:
+    """Each file once, with what to do, and nothing else."""
+    content = load_yaml(FOLDER / "emps.yaml")
+    plan, found = read_campaign(content, FOLDER)
+    assert plan is not None
+    for name in EMPS_FILES:
+        (data / "emps" / name).unlink()
+    told = found + case_problems(plan, None)[0]
+    assert len(told) == len(EMPS_FILES)
+    for text, name in zip(told, EMPS_FILES, strict=True):
+        assert re.search(rf"the file .*{name} does not exist\. Set {DATA_VARIABLE} to .*nonlinearbenchmark\.org", text)
 
 
 def test_robustness(tmp_path: Path) -> None:
@@ -50,6 +75,7 @@ def test_robustness(tmp_path: Path) -> None:
     assert (far["ZZ1R"] - 3.43).abs().max() < 0.1
 
 
+@pytest.mark.gate
 def test_a_mis_stated_controller_is_seen_in_bias_and_verdict(tmp_path: Path) -> None:
     """What biases the answer never leaves it valid; all see the same data, which is told."""
     results = part_of("controller_swap", tmp_path / "run", vary_of("controller_swap"), 2)

@@ -10,14 +10,16 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
+from fmu_didim.cli import main
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_lines
 from fmu_didim.signals import trajectory, write_csv
 from fmu_didim.tables import read_trajectory
-from fmu_didim.workflow import identify, simulate
+from fmu_didim.workflow import check, discover, identify, simulate
 from tests.cases import SCARA, scara_case
+from tests.conftest import ROOT
 from tests.helpers import model_of
 
 
@@ -31,6 +33,7 @@ def test_one_line_exchanges_plant_and_controller(tmp_path: Path, plant: str, con
     assert outcome.document.loop["components"]["controller"]["kind"] == controller
 
 
+@pytest.mark.gate
 def test_plant_as_python_control_gives_the_same_torque(tmp_path: Path) -> None:
     """Simulated here, since each identification takes dozens of runs at the speed of Python."""
     reference = simulate(SCARA)
@@ -282,3 +285,25 @@ def test_plant_without_acceleration_outputs_is_identified(tmp_path: Path) -> Non
     assert outcome.document.status == "converged"
     np.testing.assert_allclose(outcome.estimate.value, expected.estimate.value, rtol=1e-5)
     assert any("differences of its velocities" in remark for remark in outcome.document.remarks)
+
+
+@pytest.mark.parametrize("form", ["train", "experiments"])
+def test_a_case_without_a_log_is_loaded_and_simulated(
+    tmp_path: Path, form: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What needs the log says that it is missing; ``validate`` says so, too."""
+    content = load_case(SCARA).content
+    run = {"reference": content["train"]["reference"]}
+    runs = {"train": run} if form == "train" else {"experiments": {"first": run}}
+    del content["train"], content["validation"]
+    path = tmp_path / "case.yaml"
+    path.write_text(yaml.safe_dump(content | runs | {"robot": str(ROOT / "fmus/scara/robot.yaml"),
+                    "controller": {"source": str(ROOT / "controllers/scara_pd.yaml")}}), encoding="utf-8")  # fmt: skip
+    case = load_case(path)
+    np.testing.assert_array_equal(simulate(case).values, simulate(path).values)
+    label = "estimation" if form == "train" else "first"
+    for verb in (identify, check, discover):
+        with pytest.raises(InputError, match=rf"torque log is missing[\s\S]*{label}[\s\S]*torque: {{file"):
+            verb(case)
+    assert main(["validate", str(path)]) == 1
+    assert "torque log is missing" in capsys.readouterr().out

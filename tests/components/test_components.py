@@ -474,6 +474,32 @@ def test_linear_plants_become_state_space() -> None:
     assert not isinstance(to_control(block("scara")), control.StateSpace)
 
 
+class OfLaterNumpy(np.ndarray):
+    """An array whose shape cannot be set, as numpy 2.5 announces."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.view(np.ndarray).shape
+
+
+def test_linear_blocks_without_states_set_no_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made, changed and sent to another process, with arrays of which python-control cannot set the shape."""
+    matrix = control.statesp._ssmatrix
+    monkeypatch.setattr(control.statesp, "_ssmatrix", lambda *a, **o: matrix(*a, **o).view(OfLaterNumpy))
+    with pytest.raises(AttributeError):
+        matrix([[1.0]]).view(OfLaterNumpy).shape = (1,)
+    system = to_control(scara_pd())
+    assert isinstance(system, control.StateSpace)
+    assert (system.nstates, system.A.shape, system.B.shape, system.C.shape) == (0, (0, 0), (0, 8), (2, 0))
+    assert (system.state_labels, system.input_labels) == ([], [v.name for v in scara_pd().inputs])
+    assert (system.dt, system.name) == (PERIOD, "pd_test")
+    inputs = np.random.default_rng(1).normal(size=(4, 8))
+    wanted = drive(ModelComponent(scara_pd()), inputs, PERIOD)
+    made = block_as_control(scara_pd())
+    for each in (made, made.with_parameters({}), pickle.loads(pickle.dumps(made))):
+        np.testing.assert_allclose(drive(each, inputs, PERIOD), wanted, rtol=1e-14)
+
+
 def test_nonlinear_plants_take_parameters_of_python_control() -> None:
     """The sources of a nonlinear system can be used with python-control alone."""
     system = to_control(block("scara"))

@@ -55,27 +55,32 @@ PLANTED = [
 @pytest.mark.parametrize("joint", [1, 2])
 @pytest.mark.parametrize(("quantity", "of", "low", "high"), PLANTED, ids=[p[0] for p in PLANTED])
 def test_planted_region_is_found(quantity: str, of, low: float, high: float, joint: int) -> None:  # type: ignore[no-untyped-def]
-    """A residual of twice the noise where a quantity lies in a range: joint, quantity, range and size are told."""
-    inside = (of(MOTION, joint - 1) > low) & (of(MOTION, joint - 1) < high)
-    residual = coloured(np.random.default_rng(joint), (TICKS.size, 2), 0.2, SIGMA)
-    residual[inside[TICKS], joint - 1] += 2 * SIGMA[joint - 1]
-    result = found(residual, 0.2)
-    assert {r.joint for r in result} == {joint}
-    assert result[0].quantity == quantity, "the largest share of the gap first"
+    """A residual of twice the noise where a quantity lies in a range: the range is always told; joint, quantity and
+    size as far as the rest of the residual, which is noise, allows."""
     at = of(MOTION, joint - 1)
-    own = [r for r in result if r.quantity == quantity]
-    whole = [r for r in own if r.mean > 1.5 * SIGMA[joint - 1]]
-    assert whole
-    assert all(r.high > low and r.low < high for r in own)
-    # Together they cover the range, but for the bins that its ends cut.
-    width = np.ptp(np.quantile(at, np.linspace(0, 1, BINS + 1)))
-    covered = sum(min(r.high, high) - max(r.low, low) for r in own)
-    assert covered > 0.6 * (min(high, at.max()) - max(low, at.min()))
-    assert covered <= width
-    for r in whole:
-        assert r.mean == pytest.approx(2 * SIGMA[joint - 1], rel=0.3)
-        assert r.p_value < 1e-4
-        assert r.share_of_gap > 0.6
+    inside, size, draws = (at > low) & (at < high), 2 * SIGMA[joint - 1], []
+    for seed in range(60):
+        residual = coloured(np.random.default_rng(seed), (TICKS.size, 2), 0.2, SIGMA)
+        residual[inside[TICKS], joint - 1] += size
+        result = found(residual, 0.2)
+        own = [r for r in result if r.joint == joint and r.quantity == quantity]
+        assert all(r.high > low and r.low < high for r in own)
+        # Together they cover the range, but for the bins that its ends cut.
+        covered = sum(min(r.high, high) - max(r.low, low) for r in own)
+        assert covered > 0.6 * (min(high, at.max()) - max(low, at.min()))
+        assert covered <= np.ptp(np.quantile(at, np.linspace(0, 1, BINS + 1)))
+        whole = [r for r in own if r.mean > 0.75 * size]
+        draws.append((
+            (result[0].joint, result[0].quantity) == (joint, quantity),
+            {r.joint for r in result} == {joint},
+            bool(whole)
+            and all(abs(r.mean / size - 1) < 0.3 and r.p_value < 1e-4 and r.share_of_gap > 0.6 for r in whole),
+        ))  # fmt: skip
+    first, alone, right_size = np.mean(draws, axis=0)
+    # Of 300 draws 93 to 99 %, 86 to 98 %, and 65 % in time, where bins cut the range, 100 % else; less 4 deviations.
+    assert first >= 0.8
+    assert alone >= 0.68
+    assert right_size >= (0.4 if quantity == "time" else 0.95)
 
 
 def test_units_of_the_regions_are_those_of_the_joint() -> None:
@@ -90,20 +95,23 @@ def test_units_of_the_regions_are_those_of_the_joint() -> None:
 
 
 def test_error_after_reversals_is_seen_over_the_distance() -> None:
-    """A residual that decays over a distance after each reversal, with the sign of the velocity."""
+    """A residual that decays over a distance after each reversal, with the sign of the velocity: told in each of 40
+    draws, and mostly before all else."""
     one = replace(MOTION, dq=np.abs(np.sin(2 * np.pi * 0.5 * MOTION.time))[:, None] * [1.0, 1.0])
     way = np.zeros(one.time.size)
     dq = MOTION.dq[:, 0]
     for k in range(1, way.size):
         way[k] = 0.0 if dq[k] * dq[k - 1] < 0 else way[k - 1] + abs(dq[k]) / RATE
-    residual = coloured(np.random.default_rng(3), (TICKS.size, 2), 0.0, SIGMA)
-    residual[:, 0] += 4 * SIGMA[0] * np.exp(-way[TICKS] / 0.1)
-    result = found(residual)
-    assert result[0].quantity == "distance since the last reversal"
-    assert result[0].joint == 1
-    first = [r for r in result if r.quantity == result[0].quantity]
-    assert min(r.low for r in first) == 0.0
-    assert max(first, key=lambda r: r.mean).low == 0.0
+    right = []
+    for seed in range(40):
+        residual = coloured(np.random.default_rng(seed), (TICKS.size, 2), 0.0, SIGMA)
+        residual[:, 0] += 4 * SIGMA[0] * np.exp(-way[TICKS] / 0.1)
+        result = found(residual)
+        first = [r for r in result if (r.joint, r.quantity) == (1, "distance since the last reversal")]
+        assert min(r.low for r in first) == 0.0
+        assert max(first, key=lambda r: r.mean).low == 0.0
+        right.append(result[0] in first)
+    assert np.mean(right) >= 0.7  # 90 % of very many draws, less four deviations of a share of 40
 
 
 def test_joint_at_rest_has_no_bins_of_its_own() -> None:
@@ -138,12 +146,13 @@ TIME = np.arange(2000) / 100
 
 
 def test_planted_windows_are_found_with_times_and_size() -> None:
-    """Pulses on both joints, of either sign, in coloured noise: ends to 30 ms.
+    """Pulses on both joints, of either sign, in coloured noise: ends to 30 ms in 99 of 100.
 
     Sizes to four deviations of a mean, and to the 5 % by which the median of all is off.
     """
     planted = [(1, 3.0, 3.8, 4.0), (1, 12.0, 12.5, -5.0), (2, 8.0, 9.5, 3.0)]
-    for seed in range(10):
+    right = []
+    for seed in range(40):
         residual = coloured(np.random.default_rng(seed), (TIME.size, 2), 0.4, SIGMA)
         for joint, begin, end, size in planted:
             residual[(begin - 1e-9 <= TIME) & (end - 1e-9 > TIME), joint - 1] += size * SIGMA[joint - 1]
@@ -152,17 +161,18 @@ def test_planted_windows_are_found_with_times_and_size() -> None:
         assert [w.score for w in windows] == sorted((w.score for w in windows), reverse=True)
         for (joint, begin, end, size), window in zip(planted, sorted(windows, key=place), strict=True):
             assert window.joint == joint
-            assert window.begin_s == pytest.approx(begin, abs=0.03)
-            assert window.end_s == pytest.approx(end, abs=0.03)
             spread = np.sqrt(1.4 / 0.6 / (100 * (end - begin)))
             room = (4 * spread + 0.05 * abs(size)) * SIGMA[joint - 1]
             assert window.torque == pytest.approx(size * SIGMA[joint - 1], abs=room)
+            right.append(max(abs(window.begin_s - begin), abs(window.end_s - end)) < 0.031)
+    assert np.mean(right) >= 0.95  # 99 % of very many draws
 
 
 def place(window: Window) -> tuple[int, float]:
     return window.joint, window.begin_s
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
 def test_no_windows_in_noise(rho: float) -> None:
     """100 logs of 20 s."""

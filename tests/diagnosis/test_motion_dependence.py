@@ -140,6 +140,7 @@ def test_a_motion_that_breaks_off_after_the_log_says_nothing(monkeypatch):
     assert motion_dependence(model, model.start, {model.first: residual}, {model.first: columns}, {}) == []
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("rate_hz", "cutoff_hz"), [(20.0, 5.0), (200.0, 10.0)])
 def test_filtered_noise_does_not_depend_on_the_motion_and_an_effect_does(rate_hz, cutoff_hz):
     """The filter makes neighbouring samples alike: noise counted sample by sample would seem to follow the motion."""

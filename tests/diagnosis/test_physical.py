@@ -43,6 +43,7 @@ def correlated(deviation: Array) -> Array:
     return np.outer(deviation, deviation) * (0.4 * np.eye(deviation.size) + 0.6)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("spread", [np.diag, correlated], ids=["apart", "correlated"])
 def test_true_values_with_noise_pass(name: str, spread: object) -> None:

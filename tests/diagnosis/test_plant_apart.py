@@ -114,6 +114,7 @@ def test_python_control_plant_agrees(tmp_path: Path) -> None:
     assert found.worst < 1e-6
 
 
+@pytest.mark.gate
 def test_parameters_fixed_in_a_run_are_compared_by_simulating_again(tmp_path: Path) -> None:
     """An FMU without derivatives, whose parameters act from the initialisation only."""
 
@@ -188,6 +189,7 @@ def test_start_that_cannot_be_simulated_is_replaced_by_the_reference(tmp_path: P
     assert found.warnings() == []
 
 
+@pytest.mark.gate
 def test_result_table_and_report_tell_it(tmp_path: Path) -> None:
     outcome = identify(case_with(tmp_path, block()), out=tmp_path / "out")
     assert outcome.document.consistency is not None
@@ -229,6 +231,7 @@ def test_plant_made_from_the_description_is_not_compared() -> None:
 # Names of a vendor
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("estimator", ["didim", "clie"])
 def test_vendor_names_give_the_same_result(tmp_path: Path, estimator: str) -> None:
     vendor = renamed(block(), VENDOR)
@@ -345,6 +348,7 @@ def test_named_parameter_without_effect_is_refused(tmp_path: Path, estimator: st
         identify(path)
 
 
+@pytest.mark.gate
 def test_fmu_that_accepts_a_parameter_and_ignores_it(tmp_path: Path) -> None:
     """The first-order FMU of the gallery under a proportional controller; its parameter 'unused' is only stored."""
     (tmp_path / "mine.py").write_text(

@@ -119,6 +119,7 @@ def test_a_residual_that_is_as_slow_as_the_motion(
         assert found[0].value == pytest.approx(2 / np.pi * np.arctan(2 * np.pi * motion_hz * 2.0), abs=0.01)
 
 
+@pytest.mark.gate
 def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() -> None:
     """The residual that it is compared with is that of the log, too."""
     model = right("puma560", 1, rate_hz=20.0)

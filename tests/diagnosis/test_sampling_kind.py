@@ -61,6 +61,7 @@ def asked(folder: Path, model: LoopModel, *, shifted: bool = False) -> Way | Non
     return other_sampling(fit, unshifted, saved=builder.cost(SHIFT), threshold=10.0)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("window", ["preceding", "centred", "following"])
 def test_averages_taken_for_points_are_told(arm: tuple[Path, LoopModel], window: str) -> None:
     folder, model = arm

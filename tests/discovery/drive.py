@@ -1,4 +1,4 @@
-"""An electric drive that tells its speed alone: FMUs of drive and controller, and data from a simulation in numpy."""
+"""An electric drive whose only output is its velocity: its FMUs, and data from a simulation in numpy."""
 
 from __future__ import annotations
 

@@ -59,6 +59,7 @@ def discovered(folder: Path, tool: str, monkeypatch: pytest.MonkeyPatch, threads
     return discover(case, folder / "out"), crowd
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("tool", "threads", "at_once"),
     [("Vendor 1.0", 3, 1), ("fmu_didim 9.9", 3, 3), ("fmu_didim 9.9", 1, 1)],

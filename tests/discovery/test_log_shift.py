@@ -40,6 +40,7 @@ def assert_only_shift(document: FindingsDocument, seconds: float) -> None:
     assert value.std < 0.02 * abs(seconds)  # type: ignore[operator]
 
 
+@pytest.mark.gate
 def test_late_log_is_named_with_its_shift(late: tuple[Path, FindingsDocument]) -> None:
     _, document = late
     assert_only_shift(document, 0.017)
@@ -64,11 +65,13 @@ def test_report_says_that_it_is_the_whole_log(late: tuple[Path, FindingsDocument
     assert "Time shift of the torque log, joint" not in page
 
 
+@pytest.mark.gate
 def test_early_log_is_named_though_a_lag_of_the_drives_resembles_it(tmp_path: Path) -> None:
     """The command of one joint would lead by the lag of its drive; both joints lead alike."""
     assert_only_shift(discover(arm_case(tmp_path, joints=2, late_s=-0.017)), -0.017)
 
 
+@pytest.mark.gate
 def test_what_is_left_of_a_stated_shift_is_named(tmp_path: Path) -> None:
     case = arm_case(tmp_path, late_s=0.017)
     content = yaml.safe_load(case.read_text(encoding="utf-8"))
@@ -84,6 +87,7 @@ def test_what_is_left_of_a_stated_shift_is_named(tmp_path: Path) -> None:
     assert float(re.search(r"to (\S+) of its peak", note)[1]) < 2e-3  # type: ignore[index]
 
 
+@pytest.mark.gate
 def test_lag_of_a_drive_keeps_its_name(tmp_path: Path) -> None:
     document = discover(arm_case(tmp_path, {"actuator_lag": {"T": 0.008}}, joints=2))
     first = document.findings[0]

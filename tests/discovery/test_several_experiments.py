@@ -36,6 +36,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FindingsDocum
     return folder, discover(arm_experiments(folder, FAST, FRICTION), folder / "out")
 
 
+@pytest.mark.gate
 def test_an_effect_that_one_of_two_experiments_shows_is_found(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
     assert document.answer == "named"
@@ -58,6 +59,7 @@ def test_each_experiment_is_told_with_its_role_and_its_gap(found: tuple[Path, Fi
     assert all(gap.after < 0.35 for gap in document.gap.values())  # type: ignore[operator]
 
 
+@pytest.mark.gate
 def test_files_hold_every_experiment(found: tuple[Path, FindingsDocument]) -> None:
     folder, document = found
     for label in FAST:
@@ -98,6 +100,7 @@ def test_the_ratio_of_the_held_out_data_is_that_of_all_of_them(tmp_path: Path) -
     assert ratio.value == pytest.approx(np.sqrt(squares[0] / squares[1]), rel=1e-9)
 
 
+@pytest.mark.gate
 def test_an_effect_that_fails_on_one_of_the_held_out_experiments_is_refused(tmp_path: Path) -> None:
     """The held-out run of higher speed has no such friction; without it the effect would be named."""
     runs = {"one": Run(5.0), "other": Run(4.0), "held": Run(4.4, role="validation"),
@@ -114,6 +117,7 @@ def test_an_effect_that_fails_on_one_of_the_held_out_experiments_is_refused(tmp_
 # ---- torques from outside --------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("pushed", ["one", "other"])
 def test_a_push_is_found_in_its_experiment(tmp_path: Path, pushed: str) -> None:
     push = ExternalTorque(1, 2.3137, 2.9512, 4.0)

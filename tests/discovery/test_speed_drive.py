@@ -1,4 +1,4 @@
-"""Discovery on a drive of which an FMU tells the speed alone, with Coulomb friction that its model lacks."""
+"""Discovery on a drive whose FMU gives the velocity alone, with Coulomb friction that its model lacks."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ FRICTION = 0.08
 """Coulomb friction that the data have, N.m: about a tenth of the torque."""
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("known", [False, True], ids=["not in the plant", "declared"])
 def test_coulomb_friction_of_a_drive_is_named(tmp_path: Path, known: bool) -> None:
     """Where the plant has a parameter for it and the case says so, that parameter is what is found."""

@@ -47,6 +47,7 @@ def identifiers(page: Path) -> frozenset[str]:
     return frozenset(re.findall(r'\sid="([^"]+)"', page.read_text(encoding="utf-8")))
 
 
+@pytest.mark.gate
 def test_every_link_of_the_site_resolves(site: Path) -> None:
     broken = []
     for page in site.rglob("*.html"):

@@ -191,6 +191,7 @@ def test_every_effect_has_its_equation_here() -> None:
     assert sorted(EQUATIONS) == TORQUE
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TORQUE)
 def test_acceleration_changes_as_the_equation_says(name: str, kind: str) -> None:
@@ -233,6 +234,7 @@ def test_acceleration_changes_as_the_equation_says(name: str, kind: str) -> None
     assert met > 0.05  # the effect was seen at all
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TORQUE)
 def test_models_agree_with_each_other(name: str, kind: str) -> None:
@@ -434,6 +436,7 @@ def test_effect_outside_the_tree() -> None:
 # ---- states and time -----------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("limited", "tolerance"), [(True, 5e-6), (False, 1e-3)])
 @pytest.mark.parametrize("name", ["presliding", "lugre"])
 def test_presliding_follows_dahl(name: str, limited: bool, tolerance: float) -> None:
@@ -499,6 +502,7 @@ def test_clock_starts_where_it_is_told() -> None:
 EXPORTED = ["presliding", "thermal_friction_drift", "load_dependent_friction", "payload_change", "wrist_friction"]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", EXPORTED)
 def test_fmu_equals_the_model(name: str) -> None:
     block = RobotModel(robot("revolute", name)).block()
@@ -543,6 +547,7 @@ def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
     return with_torque(empty, empty.torque(truth)), truth
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", sorted(IDENTIFIED))
 def test_closed_loop_torque_is_regressor_times_parameters(name: str) -> None:
     model, truth = arm_model(name)
@@ -553,6 +558,7 @@ def test_closed_loop_torque_is_regressor_times_parameters(name: str) -> None:
     np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-11 * np.abs(prediction.torque).max())
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", sorted(IDENTIFIED))
 def test_amplitudes_are_identified_from_the_reference(name: str) -> None:
     model, truth = arm_model(name)

@@ -48,6 +48,7 @@ def test_plain_code_needs_no_run_time_library(tmp_path: Path, commands: list[str
     assert len(commands) == 2 and "-rtlib=none" in commands[1]
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(platform.system() != "Linux", reason="others may have the division elsewhere")
 def test_code_that_needs_it_gets_it(tmp_path: Path, commands: list[str], caplog: pytest.LogCaptureFixture) -> None:
     """Division of 128 bits is a function of the compiler's run-time library."""

@@ -20,11 +20,13 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from fmu_didim.block import MAXIMUM_SUBSTEPS, choose_substeps
+from fmu_didim.cache import COMPILER, own_folder
 from fmu_didim.errors import BuildError, InputError
 from fmu_didim.export import build_fmu, compile_shared_library, generate_c, layout
 from fmu_didim.signals import Variable
 from fmu_didim.units import parse_unit
 from tests.export.helpers import PARAMETERS, PERIOD, Sampled, controller, gain, measured, pendulum, torque
+from tests.patience import patience
 
 
 @pytest.fixture(scope="session")
@@ -216,8 +218,9 @@ def _build_static_gain(folder: Path, queue: Any) -> None:
     queue.put(str(build_fmu(gain(), directory=folder)))
 
 
+@pytest.mark.gate
 def test_two_processes_build_the_same_fmu(plant_fmu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shared_zig = plant_fmu.parents[2] / "zig"  # so that only the FMU is built anew, not zig's own files
+    shared_zig = own_folder(COMPILER)  # so that only the FMU is built anew, not zig's own files
     monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(shared_zig))
     monkeypatch.setenv("ZIG_LOCAL_CACHE_DIR", str(shared_zig))
     monkeypatch.setenv("FMU_DIDIM_CACHE", str(tmp_path / "cache"))
@@ -226,9 +229,9 @@ def test_two_processes_build_the_same_fmu(plant_fmu: Path, tmp_path: Path, monke
     workers = [context.Process(target=_build_static_gain, args=(tmp_path / str(i), queue)) for i in range(2)]
     for worker in workers:
         worker.start()
-    paths = [Path(queue.get(timeout=120)) for _ in workers]
+    paths = [Path(queue.get(timeout=patience(120))) for _ in workers]
     for worker in workers:
-        worker.join(timeout=60)
+        worker.join(timeout=patience(60))
         assert worker.exitcode == 0
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert len(list((tmp_path / "cache").glob("exported/*/content/*.fmu"))) == 1

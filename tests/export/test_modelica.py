@@ -12,6 +12,7 @@ from fmu_didim.cli import main
 from fmu_didim.components import load_fmu
 from fmu_didim.errors import BuildError, InputError
 from fmu_didim.export import build_modelica, modelica
+from tests.conftest import package
 from tests.helpers import ROOT, drive
 
 LAG = """model Lag "T dy/dt = u - y"
@@ -27,7 +28,7 @@ end Lag;
 
 
 def test_a_model_is_the_equation_that_it_says(tmp_path: Path) -> None:
-    pytest.importorskip("rumoca")
+    package("rumoca")
     (tmp_path / "Lag.mo").write_text(LAG, encoding="utf-8")
     made = load_fmu(build_modelica(tmp_path / "Lag.mo"), interface="model-exchange").with_parameters({"T": 0.05})
     got = drive(made, np.ones((40, 1)), 0.01)[:, 0]
@@ -36,7 +37,7 @@ def test_a_model_is_the_equation_that_it_says(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_an_fmu_with_its_binary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("rumoca")
+    package("rumoca")
     (tmp_path / "two.mo").write_text(LAG, encoding="utf-8")
     assert main(["export", str(ROOT / "fmus/scara/modelica/PD.mo"), "--out", str(tmp_path)]) == 0
     path = tmp_path / "PD.fmu"

@@ -29,6 +29,7 @@ from tests.faults.runs import (
     started,
     state,
 )
+from tests.patience import patience
 
 SCARA = ROOT / "examples/scara/identify.yaml"
 ARM = str(ROOT / "examples/arm2r/discover.yaml")
@@ -116,7 +117,7 @@ def kills(place: Place, report: Report, count: int, seed: int) -> None:
         report.check(what, found in ("none", "unfinished", before, label), found)
         if found == label and done.code < 0:
             report.saw("killed after the result was whole")
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + patience(20)
         while (left := processes_of(cache)) and time.monotonic() < deadline:
             time.sleep(0.1)
         report.check(f"{what}, processes", not left, left)

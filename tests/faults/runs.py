@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tests.patience import patience
+
 ROOT = Path(__file__).parents[2]
 ENDS = {0, 1, 3, 4}
 """Exit codes of runs that end by themselves; a crash has another."""
@@ -94,7 +96,7 @@ def started(arguments: Sequence[str], cache: Path, *, largest: int | None = None
 
 
 def finished(process: subprocess.Popen[str], begun: float) -> Done:
-    output, errors = process.communicate(timeout=600)
+    output, errors = process.communicate(timeout=patience(600))
     return Done(process.returncode, output, errors, time.monotonic() - begun)
 
 
@@ -117,7 +119,7 @@ def killed(arguments: Sequence[str], cache: Path, seconds: float) -> Done:
 
 
 def content(folder: Path) -> dict[str, str]:
-    """Name -> digest of all files of a folder, but for hidden ones; times are left out."""
+    """Name -> digest of all files of a folder, but hidden ones; times and the folder itself are left out of them."""
     if not folder.is_dir():
         return {}
     return {p.name: _digest(p) for p in sorted(folder.iterdir()) if p.is_file() and not p.name.startswith(".")}
@@ -126,7 +128,7 @@ def content(folder: Path) -> dict[str, str]:
 def _digest(path: Path) -> str:
     data = path.read_bytes()
     if path.suffix in (".html", ".json"):
-        text = _TIMES.sub("", data.decode())
+        text = _TIMES.sub("", data.decode()).replace(str(path.parent), "")
         data = re.sub(r"""("seconds": |seconds</\w+>\s*<\w+>)[\d.]+|\d+(\.\d+)? (s|min|h)\b""", "", text).encode()
     elif path.suffix == ".fmu":
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -15,8 +15,6 @@ from pathlib import Path
 from fmu_didim.errors import FmuDidimError
 from tests.fuzz.targets import KINDS, forget, make
 
-SECONDS = 10
-"""Of the processor, for one input; then the system ends the process."""
 MEMORY = 2 * 2**30
 LONGEST = 20_000
 """Characters of a message."""
@@ -37,8 +35,8 @@ def outcome(kind: str, path: Path) -> tuple[str, str]:
 
 
 def main() -> None:
-    """Arguments: kind, seed, first number, number after the last, folder."""
-    kind, folder = sys.argv[1], Path(sys.argv[5])
+    """Arguments: kind, seed, first number, number after the last, folder, seconds of the processor for one input."""
+    kind, folder, seconds = sys.argv[1], Path(sys.argv[5]), float(sys.argv[6])
     seed, first, end = map(int, sys.argv[2:5])
     warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
@@ -51,7 +49,7 @@ def main() -> None:
         path.write_bytes(make(kind, seed, number))
         print(json.dumps({"begun": number}), file=answers, flush=True)
         before = time.process_time()
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
         what, why = outcome(kind, path)
         signal.setitimer(signal.ITIMER_PROF, 0)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

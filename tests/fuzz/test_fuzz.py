@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import package
 from tests.fuzz.__main__ import fuzz
 from tests.fuzz.targets import KINDS, make
 
 
 def read(kind: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, seed: int, count: int) -> None:
     if kind == "hdf5":
-        pytest.importorskip("h5py")
+        package("h5py")
     monkeypatch.setenv("FMU_DIDIM_FUZZ", str(folder))
     found = fuzz(kind, seed, count, folder)
     assert not found.wrong, found.wrong
@@ -20,6 +21,7 @@ def read(kind: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, seed: int,
     assert found.counts["refused"]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "ssp"])
 def test_few_inputs(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read(kind, tmp_path, monkeypatch, seed=1, count=20)

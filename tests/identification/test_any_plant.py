@@ -18,11 +18,13 @@ from fmu_didim.prediction.parameters import NamedParameters
 from fmu_didim.signals import trajectory
 from fmu_didim.workflow import identify
 from tests.cases import scara_case
+from tests.conftest import package
 from tests.helpers import NEAR, model_on, with_torque
 
 SCARA = "examples/scara/identify.yaml"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 @pytest.mark.parametrize(
     "options",
@@ -42,12 +44,13 @@ def test_every_form_of_the_fmu_gives_the_same_values(tmp_path: Path, fmi: str, o
     assert (np.abs(outcome.estimate.value - expected.value) <= NEAR * expected.standard_deviation).all()
 
 
+@pytest.mark.gate
 def test_modelica_plant_and_controller_are_identified() -> None:
     """The example, compiled by rumoca and integrated by the master: values as with our plant and controller, and true.
 
     From rest at zero: the start values that rumoca 0.9.13 takes from parameters do not follow them.
     """
-    pytest.importorskip("rumoca")
+    package("rumoca")
     case = load_case("examples/scara/identify_modelica.yaml")
     outcome = identify(case)
     own = {"plant": {"kind": "model", "source": None, "substeps": None}}
@@ -64,7 +67,8 @@ DYMOLA = Path(os.environ.get("FMU_DIDIM_EXTERNAL_FMUS", "external-fmus"))
 
 @pytest.mark.skipif(
     not (DYMOLA / "Drivetrain.fmu").is_file(),
-    reason="Controller.fmu and Drivetrain.fmu of FMPy's repository are not at hand: set FMU_DIDIM_EXTERNAL_FMUS",
+    reason="needs Controller.fmu and Drivetrain.fmu, which are not shipped: get them from tests/resources of "
+    "github.com/CATIA-Systems/FMPy and set FMU_DIDIM_EXTERNAL_FMUS to their folder",
 )
 @pytest.mark.parametrize("rate_hz", [100.0, 10.0])
 @pytest.mark.parametrize("interface", ["model-exchange", "co-simulation"])

@@ -74,6 +74,7 @@ def test_a_value_of_its_own_is_found(tmp_path: Path) -> None:
     assert not any(line.startswith("MX2[second] =") for line in lines)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("entry", "value"),
     [

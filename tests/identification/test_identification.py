@@ -72,6 +72,7 @@ def test_noise_free_data_give_the_parameters(cases: dict[int, Case], rate: int) 
     np.testing.assert_allclose(estimate.value, TRUTH, rtol=1e-6)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rate", [200, 10])
 def test_noise_free_data_of_another_simulator(cases: dict[int, Case], rate: int) -> None:
     """Torque of the example's own generator (DOP853, equations by hand) before noise: only the integration differs."""
@@ -108,6 +109,7 @@ def test_sensitivity_agrees_with_central_differences(cases: dict[int, Case]) -> 
         assert np.linalg.norm(found[:, :, i] - central) <= 1e-5 * size
 
 
+@pytest.mark.gate
 def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) -> None:
     """With weak gains W is not the sensitivity: eq. (8) claims too little, the corrected formula does not."""
     model = model_at(cases, 200)
@@ -118,7 +120,7 @@ def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) ->
     torque = loose.torque(TRUTH)
     noise = 0.05 * np.sqrt((torque**2).mean(axis=0))
     values, corrected, paper = [], [], []
-    for seed in range(40):
+    for seed in range(60):
         measured = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
         estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(with_torque(loose, measured))
         values.append(estimate.value)
@@ -126,9 +128,8 @@ def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) ->
         paper.append(estimate.stages["didim"].formulas["paper"])
     empirical = np.std(values, axis=0, ddof=1)
     ratio_corrected = np.mean(corrected, axis=0) / empirical
-    ratio_paper = np.mean(paper, axis=0) / empirical
-    assert ratio_paper.min() < 0.85
-    assert (np.abs(np.log(ratio_corrected)) < 0.3).all()
+    assert (np.mean(paper, axis=0) / np.mean(corrected, axis=0)).min() < 0.87
+    assert (np.abs(np.log(ratio_corrected)) < 0.35).all()  # the standard deviation of 60 draws is known to 9 %
 
 
 def test_known_noise_and_equal_weights_are_used(cases: dict[int, Case]) -> None:

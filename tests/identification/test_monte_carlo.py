@@ -15,6 +15,7 @@ def check_coverage(summary: Summary, *, least: float = 93.0) -> None:
         assert coverage.max() <= 98.5, summary.text()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rate_hz", [200, 10])
 def test_coverage_over_200_seeds(rate_hz: int) -> None:
     summary = run(Design(rate_hz), 200)
@@ -23,6 +24,7 @@ def test_coverage_over_200_seeds(rate_hz: int) -> None:
     assert abs(np.sqrt((summary.efficiency**2).mean()) - 1) <= 0.07, summary.text()
 
 
+@pytest.mark.gate
 def test_coverage_with_coloured_noise() -> None:
     """Half of the power remembers 50 ms; with white noise in mind 75 % would be inside."""
     summary = run(Design(50, coloured=True), 60)

@@ -22,9 +22,11 @@ RATE_HZ = 50
 
 
 @cache
-def estimate(estimator: Estimator, *, coloured: bool, equal: bool = False, stated: float | None = None) -> Estimate:
+def estimate(
+    estimator: Estimator, *, coloured: bool, equal: bool = False, stated: float | None = None, seed: int = 5
+) -> Estimate:
     """SCARA, torque at 50 Hz with noise of 5 %."""
-    here, rng = context(RATE_HZ), np.random.default_rng(5)
+    here, rng = context(RATE_HZ), np.random.default_rng(seed)
     size = here.torque.shape
     noise = half_coloured(rng, size, RATE_HZ) if coloured else rng.normal(size=size)
     model = with_torque(here.model, here.torque + here.noise * noise)
@@ -39,9 +41,12 @@ def codes(found: Estimate) -> list[str]:
     return [diagnostic.code.name for diagnostic in residual_diagnostics(found.residual_tests)]
 
 
-@pytest.mark.parametrize(
+each_estimator = pytest.mark.parametrize(
     "estimator", [Didim(), Didim(finish=False), Clie()], ids=["didim", "didim without finish", "clie"]
 )
+
+
+@each_estimator
 def test_each_estimator_counts_the_colour(estimator: Estimator) -> None:
     found, white = (estimate(estimator, coloured=coloured) for coloured in (True, False))
     assert [colour.coefficients.size > 0 for colour in found.colours] == [True, True]
@@ -49,7 +54,6 @@ def test_each_estimator_counts_the_colour(estimator: Estimator) -> None:
     # Dense algebra with the noise as it is gives 1.6 to 1.8, by parameter.
     assert (found.standard_deviation > 1.3 * white.standard_deviation).all()
     assert (found.standard_deviation < 2.3 * white.standard_deviation).all()
-    assert (np.abs(found.value - context(RATE_HZ).truth) < 3.5 * found.standard_deviation).all()
     assert found.freedom < 0.6 * white.freedom
     assert codes(found) == ["noise-coloured"] * 2
     assert codes(white) == []
@@ -57,16 +61,32 @@ def test_each_estimator_counts_the_colour(estimator: Estimator) -> None:
         assert (stage.standard_deviation > 1.2 * white.standard_deviation).all()
 
 
+@each_estimator
+def test_deviations_that_count_the_colour_are_those_of_the_errors(estimator: Estimator) -> None:
+    """24 draws of 8 parameters: root mean square 1 if right; about 1.7 if the colour did not count."""
+    found = [estimate(estimator, coloured=True, seed=seed) for seed in range(100, 124)]
+    errors = np.array([(f.value - context(RATE_HZ).truth) / f.standard_deviation for f in found])
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
+    assert np.mean(np.abs(errors) < 2) > 0.8
+
+
+ESTIMATED = 4 / np.sqrt(2 * 500)
+"""Four standard deviations of a deviation estimated from the 500 samples of a joint, relative."""
+
+
 def test_equal_weights_are_worse_and_say_so() -> None:
-    """What the second joint, 26 times quieter, knows best is decided by the first one's noise."""
-    equal, weighted = (estimate(Didim(), coloured=False, equal=equal) for equal in (True, False))
-    errors = (equal.value - context(RATE_HZ).truth) / equal.standard_deviation
-    assert 0.3 < np.sqrt(np.mean(errors**2)) < 1.7
-    names = list(equal.names)
+    """What the second joint, 26 times quieter, knows best is decided by the first one's noise; over 12 draws."""
+    found = [estimate(Didim(), coloured=False, equal=True, seed=seed) for seed in range(200, 212)]
+    weighted = estimate(Didim(), coloured=False)
+    errors = np.array([(f.value - context(RATE_HZ).truth) / f.standard_deviation for f in found])
+    assert 0.6 < np.sqrt(np.mean(errors**2)) < 1.4
+    deviation = np.median([f.standard_deviation for f in found], axis=0)
     for name in ("ZZ2", "MX2", "MY2"):
-        assert equal.standard_deviation[names.index(name)] > 3 * weighted.standard_deviation[names.index(name)]
-    ratio = [np.sqrt(c.variance) / noise for c, noise in zip(equal.colours, context(RATE_HZ).noise, strict=True)]
-    assert min(ratio) > 0.93 and max(ratio) < 1.3
+        k = weighted.names.index(name)
+        assert deviation[k] > 3 * weighted.standard_deviation[k]
+    noise = np.array([[np.sqrt(c.variance) for c in f.colours] for f in found]) / context(RATE_HZ).noise
+    # The second joint's residual also holds what the first one's noise does to the parameters: 1.2 to 1.35 by 12 draws.
+    assert np.median(noise, axis=0).min() > 0.95 and np.median(noise, axis=0).max() < 1.5
 
 
 @pytest.mark.parametrize(("stated", "told"), [(1.0, None), (0.5, "residual-above-noise"), (2.0, "stated-noise-large")])
@@ -74,7 +94,7 @@ def test_noise_that_was_stated_wrongly_is_told(stated: float, told: str | None) 
     found, right = estimate(Didim(), coloured=False, stated=stated), estimate(Didim(), coloured=False)
     assert codes(found) == ([told] * 2 if told else [])
     # What is stated too small does not make the deviations smaller; what is stated too large makes them larger.
-    np.testing.assert_allclose(found.standard_deviation, max(stated, 1.0) * right.standard_deviation, rtol=0.08)
+    np.testing.assert_allclose(found.standard_deviation, max(stated, 1.0) * right.standard_deviation, rtol=ESTIMATED)
 
 
 @pytest.mark.parametrize("wrong", [{"train": {"torque": {"log_shift_s": 0.005}}}, {"loop": {"delay_samples": 1}}])

@@ -56,6 +56,7 @@ def measured(folder: Path, seed: int) -> LoopModel:
     return model.with_experiment(label, replace(model.experiments[label], torque=torque + noise))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("seed", range(1, 9))
 def test_torque_start_is_usable_for_any_motion(folder: Path, seed: int) -> None:
     model = measured(folder, seed)
@@ -65,6 +66,7 @@ def test_torque_start_is_usable_for_any_motion(folder: Path, seed: int) -> None:
     assert error <= 3 * 100 * NOISE
 
 
+@pytest.mark.gate
 def test_reference_alone_does_not_start_most_motions(folder: Path) -> None:
     """Why the motion is taken from the torque: least squares along the reference, without more."""
     problems = [mass_matrix_problem(model, from_reference(model)) for model in (measured(folder, s) for s in (2, 4, 5))]
@@ -101,6 +103,7 @@ def test_other_starts_follow(folder: Path, start: object, expected: tuple[object
     assert start_sequence(empty(folder), start) == expected
 
 
+@pytest.mark.gate
 def test_second_minimum_is_left(folder: Path) -> None:
     """The loop of joint 6 resonates at 71 Hz, seen at 100 Hz: from a third of its motor inertia back to the truth."""
     model = measured(folder, 2)
@@ -131,6 +134,7 @@ def test_minima_are_told_apart_at_20_hz(seed: int) -> None:
     assert found.farthest <= 4
 
 
+@pytest.mark.gate
 def test_a_minimum_that_is_nearly_as_low_is_a_rival(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By how much another one may be worse decides, and nothing else."""
     model = measured(folder, 2)

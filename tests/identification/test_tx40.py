@@ -19,6 +19,7 @@ from fmu_didim.robot import RobotModel
 from fmu_didim.workflow import simulate
 from tests.benchmarks import tx40
 from tests.benchmarks.pinocchio_loop import PinocchioLoop
+from tests.conftest import package
 from tests.helpers import NEAR
 
 DURATION_S = 2.0
@@ -34,6 +35,7 @@ def model() -> RobotModel:
 
 @cache
 def pinocchio_loop() -> PinocchioLoop:
+    package("pinocchio")
     law = yaml.safe_load(tx40.CONTROLLER.read_text(encoding="utf-8"))
     gains = (law["Kp"], law["Kd"], tx40.DRIVE_GAINS)
     return PinocchioLoop(tx40.description(), gains, 1 / tx40.RATE_HZ, tx40.SUBSTEPS)
@@ -99,6 +101,7 @@ def test_controller_with_the_drive_gains_is_the_published_law() -> None:
     np.testing.assert_allclose(command, expected, rtol=1e-12)
 
 
+@pytest.mark.gate
 def test_closed_loop_at_5_khz_is_that_of_pinocchio(tmp_path: Path) -> None:
     """Both FMUs in the loop for two seconds: it tracks, and torque and motion are those of another program."""
     torque, motion = by_pinocchio()

@@ -67,6 +67,7 @@ def start_value(block: Any, name: str) -> float:
 # ---- torque and motion of a row belong together ------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("delay", DELAYS)
 def test_recorded_torque_is_the_model_of_the_recorded_motion(kind: str, delay: float) -> None:
@@ -107,6 +108,7 @@ def test_without_delay_both_records_are_the_same() -> None:
 # ---- all kinds give the same ---------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("plant", KINDS)
 @pytest.mark.parametrize("controller", KINDS)
 @pytest.mark.parametrize("delay", [0, 1.3])
@@ -335,6 +337,7 @@ def test_unknown_recorded_signals_are_refused() -> None:
         run("model", "model").table(["plant.q1", "plant.q3"])
 
 
+@pytest.mark.gate
 def test_runs_are_reproducible() -> None:
     motion = reference()
     for kind in KINDS:

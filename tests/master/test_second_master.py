@@ -13,9 +13,10 @@ from fmu_didim.export import build_fmu
 from fmu_didim.master import closed_loop, simulate
 from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.signals import Trajectory
+from tests.conftest import package
 from tests.helpers import reference as smooth_reference
 
-libcosimpy = pytest.importorskip("libcosimpy")
+package("libcosimpy._internal", lambda library: library.libcosimc())
 STEP_S = 0.005
 TICKS = 400
 

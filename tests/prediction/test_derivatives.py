@@ -96,6 +96,7 @@ LOOPS: Mapping[str, Callable[[], System]] = {
 }
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", LOOPS)
 def test_derivatives_are_those_of_the_loop(name: str) -> None:
     check(LOOPS[name](), IDENTIFIED)
@@ -109,6 +110,7 @@ EFFECTS_OF_AN_ARM: Mapping[str, tuple[dict[str, float], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", EFFECTS_OF_AN_ARM)
 def test_derivatives_with_an_effect_of_the_arm(name: str) -> None:
     """Also by shape parameters, which enter nonlinearly, and where no balance of rigid joints is known."""

@@ -45,7 +45,8 @@ def repeating(periods: int = 4) -> np.ndarray:
 def test_size_and_colour_from_periods(rho: float) -> None:
     """Mean over seeds: nearly without bias; each single estimate within what so many samples allow."""
     found = []
-    for seed in range(30):
+    draws = 120
+    for seed in range(draws):
         noise = coloured(np.random.default_rng(seed), (4 * SAMPLES, 2), rho, SIGMA)
         estimate = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=50)
         assert estimate is not None
@@ -53,11 +54,13 @@ def test_size_and_colour_from_periods(rho: float) -> None:
         assert estimate.periods == 4
         found.append([estimate.deviation / SIGMA, estimate.correlation])
     size, effective_fraction = np.mean(found, axis=0)
-    assert size == pytest.approx(1, abs=0.015)
+    factor = (1 + rho**2) / (1 - rho**2)
+    # Estimates scatter by 1.13 to 1.19 of what as many samples without the differences between periods would give.
+    spread = 1.2 * np.sqrt(factor / (2 * 3 * SAMPLES))
+    assert size == pytest.approx(1, abs=5 * spread / np.sqrt(draws))
     # A negative correlation is cut off at zero, which leaves white noise with a mean of 0.4 of its spread.
     assert effective_fraction == pytest.approx(rho, abs=0.02)
-    factor = (1 + rho**2) / (1 - rho**2)
-    assert np.abs(np.array(found)[:, 0] - 1).max() < 4 * np.sqrt(factor / (2 * 3 * SAMPLES))
+    assert np.abs(np.array(found)[:, 0] - 1).max() < 5 * spread
 
 
 @pytest.mark.parametrize(("length", "skip", "periods"), [(4.0, 0.0, 4), (4.0, 0.1, 4), (1.9, 0.0, 2), (2.5, 0.1, 3)])
@@ -77,15 +80,18 @@ def test_weight_makes_a_chi_square_of_independent_samples() -> None:
 
 def test_what_is_correlated_for_long_is_told() -> None:
     """Noise of correlation 0.3 has forgotten itself after 50 ms; a slow torque that does not repeat has not."""
-    rng = np.random.default_rng(7)
-    noise = coloured(rng, (4 * SAMPLES, 2), 0.3, SIGMA)
-    slow = coloured(rng, (4 * SAMPLES, 2), 0.98, SIGMA)
-    plain = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=0)
-    both = noise_from_periods(repeating() + noise + slow, SAMPLES, rate_hz=100.0, skip=0)
-    assert plain is not None
-    assert plain.slow == pytest.approx(0.0, abs=0.1)
-    assert both is not None
-    assert both.slow == pytest.approx(0.5 * 0.98**5, abs=0.12)
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise = coloured(rng, (4 * SAMPLES, 2), 0.3, SIGMA)
+        slow = coloured(rng, (4 * SAMPLES, 2), 0.98, SIGMA)
+        plain = noise_from_periods(repeating() + noise, SAMPLES, rate_hz=100.0, skip=0)
+        both = noise_from_periods(repeating() + noise + slow, SAMPLES, rate_hz=100.0, skip=0)
+        assert plain is not None and both is not None
+        found.append([plain.slow, both.slow])
+    plain_mean, both_mean = np.mean(found, axis=0)
+    assert plain_mean == pytest.approx(0.0, abs=0.03)  # the mean of 40 scatters by 0.006
+    assert both_mean == pytest.approx(0.5 * 0.98**5, abs=0.08)  # by 0.012, and is 0.02 too small
 
 
 def test_constant_difference_between_periods_is_not_noise() -> None:
@@ -121,18 +127,19 @@ def test_friction_that_changes_between_periods_is_not_noise(change: float) -> No
 
 @pytest.mark.parametrize("size", [1.0, 5.0, 20.0])
 def test_push_in_one_period_is_not_noise(size: float) -> None:
-    """A tenth of one of two periods pushed by ``size`` deviations: noise within 20 %, four of its deviations.
+    """A tenth of one of two periods pushed by ``size`` deviations: noise within 20 % in 99 of 100 draws.
 
     Otherwise the external torque would hide in what is taken for noise.
     """
-    for seed in range(10):
+    near = []
+    for seed in range(40):
         noise = coloured(np.random.default_rng(seed), (2 * SAMPLES, 2), 0.4, SIGMA)
         torque = repeating(2) + noise
         torque[620:670] += size * SIGMA
         estimate = noise_from_periods(torque, SAMPLES, rate_hz=100.0, skip=0)
         assert estimate is not None
-        assert estimate.deviation == pytest.approx(SIGMA, rel=0.2)
-        assert estimate.correlation == pytest.approx(0.4, abs=0.2)
+        near += list((np.abs(estimate.deviation / SIGMA - 1) < 0.2) & (np.abs(estimate.correlation - 0.4) < 0.2))
+    assert np.mean(near) >= 0.95
 
 
 def test_noise_of_changing_loudness_is_all_noise() -> None:

@@ -26,6 +26,7 @@ def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Pat
     return path
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["fmu", "model", "control"])
 @pytest.mark.parametrize("delay", [0.0, 0.5, 2.0])
 def test_probed_regressor_is_the_analytic_one(tmp_path: Path, kind: str, delay: float) -> None:

@@ -1,9 +1,14 @@
-"""Fits of loops whose torque jitters: values and deviations as without jitter, or told where they cannot be."""
+"""Fits of loops whose torque jitters: values and deviations as without jitter, or told where they cannot be.
+
+The torque of the loop is another one in each piece of a width, for each of three parameters, two of whose columns are
+the same to 0.3 %. Their standard deviations are about 0.017, that of the noise is 1e-3. Where a fit ends depends on
+which jitter it meets, so that what holds is a share of many draws.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +18,7 @@ import yaml
 from scipy.optimize import least_squares
 
 from fmu_didim.case import load_case
+from fmu_didim.identification.thresholds import JITTER, SECOND_STEP
 from fmu_didim.prediction.differences import Step
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import Stopping, _Solver, minimise
@@ -41,15 +47,78 @@ def fitted(size: float, width: float, seed: int = 5) -> tuple[Fit, Array]:
     return minimise(model, NOISE, stopping=stopping), ideal.x  # type: ignore[arg-type]
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """What became of the fit of one draw of noise.
+
+    Attributes:
+        away: farthest value from that without jitter, in standard deviations; wrong: largest relative error of a
+            standard deviation; told: whether a result would name it as rough; covers: whether 1.96 standard deviations
+            reach from each value to the true one.
+    """
+
+    settled: bool
+    away: float
+    wrong: float
+    told: bool
+    covers: Array
+
+    def holds(self, away: float, wrong: float) -> bool:
+        """Whether values and deviations are those without jitter, and said to be."""
+        return self.settled and not self.told and self.away <= away and self.wrong <= wrong
+
+
+def drawn(size: float, width: float, seed: int) -> Drawn:
+    fit, ideal = fitted(size, width, seed)
+    sigma, own = SIGMA * deviations(slopes(ideal)), np.sqrt(np.diag(fit.covariance))
+    found = roughness(fit)
+    assert found is not None
+    told = found.change > SECOND_STEP or found.jitter > JITTER
+    away, wrong = np.max(np.abs(fit.values - ideal) / sigma), np.max(np.abs(own / sigma - 1))
+    return Drawn(fit.settled, float(away), float(wrong), told, np.abs(fit.values - 1) <= 1.96 * own)
+
+
 @pytest.mark.parametrize(("size", "width"), [(0.0, 1.0), (1e-7, 1e-9), (1e-6, 2e-8), (1e-5, 1e-9)])
 def test_values_and_deviations_are_those_without_jitter(size: float, width: float) -> None:
-    fit, ideal = fitted(size, width)
-    sigma = SIGMA * deviations(slopes(ideal))
-    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), sigma, rtol=0.1)
-    assert fit.settled and (np.abs(fit.values - ideal) <= 0.6 * sigma).all()
-    assert (np.abs(fit.values - 1) <= 3 * sigma).all()
-    found = roughness(fit)
-    assert found is not None and found.change <= 0.1 and found.jitter <= 0.02
+    """Of 10 draws at least 9; of 100 all did."""
+    assert sum(drawn(size, width, seed).holds(0.5, 0.05) for seed in range(10)) >= 9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1e-12, 1e-9, 2e-8, 1e-6, 1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("size", [1e-7, 1e-6, 3e-6, 1e-5])
+def test_of_100_draws_at_least_99_are_as_without_jitter(size: float, width: float) -> None:
+    assert sum(drawn(size, width, seed).holds(0.5, 0.05) for seed in range(100)) >= 99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1e-9, 2e-8, 1e-4])
+def test_where_it_ends_intervals_still_hold(width: float) -> None:
+    """With a jitter of 3 % of the noise the columns err by two fifths of their smallest singular value: values scatter
+    by a third of a deviation, and a few fits do not settle."""
+    found = [drawn(3e-5, width, seed) for seed in range(100)]
+    assert sum(one.holds(1.5, SECOND_STEP) for one in found) >= 90
+    settled = np.array([one.covers for one in found if one.settled])
+    assert (settled.mean(axis=0) >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / len(settled))).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1e-6, 1e-5])
+def test_pieces_half_as_wide_as_a_deviation_leave_a_few_fits_unsettled(size: float) -> None:
+    found = [drawn(size, 1e-2, seed) for seed in range(100)]
+    assert sum(one.holds(0.5, 0.05) for one in found) >= 93
+    assert sum(one.settled and not one.told and one.away > 0.6 for one in found) <= 1
+
+
+def test_beyond_that_it_is_told() -> None:
+    assert all(drawn(1e-4, 2e-8, seed).told for seed in range(5))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1e-12, 2e-8, 1e-5, 1e-2])
+@pytest.mark.parametrize("size", [1e-4, 3e-4, 1e-3])
+def test_beyond_that_each_of_100_draws_is_told(size: float, width: float) -> None:
+    assert all(drawn(size, width, seed).told for seed in range(100))
 
 
 def test_jitter_is_measured_in_deviations_of_the_residual() -> None:
@@ -62,8 +131,8 @@ def test_jitter_is_measured_in_deviations_of_the_residual() -> None:
     ("jitter", "promised", "nothing"),
     [
         ((), 1e-9, False),  # nothing jitters: the steps go on
-        ((1e-3,), 0.039, True),  # two costs of 400 differ by 2 * 0.001 * 20
-        ((1e-3,), 0.041, False),
+        ((1e-3,), 0.113, True),  # two costs of 400 differ by 2 * 0.001 * 20 * sqrt(2 * 4)
+        ((1e-3,), 0.114, False),
         ((1e-2,), 0.24, True),  # at most half a deviation
         ((1e-2,), 0.26, False),
         ((0.5,), 0.25 * 18.4, True),  # 99.9 % of chi-square with four degrees of freedom are below 18.47

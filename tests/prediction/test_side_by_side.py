@@ -19,6 +19,7 @@ from fmu_didim.prediction.workers import VARIABLE, default_workers, may_run_side
 from fmu_didim.workflow import discover, identify
 from tests.cases import TRUTH
 from tests.helpers import component, model_of, scara, with_component, with_torque
+from tests.patience import patience
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def test_sensitivity_is_the_same_to_the_last_bit(model: LoopModel) -> None:
 
 
 def test_tasks_run_at_the_same_time_and_keep_their_order() -> None:
-    meeting = threading.Barrier(2, timeout=30)  # breaks unless two tasks wait at it together
+    meeting = threading.Barrier(2, timeout=patience(30))  # breaks unless two tasks wait at it together
 
     def task(i: int) -> int:
         meeting.wait()
@@ -56,6 +57,7 @@ def test_the_error_of_a_task_is_raised() -> None:
         side_by_side([lambda: 1, broken, lambda: 2], 2)
 
 
+@pytest.mark.gate
 def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> None:
     several = replace(model, workers=3)
     assert several.allowed_workers(TRUTH) == 3

@@ -13,6 +13,7 @@ import pytest
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction import accuracy, least_squares
 from fmu_didim.prediction.accuracy import integrated
+from fmu_didim.prediction.differences import Step as Difference
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
@@ -317,6 +318,45 @@ def test_a_minimum_is_looked_at_with_slopes_of_its_own(fresh: bool, updates: int
     del one.calls[:]
     assert at_solver._is_at_minimum(at) is (fresh or updates > 0)
     assert bool(one.calls) is asked
+
+
+def rough(one: LawModel, jitter: float, tolerance: float | None = 1e-6) -> _Solver:
+    steps = {("one", 0): Difference(7, 1e-3, (jitter,))}
+    return _Solver(one, KnownNoise(UNIT), Stopping(tolerance=tolerance), None, "", None, steps)
+
+
+@pytest.mark.parametrize(
+    ("jitter", "reached", "fresh", "tolerance", "kept"),
+    [
+        # Two costs of 100 differ by 2 * 0.01 * sqrt(2 * 2 * 100) = 0.4 by jitter, five times as much is 2: of the
+        # promised 50.
+        (0.01, 51.9, True, 1e-6, True),
+        (0.01, 52.1, True, 1e-6, False),
+        (0.01, 40.0, True, 1e-6, True),
+        (0.02, 53.9, True, 1e-6, True),
+        (0.01, 51.9, False, 1e-6, False),
+        (0.01, 51.9, True, None, False),
+        (0.0, 50.1, True, 1e-6, False),
+        # Of chi-square with two degrees of freedom 99.9 % are below 13.8, whatever the jitter.
+        (1.0, 63.7, True, 1e-6, True),
+        (1.0, 63.9, True, 1e-6, False),
+    ],
+)
+def test_a_cost_is_the_promised_one_as_far_as_jitter_shows(
+    jitter: float, reached: float, fresh: bool, tolerance: float | None, kept: bool
+) -> None:
+    assert rough(model(), jitter, tolerance)._keeps_promise(state(fresh=fresh), step(), reached) is kept
+
+
+@pytest.mark.parametrize(("jitter", "value", "tried"), [(0.5, 1.0, 1), (0.0, 0.91, 2)])
+def test_a_step_whose_gain_jitter_hides_is_made_in_full(jitter: float, value: float, tried: int) -> None:
+    """From 0.9 it promises 0.21, but where it leads the cost is 1.9; a tenth of the way would be better by chance."""
+    one = replace(bent(lambda a: a if a < 0.99 else 1.3), free_parameters=(free("a", 0.9),), held_out=("other",))
+    at = _State(one.start, np.full((21, 1), 0.9), np.ones((21, 1, 1)), one.start, True, 0, 0)
+    found = rough(one, jitter)._search(at, _Step.of(at, np.ones(1), one.measured, *one.limits))
+    assert found.values.tolist() == [pytest.approx(value)] and found.tried == tried
+    assert found.note == ("" if jitter else "step shortened")
+    assert any(label == "other" for _, label in one.calls) is (value == 1.0)
 
 
 def test_near_what_cannot_be_simulated_one_more_damping_is_tried() -> None:

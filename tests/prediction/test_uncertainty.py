@@ -71,12 +71,13 @@ def noise_at(time: np.ndarray, rate_hz: float, seed: int, *, coloured: bool) -> 
 
 
 COUNTED = [
-    (200.0, True, 0.0, 80), (50.0, True, 0.0, 100), (20.0, True, 0.0, 150), (10.0, True, 0.0, 150),
-    (4.0, True, 0.0, 150), (50.0, True, 0.1, 100), (200.0, False, 0.0, 80), (50.0, False, 0.1, 100),
-    (10.0, False, 0.0, 150), (4.0, False, 0.0, 150),
+    (200.0, True, 0.0, 240), (50.0, True, 0.0, 300), (20.0, True, 0.0, 450), (10.0, True, 0.0, 450),
+    (4.0, True, 0.0, 450), (50.0, True, 0.1, 300), (200.0, False, 0.0, 240), (50.0, False, 0.1, 300),
+    (10.0, False, 0.0, 450), (4.0, False, 0.0, 450),
 ]  # fmt: skip
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("rate_hz", "coloured", "gaps", "seeds"), COUNTED)
 def test_intervals_contain_the_truth(rate_hz: float, coloured: bool, gaps: float, seeds: int) -> None:
     """95 % intervals of all six values, counted; half of the power of coloured noise remembers 50 ms."""
@@ -86,9 +87,10 @@ def test_intervals_contain_the_truth(rate_hz: float, coloured: bool, gaps: float
         freedom = (fit.times[0].size - 3) / known.inflation**2
         inside.append(np.abs(values) <= stats.t.ppf(0.975, freedom) * known.deviation)
         usual.append([colour.coefficients.size == 0 for colour in known.colours])
-    assert 92.0 <= 100 * np.mean(inside) <= 97.0
+    # 93.8 to 95.9 % of very many draws; the share of so many as here scatters by 0.45 to 0.7 %.
+    assert 91.5 <= 100 * np.mean(inside) <= 97.5
     if not coloured:
-        assert np.mean(usual) > 0.93
+        assert np.mean(usual) > 0.91  # 95 to 99 %, by 1 %
 
 
 def test_white_noise_keeps_its_covariance() -> None:
@@ -187,16 +189,19 @@ def test_instruments_count_as_they_do() -> None:
 def test_stated_noise_counts_unless_the_residual_is_larger(
     stated: float, coloured: bool, counts: str, has_colour: bool
 ) -> None:
-    fit = Fit.of(grid(50.0))
-    noise = noise_at(fit.times[0], 50.0, 11, coloured=coloured)
-    _, known = fit.solve(noise, deviation=stated * SIZES, stated=True)
-    for colour, size in zip(known.colours, SIZES, strict=True):
-        assert bool(colour.coefficients.size) is has_colour
-        assert colour.residual_variance == pytest.approx(size**2, rel=0.45)
-        expected = (stated * size) ** 2 if counts == "stated" else colour.residual_variance
-        assert colour.variance == pytest.approx(expected, rel=1e-3 if counts == "stated" else 0.02)
-    if not has_colour and counts == "stated":
-        np.testing.assert_allclose(known.covariance, fit.white(stated * SIZES), rtol=1e-12)
+    """Over 40 draws: of white noise 3 in 100 seem to have a colour, 2 in 1000 to be larger than it is."""
+    fit, as_expected = Fit.of(grid(50.0)), []
+    for seed in range(40):
+        noise = noise_at(fit.times[0], 50.0, seed, coloured=coloured)
+        _, known = fit.solve(noise, deviation=stated * SIZES, stated=True)
+        for colour, size in zip(known.colours, SIZES, strict=True):
+            assert colour.residual_variance == pytest.approx(size**2, rel=0.45)
+            expected = (stated * size) ** 2 if counts == "stated" else colour.residual_variance
+            is_variance = colour.variance == pytest.approx(expected, rel=1e-3 if counts == "stated" else 0.02)
+            as_expected.append(is_variance and bool(colour.coefficients.size) is has_colour)
+        if all(as_expected[-2:]) and not has_colour and counts == "stated":
+            np.testing.assert_allclose(known.covariance, fit.white(stated * SIZES), rtol=1e-12)
+    assert np.mean(as_expected) >= (0.97 if has_colour else 0.9)
 
 
 def test_rounding_has_no_colour() -> None:
@@ -219,8 +224,9 @@ def test_slow_model_error_makes_deviations_larger() -> None:
     """A residual that is a slow wave, not noise: its samples are far from independent, and intervals say so."""
     fit = Fit.of(grid(200.0))
     wave = SIZES * np.sin(2 * np.pi * 0.45 * fit.times[0])[:, None]
-    _, known = fit.solve(wave + 0.1 * noise_at(fit.times[0], 200.0, 4, coloured=False))
-    assert all(colour.lag_one > 0.8 and colour.inflation > 4 for colour in known.colours)
+    for seed in range(20):
+        _, known = fit.solve(wave + 0.1 * noise_at(fit.times[0], 200.0, seed, coloured=False))
+        assert all(colour.lag_one > 0.8 and colour.inflation > 3 for colour in known.colours)
 
 
 @pytest.mark.parametrize("samples", [10.0, 200.0, 5000.0])

@@ -65,6 +65,7 @@ def test_each_third_case_of_a_folder(tmp_path: Path) -> None:
     assert [found.name for found in blind_jobs([tmp_path], every=3)] == ["blind c0", "blind c3", "blind c6"]
 
 
+@pytest.mark.gate
 def test_two_small_cases_recorded_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, records = tmp_path / "cases", tmp_path / "records"
     make(["make", str(folder), "--seeds", "1", "--rates", "20", "--effects", "torque_offset", "--clean", "0",

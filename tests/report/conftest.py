@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+from tests.conftest import CHROMIUM, GET_CHROMIUM, package
 
 
 @pytest.fixture(scope="module")
@@ -17,11 +16,10 @@ def browser() -> Iterator[Any]:
 
     Closed after each module: as long as it is open, nothing else in this process can run an event loop.
     """
-    playwright = pytest.importorskip("playwright.sync_api")
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        pytest.skip("needs Chromium")
+    playwright = package("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip(GET_CHROMIUM)
     with playwright.sync_playwright() as running:
-        found = running.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        found = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield found
         found.close()

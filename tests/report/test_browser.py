@@ -14,10 +14,11 @@ from fmu_didim.report import write_report
 from fmu_didim.report.discovery_page import write_discovery_report
 from tests.campaigns import test_quality
 from tests.campaigns.helpers import LAWS
+from tests.conftest import package
 from tests.report import test_discovery, test_report
 from tests.report.test_charts import LOOP
 
-axe = pytest.importorskip("axe_playwright_python")
+axe = package("axe_playwright_python")
 PAGES = ("identify", "refused", "discover", "campaign")
 LARGEST = 2_000_000
 """Bytes of a page."""
@@ -42,7 +43,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         folder / "campaign", ["valid", "doubtful", "refused", None] * 8, names=("ZZ1R", "Fv1", "MX2"), scatter=0.02,
         vary=vary, seeds=6,
     )  # fmt: skip
-    found = test_discovery.document(provenance={"loop": LOOP, "command": "fmu-didim discover case.yaml"})
+    found = test_discovery.document(
+        provenance={"loop": LOOP, "command": "fmu-didim discover case.yaml", "folder": "/home/me"}
+    )
     return {
         "identify": write_report(test_report.saved(folder / "identify", result)),
         "refused": write_report(test_report.saved(folder / "refused", test_report.refused())),

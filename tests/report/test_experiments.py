@@ -41,6 +41,7 @@ def block(text: str, head: str) -> list[str]:
     return next(part for part in text.split("\n\n") if part.startswith(head)).splitlines()
 
 
+@pytest.mark.gate
 def test_parameters_stand_in_groups(outcome: Outcome) -> None:
     groups = {group.head: list(group.parameters) for group in parameter_groups(outcome.document)}
     assert list(groups) == ["", "own to payload", "the loop"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -20,9 +19,10 @@ from fmu_didim.report import write_report
 from fmu_didim.report.discovery_page import write_discovery_report
 from fmu_didim.report.figures import SENDS_DATA, plotly_figure
 from fmu_didim.report.torque_charts import Simulated, torque_chart
+from tests.conftest import CHROMIUM, needs_chromium
+from tests.patience import patience
 from tests.report import test_discovery, test_report
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">')
 ASKS = re.compile(
     r"""\b(?:src|action|formaction|data|poster|srcset)\s*=|@import|url\(|\bfetch\(|XMLHttp|import\(|//\w"""
@@ -111,17 +111,17 @@ LEAKS = """<script>setTimeout(() => {
 
 def in_browser(page: str, folder: Path, *, script: str = "") -> tuple[str, set[str]]:
     """The page after all scripts have run, a further one too, and the hosts that were asked for."""
-    assert BROWSER is not None
+    assert CHROMIUM is not None
     file = folder / "page.html"
     file.write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
     with proxy() as (address, asked):
         shown = subprocess.run(
-            [BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+            [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
              "--disable-background-networking", "--disable-component-update", "--disable-sync",
              "--disable-default-apps", "--disable-extensions", "--window-size=1200,900",
              f"--user-data-dir={folder / 'profile'}", f"--proxy-server=http://{address}",
              "--proxy-bypass-list=<-loopback>", "--virtual-time-budget=20000", "--dump-dom", file.as_uri()],
-            capture_output=True, text=True, timeout=120, errors="replace",
+            capture_output=True, text=True, timeout=patience(120), errors="replace",
         )  # fmt: skip
         hosts = {re.sub(r"^\w+://|[:/].*$", "", path) for path in asked}
     return shown.stdout, hosts
@@ -131,7 +131,7 @@ OWN = re.compile(r"(^|\.)(google|googleapis|gstatic|gvt1|chromium)\.(com|org)$")
 """Whom browsers themselves ask in spite of all flags."""
 
 
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@needs_chromium
 @pytest.mark.parametrize(("name", "policy"), [("identify", True), ("identify", False), ("discover", False)])
 def test_a_browser_asks_for_no_address(tmp_path: Path, name: str, policy: bool) -> None:
     """By itself, too, and not only because the policy makes the browser refuse it."""
@@ -146,7 +146,7 @@ def test_a_browser_asks_for_no_address(tmp_path: Path, name: str, policy: bool) 
     assert not {host for host in hosts if not OWN.search(host)}
 
 
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@needs_chromium
 def test_the_policy_forbids_what_the_proxy_would_see(tmp_path: Path) -> None:
     page = pages(tmp_path)["identify"]
     leaks = {"image.example", "fetch.example", "form.example"}
@@ -154,7 +154,7 @@ def test_the_policy_forbids_what_the_proxy_would_see(tmp_path: Path) -> None:
     assert leaks <= in_browser(POLICY.sub("", page), tmp_path, script=LEAKS)[1]
 
 
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@needs_chromium
 def test_a_figure_shown_elsewhere_has_no_button_that_sends(tmp_path: Path) -> None:
     titles = """<script>setTimeout(() => { document.title = "done: " +
         [...document.querySelectorAll(".modebar-btn")].map(b => b.dataset.title).join(", "); }, 1000);</script>"""

@@ -12,8 +12,8 @@ from fmu_didim.workflow import identify
 from tests.report import test_discovery, test_report
 
 
+@pytest.mark.gate
 def test_identify_writes_each_chart_and_the_next_run_without_takes_them_away(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     identify("examples/scara/identify.yaml", tmp_path, figures=True)
     names = {path.stem for path in tmp_path.glob("figure_*.svg")}
     assert {
@@ -33,6 +33,7 @@ def test_identify_writes_each_chart_and_the_next_run_without_takes_them_away(tmp
     assert not list(tmp_path.glob("figure_*"))
 
 
+@pytest.mark.gate
 def test_a_discovery_and_a_refusal_have_theirs(tmp_path: Path) -> None:
     folder = tmp_path / "discover"
     folder.mkdir()

@@ -277,6 +277,7 @@ def test_page_escapes_what_it_shows(tmp_path: Path) -> None:
     assert evil not in text
 
 
+@pytest.mark.gate
 def test_long_signals_do_not_swell_the_page(tmp_path: Path) -> None:
     path = write_report(saved(tmp_path, document(), count=200_000))
     assert path.stat().st_size < 2e6

@@ -58,6 +58,7 @@ def end(block: Block, steps: int, *, seconds: float = 0.2, start: Mapping[str, f
     return np.asarray(x.full()).ravel()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", STEEP)
 def test_the_order_is_two(name: str) -> None:
     """Errors fall by four with each halving, towards the answer of a solver of high order."""
@@ -88,6 +89,7 @@ def test_the_order_holds_for_slopes_that_are_wrong(monkeypatch: pytest.MonkeyPat
     assert 3.0 <= errors[0] / errors[1] <= 5.5 and 3.0 <= errors[1] / errors[2] <= 5.5
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("slope", "times"), [(1e6, 30), (1e6, 100), (1e6, 1000), (1e6, 1e5), (1e5, 100), (1e5, 1e4)])
 def test_stable_however_steep_friction_is(slope: float, times: float) -> None:
     """h rate = 1 000 and more: the joints stick, as they should, where RK4 overflows."""

@@ -6,13 +6,17 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import pinocchio
 import pytest
 
 from fmu_didim.errors import InputError
 from fmu_didim.export import compile_shared_library
 from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 
+try:
+    import pinocchio
+except ImportError:
+    pinocchio = None  # there are no wheels for Windows
+needs_pinocchio = pytest.mark.skipif(pinocchio is None, reason="needs Pinocchio: pip install pin")
 RIGID = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 
@@ -99,6 +103,7 @@ class TestModels:
             back = model.direct(q[k], dq[k], torque, model.parameter_values, model.shape_values).full().ravel()
             assert np.linalg.norm(back - ddq[k]) <= 1e-10 * np.linalg.norm(ddq[k])
 
+    @needs_pinocchio
     def test_rigid_body_part_agrees_with_pinocchio(self, count: int, seed: int) -> None:
         robot = random_robot(count, seed)
         model, other = RobotModel(robot), pinocchio_model(robot)

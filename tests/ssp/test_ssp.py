@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -607,7 +608,7 @@ def test_unmatched_names_are_ignored_when_that_is_wanted(tmp_path: Path) -> None
 def test_version_2_is_read_by_its_namespace(tmp_path: Path) -> None:
     """Its types are those of FMI 3.0, and a connector of the system may be named with an empty element."""
     text = ssd(elements=element("plant", "plant", PLANT_PORTS, started()) + element("law", "law", LAW_PORTS))
-    text = text.replace('version="1.0"', 'version="2.0"').replace("ssc:Real", "ssc:Float64")
+    text = re.sub(r'(?<!<\?xml )version="1.0"', 'version="2.0"', text).replace("ssc:Real", "ssc:Float64")
     text = text.replace("ssv:Real", "ssv:Float64")
     text = text.replace('Connection startConnector="q1"', 'Connection startElement="" startConnector="q1"')
     assert 'startElement=""' in text
@@ -705,6 +706,7 @@ def case_of(archive: Path, folder: Path, **plant: Any) -> Path:
     return path
 
 
+@pytest.mark.gate
 def test_case_from_an_archive_gives_the_same_torque_and_the_same_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from scipy.io import savemat
 
 from fmu_didim.errors import InputError
 from fmu_didim.tables import CsvLayout, read_table, read_trajectory
+from tests.conftest import package
 
 NO_HEADER = "no header line, so that its columns are numbered from 1"
 N = 40
@@ -146,7 +147,7 @@ def mat5(path: Path) -> None:
 
 
 def mat73(path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
+    h5py = package("h5py")
     with h5py.File(path, "w", userblock_size=512) as file:  # as MATLAB does: HDF5 behind a block of text, transposed
         file["log/t"], file["log/q"], file["tau"], file["rate"] = T[None, :], Q.T, Q, [[200.0]]
         file["more(1)/v"], file["more(2)/v"] = T[None, :], 2 * T[None, :]
@@ -173,7 +174,7 @@ def test_side_of_a_matrix_that_is_time(tmp_path: Path) -> None:
 
 
 def test_hdf5_groups_units_and_records(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
+    h5py = package("h5py")
     record = np.zeros(N, dtype=[("t", float), ("pos", "f4")])
     record["t"], record["pos"] = T, Q[:, 0]
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -189,7 +190,7 @@ def test_hdf5_groups_units_and_records(tmp_path: Path) -> None:
 
 
 def test_parquet(tmp_path: Path) -> None:
-    pa = pytest.importorskip("pyarrow")
+    import pyarrow as pa
     from pyarrow import parquet
 
     schema = pa.schema(
@@ -204,7 +205,7 @@ def test_parquet(tmp_path: Path) -> None:
 
 def mf4(path: Path, every: int = 1) -> None:
     """Two groups of channels: positions at 200 Hz, a current ``every`` times as slow."""
-    asammdf = pytest.importorskip("asammdf")
+    asammdf = package("asammdf")
     signal = asammdf.Signal
     file = asammdf.MDF(version="4.10")
     file.append([signal(np.degrees(Q[:, j]), T, "deg", f"Achse{j + 1}") for j in range(2)])
@@ -238,7 +239,8 @@ def test_units_of_a_file_are_applied(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".mf4", ".csv"])
 def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
-    pytest.importorskip({".h5": "h5py", ".parquet": "pyarrow", ".mf4": "asammdf"}.get(suffix, "numpy"))
+    if suffix in (".h5", ".mf4"):
+        package({".h5": "h5py", ".mf4": "asammdf"}[suffix])
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"no signals " * 50)
     with pytest.raises(InputError, match=rf"a\{suffix}"):

@@ -13,6 +13,7 @@ QUICK = [w for w in CATALOGUE if "scara" in w.robots and w.name.split(":")[0] in
 """Inputs that are refused before any work have tests of their own in ``tests/diagnosis/data``."""
 
 
+@pytest.mark.gate
 def test_no_wrong_answer_is_called_valid_and_causes_are_named() -> None:
     truth = named(loaded("scara"))
     answers = {wrong.name: (wrong, answer(wrong.make("scara", 1), truth)) for wrong in QUICK}
@@ -21,6 +22,7 @@ def test_no_wrong_answer_is_called_valid_and_causes_are_named() -> None:
     assert len(told) >= NAMED * len(QUICK), sorted(answers.keys() - set(told))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("seed", range(101, 107))
 @pytest.mark.parametrize("robot", ["scara", "arm"])
 def test_a_right_model_is_valid(robot: str, seed: int) -> None:

@@ -122,6 +122,7 @@ def fmu_of(robot: Path, folder: Path) -> str:
     return str(build_fmu(RobotModel(read_robot(robot)).block(), directory=folder).resolve())
 
 
+@pytest.mark.gate
 def test_plant_that_is_not_that_of_the_description_is_a_warning(tmp_path: Path) -> None:
     longer = tmp_path / "longer.yaml"
     longer.write_text(ROBOT.read_text(encoding="utf-8").replace("a: 0.5", "a: 0.6"), encoding="utf-8")

@@ -14,14 +14,16 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
+from fmu_didim.case.data import data_folder
 from fmu_didim.cli import main
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Array, Trajectory
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case
 from fmu_didim.workflow.schema import SCHEMAS, schema
+from tests.blind.simulator.make import make_plant, write_cases
 from tests.cases import SCARA
-from tests.conftest import ROOT, needs_emps
+from tests.conftest import ROOT, needs_emps, package
 
 NEAR = 0.05
 """Standard deviations by which values may differ: the data have nine digits, their velocities come from a spline."""
@@ -67,7 +69,7 @@ def as_csv(folder: Path) -> list[Path]:
 
 def as_hdf5(folder: Path) -> list[Path]:
     """One file, groups for what comes at another rate, units as attributes."""
-    h5py = pytest.importorskip("h5py")
+    h5py = package("h5py")
     motion, time, torque = scara()
     with h5py.File(folder / "reference.h5", "w") as file:
         file["time"] = motion.time
@@ -85,7 +87,7 @@ def as_hdf5(folder: Path) -> list[Path]:
 
 def as_mf4(folder: Path) -> list[Path]:
     """One file, two groups with their own instants, units of the channels."""
-    asammdf = pytest.importorskip("asammdf")
+    asammdf = package("asammdf")
     motion, time, torque = scara()
     file = asammdf.MDF(version="4.10")
     signal = asammdf.Signal
@@ -115,6 +117,7 @@ def by_hand(folder: Path) -> dict[str, tuple[float, float]]:
     return values_of(load_case(content | {"validation": None}, folder=SCARA.parent))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("write", "drive"),
     [
@@ -146,8 +149,6 @@ def test_emps_files_give_the_values_of_the_example(tmp_path: Path) -> None:
     """What cannot be known: the column of the command, the gain of the drive, the period, the pulses, the rate."""
     files = ["emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat"]
     example = load_case("examples/emps/identify.yaml")
-    from fmu_didim.case.data import data_folder
-
     made = start_case(
         [*(data_folder(ROOT) / name for name in files), "fmus/emps/robot.yaml", "controllers/emps.yaml"], tmp_path
     )
@@ -164,14 +165,13 @@ def test_emps_files_give_the_values_of_the_example(tmp_path: Path) -> None:
     assert_same(found, values_of(example.with_(estimator={"kind": "didim"}, plant={"kind": "model"})))
 
 
-def cases_folder() -> Path:
-    return ROOT.parent / "shared" / "cases" / "dev01"
-
-
-@pytest.mark.skipif(not cases_folder().is_dir(), reason="the shared cases are not at hand")
-def test_shared_case_gives_the_values_of_one_by_hand(tmp_path: Path) -> None:
-    """Four plain files: they are told apart by their names; to be filled in are geometry and gains."""
-    start_case(sorted(cases_folder().glob("*.csv")), tmp_path, law="pd")
+def test_four_plain_files_give_the_values_of_one_by_hand(tmp_path: Path) -> None:
+    """A blind case of the arm: its files are told apart by their names; to be filled in are geometry and gains."""
+    blind = tmp_path / "blind"
+    rng = np.random.default_rng(1)
+    plant, motion, deviation = make_plant(["stribeck"], rng, level=1.0, robots="development")
+    write_cases([(blind, 100)], plant, motion, deviation, rng)
+    start_case(sorted(blind.glob("*.csv")), tmp_path, law="pd")
     filled(tmp_path / "robot.yaml", "[0, -9.81, 0]", "revolute", "revolute", "0", "0.5", "0")
     filled(tmp_path / "controller.yaml", "revolute", "revolute", "3300", "450", "150", "20")
     law = tmp_path / "controller.yaml"
@@ -188,7 +188,7 @@ def test_shared_case_gives_the_values_of_one_by_hand(tmp_path: Path) -> None:
         "train": {"reference": {"file": "train_reference.csv"}, "torque": {"file": "train_torque.csv"}},
         "validation": {"reference": {"file": "test_reference.csv"}, "torque": {"file": "test_torque.csv"}},
     }  # fmt: skip
-    assert_same(values_of(case), values_of(load_case(hand, folder=cases_folder())))
+    assert_same(values_of(case), values_of(load_case(hand, folder=blind)))
 
 
 def test_files_that_are_written_follow_their_schemas(tmp_path: Path) -> None:
@@ -232,6 +232,7 @@ def test_schemas_are_schemas(kind: str) -> None:
     jsonschema.Draft202012Validator.check_schema(schema(kind))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("kind", "path"),
     [

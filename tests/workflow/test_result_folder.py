@@ -117,6 +117,7 @@ def test_a_failure_while_moving_leaves_the_earlier_result(
     assert content(folder) == NEW | MINE
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_kill_while_moving_never_leaves_what_looks_like_a_result(folder: Path) -> None:
     code = """
@@ -257,6 +258,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(sys.platform == "win32", reason="needs resource limits")
 @pytest.mark.parametrize("size", [4096, 100_000])
 def test_a_full_disk_leaves_the_earlier_result_and_the_table_is_printed(tmp_path: Path, size: int) -> None:

@@ -112,6 +112,7 @@ def test_saved_result_is_that_of_the_outcome(tmp_path: Path) -> None:
     assert (tmp_path / "robot_identified.yaml").is_file()
 
 
+@pytest.mark.gate
 def test_discovered_gives_what_findings_json_holds(found: tuple[Discovered, Path]) -> None:
     discovered, folder = found
     document = load_findings(folder)

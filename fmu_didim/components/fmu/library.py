@@ -17,7 +17,7 @@ from fmu_didim.components.fmu.archive import DESCRIPTION, check_description
 from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import FmiVersion
-from fmu_didim.errors import BuildError, FmuError
+from fmu_didim.errors import BuildError, FmuError, LibraryError
 from fmu_didim.export import compile_sources, source_compiler
 from fmu_didim.files import is_file
 
@@ -150,7 +150,8 @@ def load_library(fmi: FmiVersion, description: FmuDescription, interface: Interf
     """The functions of an FMU's library; loaded once in a process, since that costs more than a short run.
 
     Raises:
-        FmuError: there is no library for this machine, it does not load, or a function is missing.
+        FmuError: there is no library for this machine, it does not load, or a function is missing; LibraryError: FMPy
+            does not know its functions.
     """
     key = (description.folder, fmi.name, interface.kind, interface.identifier)
     with CURRENT_FOLDER:
@@ -179,15 +180,18 @@ def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Libr
         ) from error
     finally:
         os.chdir(here)
+    required = [f"{fmi.binding.prefix}{name}" for name in fmi.required[interface.kind].split()]
+    signatures = fmi.signatures(interface.kind)
+    if unknown := [name for name in required if name not in signatures]:
+        raise LibraryError("fmpy", got=f"it does not know {', '.join(unknown)}")
     found: dict[str, Function] = {}
-    for name, (arguments, result) in fmi.signatures(interface.kind).items():
+    for name, (arguments, result) in signatures.items():
         symbol = fmi.symbol(name, interface.identifier)
         # Functions of sources may carry the model's name, as for static linking.
         function = getattr(dll, symbol, None) or getattr(dll, f"{interface.identifier}_{symbol}", None)
         if function is not None:
             function.argtypes, function.restype = arguments, result
             found[name] = function
-    required = [f"{fmi.binding.prefix}{name}" for name in fmi.required[interface.kind].split()]
     missing = [name for name in required if name not in found]
     if missing:
         raise FmuError(

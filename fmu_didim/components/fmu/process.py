@@ -10,7 +10,6 @@ import contextlib
 import io
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import tempfile
@@ -22,12 +21,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
+from fmu_didim.components.fmu.exit_status import crash_name, is_from_outside
 from fmu_didim.errors import FmuError, SimulationError
 
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
-_KILLED = 9
-"""SIGKILL: how a system without memory left ends a process."""
 _START = Path(__file__).resolve().with_name("worker_start.py")
 _PACKAGE = _START.parents[2] / "__init__.py"
 
@@ -238,13 +236,14 @@ class Worker:
         if self._expired.is_set():
             what = f"{self._subject} gave no answer within {allowed:g} s and was stopped."
             advice = "It loops or waits for something; raise time_limit_s if it is only slow."
-        elif code is not None and code < 0:
-            what = f"{self._subject} crashed its process ({_signal_name(-code)})."
-            advice = "Its binary is faulty or was used in a way it does not stand; ask its maker."
+        elif crash := crash_name(code):
+            what = f"{self._subject} crashed its process ({crash})."
+            advice = "Its binary is faulty or was used in a way that it does not support; ask its maker."
         else:
             what = f"{self._subject} ended its process (exit status {code})."
             advice = "Its binary calls exit(), or cannot run in this process; ask its maker."
-        by_fmu = self._has_begun and not self._expired.is_set() and code is not None and code != -_KILLED
+        killed = is_from_outside(code)
+        by_fmu = self._has_begun and not self._expired.is_set() and code is not None and not killed
         got = f"during {call}"
         with contextlib.suppress(OSError, ValueError):
             self._errors.seek(0)
@@ -253,7 +252,7 @@ class Worker:
         self.close()
         ended = ProcessEndedError(what, where=self._where, got=got, next_step=advice)
         ended.by_fmu, ended.expired = by_fmu, self._expired.is_set()
-        ended.killed = code == -_KILLED and not ended.expired
+        ended.killed = killed and not ended.expired
         return ended
 
     def kill(self) -> None:
@@ -292,13 +291,6 @@ def _stop(process: subprocess.Popen[bytes], done: threading.Event, errors: IO[by
     if process.stdout is not None:
         process.stdout.close()
     errors.close()
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return f"{signal.Signals(number).name}, {signal.strsignal(number)}"
-    except ValueError:
-        return f"signal {number}"
 
 
 def keep_constants(there: Any, forget: bool, new: list[Any]) -> None:

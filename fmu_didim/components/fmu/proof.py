@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from fmu_didim.cache import cache_directory, whole_file
+from fmu_didim.cache import cache_directory, cache_file, is_trusted
 from fmu_didim.components.fmu.settings import FmuSettings
 
 _log = logging.getLogger(__name__)
@@ -36,7 +36,8 @@ def is_proven(component: FmuSettings, instances: int = 1) -> bool:
         "its source, if you trust it).", component.path.name,
     )  # fmt: skip
     for file in (path, *dead):
-        file.unlink(missing_ok=True)
+        with contextlib.suppress(PermissionError):  # another user's
+            file.unlink(missing_ok=True)
     return False
 
 
@@ -45,16 +46,14 @@ def prove(component: FmuSettings, instances: int = 1) -> None:
     path = _path(component)
     if _proven(path) >= instances:
         return
-    with contextlib.suppress(OSError):  # without a proof it only runs apart again
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as temporary:
-            temporary.write_text(str(instances), encoding="ascii")
+    with contextlib.suppress(OSError), cache_file(path) as temporary:  # without a proof it only runs apart again
+        temporary.write_text(str(instances), encoding="ascii")
 
 
 def _proven(path: Path) -> int:
     """Instances at once that have been seen to run; 0 if none."""
     try:
-        return int(path.read_text(encoding="ascii"))
+        return int(path.read_text(encoding="ascii")) if is_trusted(path) else 0
     except (OSError, ValueError):
         return 0
 

@@ -158,7 +158,7 @@ def restarted(component: FmuSettings, h: float, strategy: str, wanted: Array | N
             except FmuDidimError:
                 if before is component:
                     raise
-                continue  # it does not stand these values; so with its own ones
+                continue  # it fails with these values; so with its own ones
             instance.restart_by(strategy, component)
             _begin(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS

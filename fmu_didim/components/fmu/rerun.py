@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fmu_didim.cache import cache_directory, whole_file
+from fmu_didim.cache import cache_directory, cache_file, is_trusted
 from fmu_didim.components.fmu import questions
 from fmu_didim.components.fmu import thresholds as limits
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
@@ -128,19 +128,18 @@ def _path(component: FmuSettings) -> Path:
 
 
 def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
-    """What :func:`keep` has written; None if it is not there or from another version: then it is asked again."""
+    """What :func:`keep` has written; None if it is not there, from another version or from a user who is not trusted:
+    then it is asked again."""
     try:
-        return kind(**json.loads(path.read_text(encoding="utf-8")))
+        return kind(**json.loads(path.read_text(encoding="utf-8"))) if is_trusted(path) else None
     except (OSError, ValueError, TypeError):
         return None
 
 
 def keep(path: Path, found: Any) -> None:
     """Write a dataclass to a file as a whole; several processes may do so at the same time."""
-    with suppress(OSError):  # the disk is full, or nothing may be written: it is found out again
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    with suppress(OSError), cache_file(path) as temporary:  # the disk is full, ...: it is found out again
+        temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
 
 
 def step_of(component: FmuSettings) -> float:

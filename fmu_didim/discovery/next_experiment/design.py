@@ -23,6 +23,7 @@ from fmu_didim.discovery.selection.thresholds import BIC
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier
+from fmu_didim.imports import without_folder
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.robot import RobotDescription, RobotModel
@@ -225,7 +226,7 @@ def _hidden_lines(hidden: Sequence[Effect]) -> list[str]:
 
 
 def _named(effect_at: EffectAtJoint) -> str:
-    return f"{effect_at.effect} on joint {effect_at.joint}"
+    return f"{without_folder(effect_at.effect)} on joint {effect_at.joint}"
 
 
 def _advice(effects: Sequence[Effect]) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
-"""How the logged command answers a load: the controller makes up for it, but no faster than its loop is.
+"""How the logged command answers a load: the controller compensates it, but no faster than its loop is.
 
     du_i(t_k) = sum_j sum_l g_ij[l] e_j(t_(k-l)),      e_j: load of joint j, its mean over [t_k, t_(k+1))
 
-g is the best linear approximation along the simulated motion: the least-squares answer to a small random telegraph
-signal on one joint after the other. Slow loads come back whole; where friction jumps at a reversal the robot gives way.
+g is the best linear approximation along the simulated motion: the least-squares answer to a small random two-level
+torque on one joint after the other. Slow loads show in the command in full; jumps of friction at a reversal do not.
 
 Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapter 3.
 """
@@ -69,7 +69,7 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     simulated.
 
     Args:
-        seed: of the telegraph signal.
+        seed: of the random two-level torque.
     """
     run = fit.simulation(label)
     model, reference = run.model, run.experiment.reference
@@ -102,7 +102,7 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
 
 
 def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: int) -> Callable[[], Array]:
-    """What simulates the change (ticks, n) of the command by the telegraph signal on a joint, for its unit size."""
+    """What simulates the change (ticks, n) of the command by the two-level torque on a joint, for its unit size."""
 
     def simulated() -> Array:
         size = limits.SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))

@@ -45,5 +45,5 @@ SPACING_S = TABLE(
 MEMORY_S = TABLE("MEMORY_S", 0.5, "s", "Time after which a lasting load is made up for.")
 MOST_TAPS = TABLE("MOST_TAPS", 200, "taps", "Of the answer to a load.")
 MOST_OF_LOG = TABLE("MOST_OF_LOG", 4, "1", "The answer is at most one part in so many of the log.")
-SIZE = TABLE("SIZE", 0.02, "1", "Of the telegraph signal, as a fraction of the torque of the joint.")
+SIZE = TABLE("SIZE", 0.02, "1", "Of the random two-level test torque, as a fraction of the torque of the joint.")
 DWELL_S = TABLE("DWELL_S", (0.01, 0.2), "s", "Range of the times between its changes.")

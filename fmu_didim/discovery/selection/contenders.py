@@ -106,8 +106,8 @@ class Competition:
 
     def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = limits.REACH) -> Contest:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
-        is out of reach of the best, or is not fitted when the time is up, is no contender. The best is the
-        plausible one of the groups before, whichever fit of a group ends first.
+        cannot catch up with the best, or is not fitted when the time is up, is no contender. The best is the best
+        plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
 
         Args:
             reach: see ``REACH``.

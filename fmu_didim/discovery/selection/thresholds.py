@@ -77,7 +77,7 @@ SMALLEST_SHARE = TABLE("SMALLEST_SHARE", 0.05, "1", "And as a fraction of the ga
 SMALLEST_PART = TABLE(
     "SMALLEST_PART", 0.03, "1",
     "And as a fraction of the gap that the base model had on the joint where it explains most: a refinement of what "
-    "was found is not another effect. On EMPS a lag of 0.30 ms and presliding explain 2 % each.",
+    "was found is not another effect. On EMPS four further forms of friction and ripple explain less than 3 % each.",
 )  # fmt: skip
 WORSE_JOINT = TABLE(
     "WORSE_JOINT", 1.02, "1",

@@ -15,6 +15,7 @@ from fmu_didim.export.units import add_units
 from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, TOLERANCE_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
+from fmu_didim.files import file_name
 
 _MAIN = "fmi2.c"
 
@@ -24,7 +25,7 @@ def _model_description(block: Block, guid: str, tool: str) -> str:
     told = stated(fmiVersion="2.0", modelName=block.name, guid=guid, description=block.description, generationTool=tool)
     root = ET.Element("fmiModelDescription", told, variableNamingConvention="flat", numberOfEventIndicators="0")
     common = {
-        "modelIdentifier": block.name,
+        "modelIdentifier": file_name(block.name),
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",

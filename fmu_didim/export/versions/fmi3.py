@@ -15,6 +15,7 @@ from fmu_didim.export.units import add_units
 from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, TOLERANCE_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
+from fmu_didim.files import file_name
 
 _MAIN, _TIME = "fmi3.c", "time"
 
@@ -24,7 +25,7 @@ def _model_description(block: Block, token: str, tool: str) -> str:
     told = stated(modelName=block.name, instantiationToken=token, description=block.description, generationTool=tool)
     root = ET.Element("fmiModelDescription", {"fmiVersion": "3.0"} | told, variableNamingConvention="flat")
     common = {
-        "modelIdentifier": block.name,
+        "modelIdentifier": file_name(block.name),
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
@@ -52,7 +53,7 @@ def _model_description(block: Block, token: str, tool: str) -> str:
 def _build_description(block: Block) -> dict[str, str]:
     """The files to compile (not those they include)."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=block.name)
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=file_name(block.name))
     group = ET.SubElement(configuration, "SourceFileSet", language="C99")
     ET.SubElement(group, "SourceFile", name=_MAIN)
     return {"buildDescription.xml": document(root)}

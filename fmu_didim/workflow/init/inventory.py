@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from fmu_didim.components.fmu import read_description
-from fmu_didim.components.fmu.description import FmuDescription
 from fmu_didim.documents import load_yaml
 from fmu_didim.errors import InputError
+from fmu_didim.export import build_modelica
 from fmu_didim.robot import RobotDescription, read_robot
 from fmu_didim.tables import READERS, Table, TimeColumn, read_table
 from fmu_didim.tables.clock import instants
+from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
 from fmu_didim.workflow.init.roles import Guess, guesses, time_column
 
 _WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
@@ -58,11 +59,27 @@ class Inventory:
     """The files by what they are."""
 
     data: list[DataFile] = field(default_factory=list)
-    fmus: dict[Path, FmuDescription] = field(default_factory=dict)
+    fmus: list[FmuPorts] = field(default_factory=list)
+    taken: dict[FmuRole, tuple[FmuPorts, str]] = field(default_factory=dict)
     robot: tuple[Path, RobotDescription] | None = None
     controller: Path | None = None
-    plant_fmu: Path | None = None
     system: Path | None = None
+
+    @property
+    def plant_fmu(self) -> FmuPorts | None:
+        """The FMU that is the plant."""
+        return self.taken["plant"][0] if "plant" in self.taken else None
+
+    @property
+    def controller_fmu(self) -> FmuPorts | None:
+        """The FMU that is the controller."""
+        return self.taken["controller"][0] if "controller" in self.taken else None
+
+    @property
+    def torque_count(self) -> int:
+        """Torques (currents, commands) of the log that has most of them, joints where no column is known as one."""
+        counts = [sum(g.role == role for g in d.guesses) for d in self.data for role in ("tau", "current", "command")]
+        return max([len(self.robot[1].joints)] if self.robot is not None else counts, default=0) or self.joint_count
 
     @property
     def joint_count(self) -> int:
@@ -73,11 +90,16 @@ class Inventory:
         return max([g.joint or 1 for d in self.data for g in d.guesses if g.role in kinds], default=1)
 
 
-def inventory(files: Sequence[Path]) -> Inventory:
+def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: bool) -> Inventory:
     """What the files are.
 
+    Args:
+        said: whole path of an FMU or a Modelica file -> what it is, where the user says so.
+        has_law: whether a controller will be written.
+
     Raises:
-        InputError: a file is missing, cannot be read, or is of no kind that is known; no data file is among them.
+        InputError: a file is missing, cannot be read, or is of no kind that is known; what an FMU is cannot be told; no
+            data file is among them. BuildError: a Modelica file cannot be compiled.
     """
     found = Inventory()
     for path in files:
@@ -87,19 +109,24 @@ def inventory(files: Sequence[Path]) -> Inventory:
         if suffix in READERS:
             found.data.append(DataFile(path, read_table(path)))
         elif suffix == ".fmu":
-            _add_fmu(found, path, read_description(path))
+            found.fmus.append(FmuPorts(path, read_description(path)))
+        elif suffix == ".mo":
+            found.fmus.append(FmuPorts(path, read_description(build_modelica(path))))
         elif suffix == ".ssp":
             found.system = path
         elif suffix in (".yaml", ".yml"):
             _add_description(found, path)
         else:
             raise InputError(
-                "This file is of no kind that is known.", where=str(path), valid=(*READERS, ".fmu", ".ssp", ".yaml")
-            )
+                "This file is of no kind that is known.", where=str(path),
+                valid=(*READERS, ".fmu", ".mo", ".ssp", ".yaml"),
+            )  # fmt: skip
     if not found.data:
         raise InputError(
             "No file with signals is among them.", valid=READERS, next_step="Give the log and the reference."
         )  # fmt: skip
+    has_controller = found.controller is not None or has_law
+    found.taken = assigned(found.fmus, found.torque_count, said=said, has_controller=has_controller)
     return found
 
 
@@ -111,22 +138,6 @@ def _add_description(found: Inventory, path: Path) -> None:
         found.robot = path, read_robot(path)
     else:
         raise InputError("This YAML file describes neither a robot (joints:) nor a controller (law:).", where=str(path))
-
-
-def _add_fmu(found: Inventory, path: Path, fmu: FmuDescription) -> None:
-    """A controller takes set points or two positions and gives no position; else it is the plant."""
-    found.fmus[path] = fmu
-    inputs = " ".join(v.name.lower() for v in fmu.variables if v.causality == "input")
-    outputs = " ".join(v.name.lower() for v in fmu.variables if v.causality == "output")
-    is_controller = bool(re.search(r"ref|soll|set|u_s\b|des", inputs) or re.search(r"command|control", outputs))
-    if is_controller and found.controller is None:
-        found.controller = path
-    elif found.plant_fmu is None:
-        found.plant_fmu = path
-    else:
-        raise InputError(
-            "Two FMUs seem to be plants.", where=str(path), got=str(found.plant_fmu), next_step="Give one."
-        )
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,16 @@ def time_column(table: Table, names: Sequence[str] = ()) -> str | None:
 
 
 def _guess(table: Table, name: str) -> Guess:
-    unit = table.unit(name)
-    bare = split_unit(name)[0].lower() if table.has_header else ""
+    return guess(name, table.unit(name), bare=split_unit(name)[0] if table.has_header else "")
+
+
+def guess(name: str, unit: str, *, bare: str | None = None) -> Guess:
+    """What a signal is taken for.
+
+    Args:
+        bare: its name without the unit; the name itself by default.
+    """
+    bare = (name if bare is None else bare).lower()
     known = known_unit(unit) if unit else None
     by_unit = next((role for powers, role in _BY_POWERS if known is not None and known.powers == powers), None)
     by_name: Role = next((role for pattern, role in _BY_NAME if re.search(pattern, bare)), "other")

@@ -18,6 +18,7 @@ from fmu_didim.controllers import LAWS
 from fmu_didim.documents import TO_FILL_IN, Lines
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.units import known_unit
+from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
 from fmu_didim.workflow.init.inventory import DataFile, Inventory, Run, inventory, runs
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
 from fmu_didim.workflow.schema import schema
@@ -41,24 +42,36 @@ class Started:
     to_fill_in: dict[Path, list[tuple[str, str]]]
 
 
-def start_case(files: Sequence[Path | str], out: Path | str = ".", *, law: str | None = None) -> Started:
+def start_case(
+    files: Sequence[Path | str],
+    out: Path | str = ".",
+    *,
+    law: str | None = None,
+    plant: Path | str | None = None,
+    controller: Path | str | None = None,
+) -> Started:
     """Write a commented case for these files, with a robot description and a controller where none is among them.
 
     What the files do not say stands there as ``EDIT``; nothing runs before each of these is filled in.
 
     Args:
         out: folder of the case; law: control law of the controller that is written, with its keys.
+        plant, controller: FMU or Modelica file that is one, where its signals do not tell; among the files or not.
 
     Raises:
         InputError: a file cannot be used, or one that would be written is there already.
+        BuildError: a Modelica file cannot be compiled.
     """
     if law is not None and law not in LAWS:
         raise UnknownNameError("control law", law, LAWS, where="--law")
-    out, found = Path(out), inventory([Path(f) for f in files])
+    said = _said(plant, controller)
+    named = [*files, *(file for file in (plant, controller) if file is not None)]
+    given = {Path(file).resolve(): Path(file) for file in named}
+    out, found = Path(out), inventory(list(given.values()), said, has_law=law is not None)
     texts = {CASE_FILE: _case(found, out)}
     if found.robot is None and found.system is None and found.plant_fmu is None:
         texts[ROBOT_FILE] = _rendered("robot.yaml.j2", joints=_joint_types(found), effects=EFFECTS, edit=TO_FILL_IN)
-    if found.controller is None and found.system is None:
+    if found.controller is None and found.controller_fmu is None and found.system is None:
         texts[CONTROLLER_FILE] = _controller(found, law)
     there = [str(out / name) for name in texts if (out / name).exists()]
     if there:
@@ -74,6 +87,24 @@ def start_case(files: Sequence[Path | str], out: Path | str = ".", *, law: str |
     return Started(written, tuple(_told(found)), {path: Lines(path).unfilled() for path in written})
 
 
+def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path, FmuRole]:
+    """What the user says of the files; raises InputError for one that is said to be both."""
+    said: dict[Path, FmuRole] = {}
+    roles: tuple[tuple[FmuRole, Path | str | None], ...] = (("plant", plant), ("controller", controller))
+    for role, file in roles:
+        if file is None:
+            continue
+        if Path(file).suffix.lower() not in (".fmu", ".mo"):
+            raise InputError(
+                "Only of an FMU or a Modelica file it is asked what it is.", where=f"--{role}", got=str(file),
+                valid=(".fmu", ".mo"), next_step="Give any other file without the option.",
+            )  # fmt: skip
+        if Path(file).resolve() in said:
+            raise InputError("One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file))
+        said[Path(file).resolve()] = role
+    return said
+
+
 def _case(found: Inventory, out: Path) -> str:
     made = runs(found)
     joints = found.joint_count
@@ -82,16 +113,17 @@ def _case(found: Inventory, out: Path) -> str:
     for entry in entries:
         entry["label"] = ("validation" if entry["held_out"] else "train") if short else entry["label"]
     command = any("quantity" in entry["torque"] for entry in entries)
-    tunable = (
-        [v for v in found.fmus[found.plant_fmu].variables if v.causality == "parameter"] if found.plant_fmu else []
-    )
+    plant, controller = found.plant_fmu, found.controller_fmu
+    own = controller.source if controller else found.controller
+    tunable = [v for v in plant.fmu.variables if v.causality == "parameter"] if plant else []
     return _rendered(
         "case.yaml.j2", entries=entries, short=short, joints=joints, edit=TO_FILL_IN, command=command,
         name=made[0].torque.path.stem, robot=_path(found.robot[0], out) if found.robot else ROBOT_FILE,
-        has_robot=found.robot is not None or found.plant_fmu is None, system=found.system and _path(found.system, out),
-        plant=found.plant_fmu and _path(found.plant_fmu, out),
-        controller=_path(found.controller, out) if found.controller else CONTROLLER_FILE,
-        controller_is_fmu=bool(found.controller and found.controller.suffix == ".fmu"), ports=_ports(found),
+        has_robot=found.robot is not None or plant is None, system=found.system and _path(found.system, out),
+        plant=plant and _path(plant.source, out), plant_ports=plant and mappings(plant, "plant", joints),
+        controller=_path(own, out) if own else CONTROLLER_FILE,
+        controller_ports=controller and mappings(controller, "controller", joints), ports=_ports(found),
+        rate=_control_rate(found),
         tunable=[v for v in tunable if v.start is not None][:30],
     )  # fmt: skip
 
@@ -99,9 +131,9 @@ def _case(found: Inventory, out: Path) -> str:
 def _ports(found: Inventory) -> dict[str, list[str]]:
     """Inputs and outputs of the FMUs, for the comments."""
     return {
-        f"{path.name} {causality}s": [v.name for v in fmu.variables if v.causality == causality]
-        for path, fmu in found.fmus.items()
-        for causality in ("input", "output")
+        f"{ports.source.name} {kind}": [g.name for g in side]
+        for ports in found.fmus
+        for kind, side in (("inputs", ports.inputs), ("outputs", ports.outputs))
     }
 
 
@@ -201,14 +233,20 @@ def _controller(found: Inventory, law: str | None) -> str:
     )
     common = set(LAWS["pd"].model_fields) - {"Kp", "Kd", "velocity"}
     keys = {name: {k: f for k, f in form.model_fields.items() if k not in common} for name, form in LAWS.items()}
-    rates = [run.reference.rate_hz("q") for run in runs(found)]
     return _rendered(
         "controller.yaml.j2", law=law, laws=LAWS, keys=keys, kinds=kinds, edit=TO_FILL_IN,
-        rate=rates[0] if rates else None, summary={n: (f.__doc__ or "").split("\n\n")[0] for n, f in LAWS.items()},
+        rate=_control_rate(found), summary={n: (f.__doc__ or "").split("\n\n")[0] for n, f in LAWS.items()},
     )  # fmt: skip
 
 
+def _control_rate(found: Inventory) -> float | None:
+    """Rate of the rows of the first reference."""
+    return next((run.reference.rate_hz("q") for run in runs(found)), None)
+
+
 def _told(found: Inventory) -> Iterator[tuple[str, str, str]]:
+    for role, (ports, reason) in found.taken.items():
+        yield ports.source.name, "", f"the {role}, {reason}"
     words = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "torque", "other": "not used"}
     for data in found.data:
         for clock in dict.fromkeys(data.table.times.values()) or [data.clock()]:

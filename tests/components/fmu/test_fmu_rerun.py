@@ -29,6 +29,7 @@ from tests.awkward.build import awkward_fmu, library
 from tests.awkward.versions import fmi_1
 from tests.components.fmu.helpers import H, exported, slave_outputs
 from tests.helpers import PERIOD, advance, begin, drive
+from tests.patience import patience
 
 U = np.random.default_rng(5).normal(size=(30, 1))
 
@@ -52,6 +53,7 @@ def pid_of(instance: Instance) -> int:
     return instance._worker._process.pid
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macros", "strategy"),
     [
@@ -202,11 +204,12 @@ def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
     assert isinstance(made.instantiate(), IsolatedInstance)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macro", "way"),
     [
-        ("CRASH_AT_SECOND", "is fatal or hangs"), ("HANG_AT_SECOND", "is fatal or hangs"),
-        ("REFUSES_SECOND", "is refused"),
+        ("CRASH_AT_SECOND", "is fatal or hangs"), ("REFUSES_SECOND", "is refused"),
+        pytest.param("HANG_AT_SECOND", "is fatal or hangs", marks=pytest.mark.slow),  # limits that run out
     ],
 )  # fmt: skip
 @pytest.mark.parametrize(
@@ -300,6 +303,7 @@ def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
     assert (found.strategy, found.isolated) == ("reset", by_fmu and question == "runs_again")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("question", ["side_by_side", "parameters", "tunable", "response", "state"])
 def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
@@ -313,6 +317,7 @@ def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
         assert kept(tmp_path) == wanted
 
 
+@pytest.mark.gate
 def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A licence or a library that is missing today may be there tomorrow."""
     monkeypatch.setattr(probe_module, "cache_directory", rerun_module.cache_directory)
@@ -320,7 +325,7 @@ def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.
     for macro in ("CRASH_IN_STEP", "HANG_IN_STEP", "MISSING_SYMBOL"):
         made = load_fmu(awkward_fmu(tmp_path, macro))
         assert made.find_rerun() is made.find_rerun()  # in this process it is
-        assert probe_fmu(made, time_limit_s=0.5).failure
+        assert probe_fmu(made, time_limit_s=0.5).failure  # a crash and a hang alike
     assert kept(tmp_path) == []
 
 
@@ -328,7 +333,7 @@ def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.
     ("macro", "by_fmu"), [("CRASH_IN_STEP", True), ("EXIT_IN_STEP", True), ("HANG_IN_STEP", False), ("", False)]
 )
 def test_who_ended_the_process(tmp_path: Path, macro: str, by_fmu: bool) -> None:
-    made = load_fmu(awkward_fmu(tmp_path, *([macro] if macro else [])), isolated=True, time_limit_s=0.5)
+    made = load_fmu(awkward_fmu(tmp_path, *([macro] if macro else [])), isolated=True, time_limit_s=patience(1.0))
     instance = made.instantiate()
     if not macro:  # as a system without memory left
         os.kill(pid_of(instance), 9)

@@ -17,6 +17,7 @@ from fmu_didim.components.fmu.process import run_in_fresh_process
 from tests.awkward.build import awkward_fmu, library
 from tests.components.fmu.helpers import ONES, H, slave_outputs
 from tests.helpers import drive
+from tests.patience import patience
 
 MARKER = "was_run"
 SHADOWS = ("struct", "random", "numpy", "pickle", "fmu_didim", "fmpy", "sitecustomize", "usercustomize", "lxml")
@@ -73,7 +74,7 @@ def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path
 def test_the_package_is_the_one_of_the_parent() -> None:
     """Whatever is installed: here PYTHONPATH or an editable install say where it is."""
     what = "(__import__('fmu_didim').__file__, __import__('sys').flags.isolated, __import__('numpy').__file__)"
-    package, isolated, numpy_file = run_in_fresh_process(eval, what, where="test", time_limit=30.0)
+    package, isolated, numpy_file = run_in_fresh_process(eval, what, where="test", time_limit=patience(30.0))
     assert Path(package).samefile(fmu_didim.__file__)
     assert isolated == 1
     assert Path(numpy_file).samefile(np.__file__)
@@ -86,5 +87,5 @@ def test_folders_of_the_parent_come_last(folder: Path, tmp_path: Path, monkeypat
     (own / "struct.py").write_text((folder / "struct.py").read_text())
     (own / "of_the_user.py").write_text("VALUE = 7\n")
     monkeypatch.setattr(sys, "path", [str(own), *sys.path])
-    assert run_in_fresh_process(eval, "__import__('of_the_user').VALUE", where="test", time_limit=30.0) == 7
+    assert run_in_fresh_process(eval, "__import__('of_the_user').VALUE", where="test", time_limit=patience(30.0)) == 7
     assert not (folder / MARKER).exists()

@@ -199,6 +199,7 @@ def test_right_data_at_other_rates_give_nothing(rate_hz: float) -> None:
         assert codes(right(robot, 1, rate_hz=rate_hz)) == []
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("robot", "seed"), RUNS)
 @pytest.mark.parametrize(("change", "code"), [row[1:] for row in WRONG], ids=[row[0] for row in WRONG])
 def test_wrong_input_is_told(robot: str, seed: int, change: Callable[[LoopModel], LoopModel], code: str) -> None:
@@ -207,6 +208,7 @@ def test_wrong_input_is_told(robot: str, seed: int, change: Callable[[LoopModel]
     assert all(d.advice for d in found if d.code.severity is not REMARK)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("robot", "seed"), RUNS)
 @pytest.mark.parametrize(("change", "code"), [row[1:] for row in TIMING], ids=[row[0] for row in TIMING])
 def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel], LoopModel], code: str) -> None:
@@ -217,6 +219,7 @@ def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel
     assert {d.code.name for d in found} <= {"clock-late", "clock-early", "sampling-kind", "command-delay"}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("robot", "seed"), RUNS)
 def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
     found = data_diagnostics(right(robot, seed, change=longer))
@@ -229,6 +232,7 @@ def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
     assert told.value / told.bound == pytest.approx(1.25, abs=0.1)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("robot", "seed"), [run for run in RUNS if run.values[0] != "scara"])
 @pytest.mark.parametrize("factor", [2.0, 0.5, 1.3])
 def test_a_torque_that_is_scaled_against_the_others_is_told(robot: str, seed: int, factor: float) -> None:

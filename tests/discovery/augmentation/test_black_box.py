@@ -19,6 +19,7 @@ from fmu_didim.workflow import discover
 from tests.discovery.vendor import NOISE, vendor_case
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("hidden", "joint", "values", "kind"),
     [
@@ -48,6 +49,7 @@ def test_hidden_effect_is_named_and_spliced_in(
     assert [v.name for v in part.inputs] == (["u"] if hidden == "actuator_lag" else ["u", "q", "dq"])
 
 
+@pytest.mark.gate
 def test_late_log_is_named_and_told_to_the_case(tmp_path: Path) -> None:
     found = discover(vendor_case(tmp_path, late=3), tmp_path / "out")
     assert [(f.effect, f.joint) for f in found.findings] == [("log_time_shift", 1)]
@@ -58,6 +60,7 @@ def test_late_log_is_named_and_told_to_the_case(tmp_path: Path) -> None:
     assert float(note.split(" to ")[1].split(" of ")[0]) < 1e-12
 
 
+@pytest.mark.gate
 def test_nothing_is_named_on_a_plant_that_is_complete(tmp_path: Path) -> None:
     found = discover(vendor_case(tmp_path))
     assert (found.answer, found.findings) == ("nothing", [])

@@ -26,6 +26,7 @@ def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> F
     return prepare(with_torque(base, base.measured + change)).fit
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
 def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
     truth = (ExternalTorque(1, 2.3137, 2.9512, 6.0, is_logged), ExternalTorque(1, 7.0288, 7.4433, -4.0, is_logged))
@@ -38,6 +39,7 @@ def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bo
         assert got.torque == pytest.approx(wanted.torque, rel=0.03)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("hidden", "values"), [("", {}), ("stribeck", {"Fs": 0.4, "vs": 0.2})], ids=["nothing", "friction"]
 )
@@ -45,6 +47,7 @@ def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, value
     assert find_external_torques(base_of(vendor_case(tmp_path, hidden, **values))) is None
 
 
+@pytest.mark.gate
 def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
     truth = tuple(ExternalTorque(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
     assert find_external_torques(pushed_data(tmp_path, truth)) is None

@@ -151,6 +151,7 @@ WIDER = {"position_scale": 2.0}
 FASTER = {"speed_scale": 2.0, "acceleration_scale": 2.0}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("truth", "values", "names", "rate_hz", "present", "scales"),
     [

@@ -37,14 +37,17 @@ class Bench:
     size: np.ndarray
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+def two_joints(folder: Path) -> Bench:
     """Two joints at 200 Hz for one period, the fit at the truth."""
-    folder = tmp_path_factory.mktemp("two")
     model = arm_model(folder, joints=2, rate_hz=200.0, seconds=4.0)
     fit = minimise(with_nuisances(replace(model, workers=1)), known_noise([0.1, 0.05]))
     builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
     return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    return two_joints(tmp_path_factory.mktemp("two"))
 
 
 def signatures(bench: Bench, name: str, joint: int) -> list[Signature]:
@@ -69,6 +72,7 @@ def chosen(bench: Bench, name: str, joint: int) -> Signature:
     return found[3 * len(found) // 4]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("joint", [1, 2])
 @pytest.mark.parametrize("name", ADDED)
 def test_column_is_the_change_of_the_closed_loop(bench: Bench, name: str, joint: int) -> None:
@@ -85,15 +89,22 @@ def test_column_is_the_change_of_the_closed_loop(bench: Bench, name: str, joint:
         assert slope == pytest.approx(1, abs=0.1), amplitude
 
 
-@pytest.mark.parametrize(
-    ("name", "least"), [("stribeck", 0.85), ("presliding", 0.99), ("lugre", 0.95), ("torque_ripple", 0.99)]
-)
+SHARP = {"stribeck": 0.85, "presliding": 0.99, "lugre": 0.95, "torque_ripple": 0.99}
+"""Effects that change within milliseconds of a reversal -> least correlation."""
+
+
+def sharp(bench: Bench, name: str, joint: int) -> Signature:
+    """One of the narrow shapes."""
+    found = signatures(bench, name, joint)
+    return found[len(found) // 4]
+
+
+@pytest.mark.parametrize(("name", "least"), SHARP.items())
 def test_friction_that_is_sharp_at_a_reversal_is_only_like_its_column(bench: Bench, name: str, least: float) -> None:
     """Where friction changes within milliseconds of a reversal the loop is not linear: screening sees the right sign
     and most of the shape, and the closed-loop fit decides."""
     for joint in (1, 2):
-        found = signatures(bench, name, joint)
-        signature = found[len(found) // 4]
+        signature = sharp(bench, name, joint)
         for amplitude in signature.amplitudes:
             correlation, slope = compared(bench, signature, amplitude)
             assert correlation > least

@@ -54,6 +54,7 @@ def assert_gap_shrinks(document: FindingsDocument, *, to: float = 0.4) -> None:
     assert document.ratio_interval[1] < 1
 
 
+@pytest.mark.gate
 def test_nothing_is_named_on_a_clean_plant(run: RunWithParameters) -> None:
     document, truth, _ = run((), 1)
     assert truth == []
@@ -116,6 +117,7 @@ def cluttered(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return found
 
 
+@pytest.mark.gate
 def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
     """Its signature is no slope: sizes and shapes must be tried in the loop before it is fitted."""
     document, truth = cluttered("backlash", 2)
@@ -125,6 +127,7 @@ def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
     assert gap.value == pytest.approx(0.0019, rel=0.25)
 
 
+@pytest.mark.gate
 def test_an_elastic_gear_is_told_from_that_of_the_next_joint_and_from_one_with_play(cluttered: Run) -> None:
     """Signatures at several stiffnesses: the loop cannot be run with the softest, and hardly feels the stiffest."""
     for seed in (8, 18):
@@ -133,6 +136,7 @@ def test_an_elastic_gear_is_told_from_that_of_the_next_joint_and_from_one_with_p
         assert_gap_shrinks(document, to=0.6)
 
 
+@pytest.mark.gate
 def test_a_sweep_that_sounds_like_noise_is_not_called_nothing(cluttered: Run) -> None:
     """At 20 Hz a torque sweeping up to 4 Hz, which does not repeat, makes the periods differ like noise, but slowly."""
     document, _ = cluttered("unknown_chirp", 14, rate_hz=20)
@@ -140,6 +144,7 @@ def test_a_sweep_that_sounds_like_noise_is_not_called_nothing(cluttered: Run) ->
     assert "does not repeat" in document.notes[0]
 
 
+@pytest.mark.gate
 def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -> None:
     """The begin is left out, and of the rest the base model absorbs most: a second look takes it in."""
     document, truth = cluttered("backlash", 4)
@@ -148,6 +153,7 @@ def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -
     assert "takes them in" in document.notes[0]
 
 
+@pytest.mark.gate
 def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
     document, truth = cluttered("torque_saturation", 6)
     assert [(f.effect, f.joint) for f in document.findings] == truth
@@ -156,6 +162,7 @@ def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) ->
     assert any("hardly reaches the limit" in note for note in document.notes)
 
 
+@pytest.mark.gate
 def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
     """Its breakaways, one after each reversal, look like seven external torques of one size."""
     document, truth = cluttered("lugre", 3)
@@ -164,6 +171,7 @@ def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
     assert_gap_shrinks(document, to=0.5)
 
 
+@pytest.mark.gate
 def test_a_shape_that_serves_one_motion_only_is_held_at_what_was_screened(cluttered: Run) -> None:
     """The error of this encoder has a second harmonic, which the catalogue does not know: a free number of periods
     makes up for it where it is fitted, and fails on the held-out data."""
@@ -181,6 +189,7 @@ def test_a_tilted_base_is_no_error_of_an_encoder(cluttered: Run, seed: int) -> N
     assert [f.effect for f in document.findings] == ["base_tilt"]
 
 
+@pytest.mark.gate
 def test_two_hidden_effects_are_both_named(run: RunWithParameters) -> None:
     document, truth, _ = run(("torque_offset", "actuator_lag"), 7)
     assert len({joint for _, joint in truth}) == 2

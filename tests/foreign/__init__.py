@@ -1,0 +1,1 @@
+"""FMUs and systems of other tools, in checked-out public repositories: what ``fmu check`` says of them."""
