@@ -22,17 +22,13 @@ from scipy import stats
 
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
-from fmu_didim.thresholds import Table
 
-TABLE = Table("statistics")
-CONDITION_LIMIT = TABLE(
-    "CONDITION_LIMIT", 1e12, "1",
-    "Condition number, of columns of length one, beyond which rounding decides what a solution is.",
-)  # fmt: skip
-LEADING = TABLE(
-    "LEADING", 0.1, "1", "Fraction of the largest component of a direction from which a parameter takes part in it."
-)
-CONFIDENCE = TABLE("CONFIDENCE", 0.95, "1", "Probability of the intervals of parameters and of held-out ratios.")
+CONDITION_LIMIT = 1e12
+"""[1] Condition number, of columns of length one, beyond which rounding decides what a solution is."""
+LEADING = 0.1
+"""[1] Fraction of the largest component of a direction from which a parameter takes part in it."""
+CONFIDENCE = 0.95
+"""[1] Probability of the intervals of parameters and of held-out ratios."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
-import importlib
 import os
 import random
 import shutil
@@ -80,11 +79,10 @@ def mutants(file: str) -> Iterator[Mutant]:
     for line in lines:
         starts.append(starts[-1] + len(line))
     whole, tree = source.encode(), ast.parse(source)
-    known = _thresholds(tree)
     for node in _places(tree):
         begin = starts[node.lineno - 1] + node.col_offset
         end = starts[(node.end_lineno or node.lineno) - 1] + (node.end_col_offset or 0)
-        for text in _changes(node, known):
+        for text in _changes(node):
             changed = (whole[:begin] + text.encode() + whole[end:]).decode()
             before = "".join(source.splitlines(keepends=True)[node.lineno - 1 : node.end_lineno])
             width = len(changed.splitlines()) - len(source.splitlines())
@@ -94,15 +92,6 @@ def mutants(file: str) -> Iterator[Mutant]:
 
 def _stripped(text: str) -> str:
     return " ".join(text.split())
-
-
-def _thresholds(tree: ast.Module) -> dict[str, float]:
-    """``limits.NAME`` of the thresholds that a module uses, those that are numbers."""
-    for line in tree.body:
-        if isinstance(line, ast.ImportFrom) and any(a.name == "thresholds" for a in line.names):
-            module = importlib.import_module(f"{line.module}.thresholds")
-            return {f"limits.{n}": v for n, v in vars(module).items() if isinstance(v, int | float)}
-    return {}
 
 
 def _places(tree: ast.Module) -> Iterator[ast.stmt | ast.expr]:
@@ -123,7 +112,7 @@ def _places(tree: ast.Module) -> Iterator[ast.stmt | ast.expr]:
                 waiting += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, ast.AST)]
 
 
-def _changes(node: ast.stmt | ast.expr, known: dict[str, float]) -> Iterator[str]:
+def _changes(node: ast.stmt | ast.expr) -> Iterator[str]:
     """Texts by which a node may be replaced."""
     if isinstance(node, ast.Compare):
         for i, operator in enumerate(node.ops):
@@ -141,8 +130,6 @@ def _changes(node: ast.stmt | ast.expr, known: dict[str, float]) -> Iterator[str
             yield f"({ast.unparse(node.operand)})"
     elif isinstance(node, ast.Constant):
         yield from _other_constants(node.value)
-    elif isinstance(node, ast.Attribute) and ast.unparse(node) in known:
-        yield from (f"({change} * {ast.unparse(node)})" for change in ("1.1", "0.9"))
     elif isinstance(node, ast.IfExp):
         yield f"({ast.unparse(ast.IfExp(ast.UnaryOp(ast.Not(), node.test), node.body, node.orelse))})"
     elif isinstance(node, ast.stmt):

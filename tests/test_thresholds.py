@@ -1,21 +1,20 @@
-"""The tables of thresholds: each number has one home, a unit and a reason, and results record all of them."""
+"""A number that decides has a name, a unit and a reason beside its decision, and results record the important ones."""
 
 from __future__ import annotations
 
 import ast
-import importlib
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from fmu_didim.discovery.all_thresholds import TABLES, all_thresholds
+from fmu_didim.discovery import run
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.identification import provenance
-from fmu_didim.identification import thresholds as identification
-from fmu_didim.thresholds import Table, recorded
+from fmu_didim.thresholds import recorded
 
 ROOT = Path(__file__).parent.parent / "fmu_didim"
-MODULES = sorted(path for path in ROOT.rglob("thresholds.py") if path.parent != ROOT)
 DECIDING = [
     *sorted((ROOT / "discovery").rglob("*.py")),
     *sorted((ROOT / "diagnosis").rglob("*.py")),
@@ -28,46 +27,53 @@ MOTIONS = ("programs.py", "motions.py")
 PLAIN = {0, 1, 2, 3, 0.5, 100, 1000}
 """Numbers of arithmetic: halves, indices, percent."""
 ELSEWHERE = {
-    ("noise.py", 1e-300), ("noise.py", 1e-12),  # nothing is divided by less
     ("feasibility.py", 4),  # rows of a pseudo-inertia
-    ("units.py", 180), ("units.py", 0.001),  # degrees and millimetres
+    ("units.py", 180), ("units.py", 4),  ("units.py", 0.001),  # degrees and millimetres
     ("findings.py", 500), ("black_box.py", 128), ("black_box.py", 256),  # lengths of texts and caches
     ("findings.py", 4),  # number of the schema
 }  # fmt: skip
 
 
-def test_a_table_hands_values_back_and_keeps_them() -> None:
-    table = Table("box")
-    assert (table("LEAST", 3, "samples", "Why."), table("RANGE", (0.1, 0.2), "s", "Why.")) == (3, (0.1, 0.2))
-    assert [row.name for row in table] == ["box.least", "box.range"]
-    assert recorded([table]) == {"box.least": 3, "box.range": [0.1, 0.2]}
-    with pytest.raises(AssertionError, match="twice"):
-        table("LEAST", 4, "samples", "Why.")
+ARITHMETIC = (ast.Constant, ast.Tuple, ast.UnaryOp, ast.BinOp, ast.Load, ast.USub, ast.operator, ast.Name)
+"""What the value of a number consists of."""
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.parent.name)
-def test_each_constant_is_a_row_of_its_name(path: Path) -> None:
-    module = importlib.import_module(".".join(path.relative_to(ROOT.parent).with_suffix("").parts))
-    constants = {
-        target.id: getattr(module, target.id)
-        for line in ast.parse(path.read_text(encoding="utf-8")).body
-        if isinstance(line, ast.Assign)
-        for target in line.targets
-        if isinstance(target, ast.Name) and target.id != "TABLE"
-    }
-    rows = {row.name.split(".")[1].upper(): row for row in module.TABLE}
-    assert {name: row.value for name, row in rows.items()} == constants
-    assert all(row.unit and row.reason for row in rows.values())
+def constants(path: Path) -> list[tuple[str, str]]:
+    """Numbers with names in capitals at the top of a module, and what stands below each."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    found = []
+    for line, below in zip(body, [*body, None][1:], strict=True):
+        if not isinstance(line, ast.Assign) or not isinstance(line.targets[0], ast.Name):
+            continue
+        name = line.targets[0].id
+        numbers = [n for n in ast.walk(line.value) if isinstance(n, ast.Constant) and type(n.value) in (int, float)]
+        only = all(isinstance(n, ARITHMETIC) for n in ast.walk(line.value))
+        if name.strip("_").isupper() and numbers and only:
+            is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+            found.append((name, str(below.value.value) if is_text else ""))  # type: ignore[union-attr]
+    return found
 
 
-def test_results_record_all_of_them() -> None:
-    found = all_thresholds()
-    assert len(found) == sum(len(list(table)) for table in TABLES) > 200
-    assert found["selection.bic"] == 10.0
-    assert found["prediction.kept_promise"] == [0.5, 1.5]
+@pytest.mark.parametrize("path", DECIDING, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_each_constant_says_its_unit_and_its_reason(path: Path) -> None:
+    if path.name in MOTIONS:
+        return
+    assert [name for name, text in constants(path) if not re.match(r"\[[^\]]+\] \S", text)] == []
+
+
+@pytest.mark.parametrize("deciding", [run.DECIDING, provenance.DECIDING], ids=["discovery", "identification"])
+def test_results_record_those_on_which_an_answer_depends(deciding: Any) -> None:
+    found = recorded(deciding)
+    assert len(found) == sum(len(names) for _, names in deciding) >= 50
+    for module, names in deciding:
+        assert set(names) <= {name for name, _ in constants(Path(module.__file__))}
+
+
+def test_the_names_and_values_that_are_recorded() -> None:
+    found = recorded(run.DECIDING)
+    assert found["discovery.selection.decide.bic"] == 10.0
+    assert found["prediction.least_squares.kept_promise"] == [0.5, 1.5]
     assert found["statistics.confidence"] == 0.95
-    own = recorded(provenance.TABLES).keys() - found.keys()
-    assert own == recorded([identification.TABLE]).keys()
 
 
 def test_the_values_that_options_take_by_default() -> None:
@@ -80,9 +86,15 @@ def test_the_values_that_options_take_by_default() -> None:
 @pytest.mark.parametrize("path", DECIDING, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_no_other_number_decides(path: Path) -> None:
     """Every number is written down, or one of arithmetic, or the rank of a diagnostic."""
-    if path.name in (*MOTIONS, "thresholds.py"):
+    if path.name in MOTIONS:
         return
     tree = ast.parse(path.read_text(encoding="utf-8"))
+    named = {name for name, _ in constants(path)}
+    tree.body = [
+        line
+        for line in tree.body
+        if not (isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name) and line.targets[0].id in named)
+    ]
     shown = {id(node) for text in ast.walk(tree) if isinstance(text, ast.JoinedStr) for node in ast.walk(text)}
     shown |= {id(of.value) for of in ast.walk(tree) if isinstance(of, ast.keyword) and of.arg == "rank"}
     found = {

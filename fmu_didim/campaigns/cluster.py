@@ -12,8 +12,12 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.errors import InputError, loading
+
+SCHEDULER_S = 30.0
+"""[s] For a scheduler to answer, or to write its file."""
+WORKERS_S = 60.0
+"""[s] For the first worker of a cluster to appear: a queue may take longer."""
 
 
 @contextmanager
@@ -33,21 +37,21 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
         from distributed import Client
     try:
         if "://" in address:
-            client = Client(address, timeout=limits.SCHEDULER_S)
+            client = Client(address, timeout=SCHEDULER_S)
         else:
             _wait_for(Path(address))
-            client = Client(scheduler_file=address, timeout=limits.SCHEDULER_S)
+            client = Client(scheduler_file=address, timeout=SCHEDULER_S)
     except (OSError, ValueError) as error:
         raise InputError(
             "No scheduler answers there.", where=address, got=str(error)[:200],
             next_step="Start one (dask scheduler) and workers (dask worker ADDRESS), or leave --scheduler out.",
         ) from error  # fmt: skip
     try:
-        client.wait_for_workers(1, timeout=limits.WORKERS_S)
+        client.wait_for_workers(1, timeout=WORKERS_S)
         yield client.get_executor(pure=False, retries=2), max(1, sum(client.nthreads().values()))
     except TimeoutError as error:
         raise InputError(
-            "The cluster has no workers.", where=address, got=f"none within {limits.WORKERS_S:g} s",
+            "The cluster has no workers.", where=address, got=f"none within {WORKERS_S:g} s",
             next_step="Start some: dask worker ADDRESS.",
         ) from error  # fmt: skip
     finally:
@@ -56,7 +60,7 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
 
 def _wait_for(file: Path) -> None:
     """Wait for the file of a scheduler that is just starting; raises FileNotFoundError."""
-    limit = time.monotonic() + limits.SCHEDULER_S
+    limit = time.monotonic() + SCHEDULER_S
     while not file.is_file():
         if time.monotonic() > limit:
             raise FileNotFoundError(f"the file {file} does not appear")

@@ -7,8 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.documents import AlsoWritten, Positive, Strict
+
+TIME_LIMIT_S = 3600.0
+"""[s] For one run where the campaign states none: the longest discovery takes a third of it."""
+MEMORY_LIMIT_MB = 4096.0
+"""[MB] For one run where the campaign states none: four times the largest that is known."""
 
 
 def _values(value: Any) -> Any:
@@ -143,8 +147,8 @@ class Limits(Strict):
             of licences may ask for.
     """
 
-    time_s: Positive = limits.TIME_LIMIT_S
-    memory_mb: Positive = limits.MEMORY_LIMIT_MB
+    time_s: Positive = TIME_LIMIT_S
+    memory_mb: Positive = MEMORY_LIMIT_MB
     instances: Mapping[str, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
 
 

@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.fields import written
 from fmu_didim.campaigns.plan import Content
 from fmu_didim.campaigns.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
@@ -36,6 +35,9 @@ from fmu_didim.errors import FmuDidimError, FmuError, IdentificationError, Simul
 from fmu_didim.identification.result import ResultDocument
 from fmu_didim.identification.start import start_values
 from fmu_didim.workflow import discover, identify
+
+PREPARED = 4
+"""[cases] Loaded cases that a worker keeps; runs of one case follow each other."""
 
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
 """Of every worker: there are as many of them as cores."""
@@ -133,7 +135,7 @@ def prepared(kept: Kept, task: Task) -> tuple[Case, Truth | None]:
     content = task.content
     if task.design not in kept.prepared:
         kept.prepared[task.design] = _loaded(Path(kept.scratch.name), task)
-        while len(kept.prepared) > limits.PREPARED:
+        while len(kept.prepared) > PREPARED:
             kept.prepared.popitem(last=False)
     kept.prepared.move_to_end(task.design)
     case, truth = kept.prepared[task.design]

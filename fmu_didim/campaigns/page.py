@@ -14,7 +14,6 @@ import pyarrow as pa
 from pyarrow.csv import write_csv
 from pyarrow.parquet import write_table
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.charts import page_figures
 from fmu_didim.campaigns.notebook import banner
 from fmu_didim.campaigns.quality import USED
@@ -27,6 +26,13 @@ from fmu_didim.report.page import REPORT_FILE
 from fmu_didim.report.tables import Table, table
 from fmu_didim.report.templates import write_page
 from fmu_didim.workflow.case_files import shell_line
+
+ROWS_OPEN = 48
+"""[rows] Of the table of parameters up to which the page shows it unfolded: six groups of eight."""
+ROWS_SHOWN = 5000
+"""[rows] Most runs that the page lists one by one; files hold all of them."""
+CELL_RUNS = 25
+"""[runs] Most runs that a group of the page links to, those without answer first."""
 
 TEMPLATE = "campaign.html.j2"
 DISCOVERY_REPORT = "discovery.html"
@@ -96,12 +102,12 @@ def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, 
         groups=_groups(results, summary, runs),
         axes=_axes(results),
         parameters=_parameters(results, quality),
-        rows_open=limits.ROWS_OPEN,
+        rows_open=ROWS_OPEN,
         figures=figures,
         confusion=None if confusion.empty else _confusion(confusion),
         rows=_rows(results, runs),
         row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
-        left_out=max(len(runs) - limits.ROWS_SHOWN, 0),
+        left_out=max(len(runs) - ROWS_SHOWN, 0),
         show=shell_line(["fmu-didim", "campaign", "show", str(results.folder)]),
     )
 
@@ -146,7 +152,7 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
     runs = runs.assign(order=order).sort_values("order", kind="stable")
     grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
     members = {_key(key): group for key, group in grouped}
-    listed = set(runs.head(limits.ROWS_SHOWN)["id"])
+    listed = set(runs.head(ROWS_SHOWN)["id"])
     counts = _counts(summary)
     cells = []
     for row in summary.to_dict("records"):
@@ -158,7 +164,7 @@ def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list
             interval = f"{100 * low:.1f} to {high}" if low == low else MISSING
             texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
             texts.append(significant(row["largest_bias_in_sigma"], 2))
-        group = members[_key(tuple(row[path] for path in results.paths))].head(limits.CELL_RUNS)
+        group = members[_key(tuple(row[path] for path in results.paths))].head(CELL_RUNS)
         links = [
             (id_, _word(verdict, status))
             for id_, verdict, status in zip(group["id"], group["verdict"], group["status"], strict=True)
@@ -184,7 +190,7 @@ def _axes(results: Results) -> list[tuple[str, Table]]:
                 rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
                 rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
         made = table(heads, rows, (0,), is_aligned=False)
-        if made is not None and len(rows) <= limits.ROWS_SHOWN // 10:
+        if made is not None and len(rows) <= ROWS_SHOWN // 10:
             found.append((path, made))
     return found
 
@@ -197,7 +203,7 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
         [*(shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
          *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
          _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
-        for r in quality.head(limits.ROWS_SHOWN).to_dict("records")
+        for r in quality.head(ROWS_SHOWN).to_dict("records")
     ]  # fmt: skip
     words = tuple(range(len(results.paths) + 2))
     return table(heads, rows, words, is_aligned=False) if rows else None
@@ -214,7 +220,7 @@ def _confusion(counts: pd.DataFrame) -> Table:
 def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, tuple[str, ...]]]:
     """Id, page and texts of the runs that are listed: those without answer first."""
     order = runs["verdict"].isin(USED).astype(int)
-    kept = runs.assign(order=order).sort_values("order", kind="stable").head(limits.ROWS_SHOWN)
+    kept = runs.assign(order=order).sort_values("order", kind="stable").head(ROWS_SHOWN)
     found = []
     for row in kept.to_dict("records"):
         texts = [*(shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]

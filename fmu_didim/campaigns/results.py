@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.quality import USED, by_parameter, of_all_parameters, plain
 from fmu_didim.campaigns.status import VERDICTS, Status, status_of
 from fmu_didim.campaigns.store import FAILURES, Store
@@ -21,6 +20,11 @@ from fmu_didim.report.table import wrapped
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+FEW_RUNS = 20
+"""[runs] Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %."""
+GROUPS_PRINTED = 12
+"""[groups] Most groups that are printed; else those by each field alone."""
 
 
 class Results:
@@ -94,7 +98,7 @@ class Results:
     def summary(self) -> str:
         """What the terminal shows: groups, what was named of hidden effects, what to have in mind with the figures."""
         whole, paths = self.groups(), self.paths
-        apart = len(whole) > limits.GROUPS_PRINTED and len(paths) > 1
+        apart = len(whole) > GROUPS_PRINTED and len(paths) > 1
         blocks = [groups_text(self.groups(path), [path]) for path in paths] if apart else [groups_text(whole, paths)]
         confusion = self.confusion()
         if not confusion.empty:
@@ -238,12 +242,10 @@ class Results:
                 "coverage count the data."
             )
         table = self.by_parameter()
-        few = table[table["data"] < limits.FEW_RUNS]
+        few = table[table["data"] < FEW_RUNS]
         if not few.empty:
             groups = len(few.drop_duplicates(self.paths)) if self.paths else 1
-            found.append(
-                f"{groups} groups have fewer than {limits.FEW_RUNS} data: their coverage and sigma say little."
-            )
+            found.append(f"{groups} groups have fewer than {FEW_RUNS} data: their coverage and sigma say little.")
         unknown = self._parameters.loc[self._parameters["true"].isna(), "parameter"].unique()
         if len(unknown):
             found.append(f"No true value is known of {', '.join(unknown)}: other parameters are regrouped into it.")

@@ -17,7 +17,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.document import Limits
 from fmu_didim.campaigns.execute import (
     ENVIRONMENT,
@@ -31,6 +30,7 @@ from fmu_didim.campaigns.execute import (
 from fmu_didim.campaigns.plan import Plan, Run
 from fmu_didim.campaigns.seats import seats, sources_of
 from fmu_didim.campaigns.store import (
+    ALIVE_S,
     CRASHED,
     FAILED,
     FAILURES,
@@ -43,6 +43,15 @@ from fmu_didim.campaigns.store import (
 )
 from fmu_didim.components.fmu.process import START_LIMIT, ProcessEndedError, Worker
 from fmu_didim.errors import FmuDidimError, InputError
+
+CHUNK_S = 4.0
+"""[s] Work that is handed over at once: a hundred times what an engine takes for it, and little to lose."""
+CHUNK_RUNS = 200
+"""[runs] Most runs of a chunk, however short: failures are told soon."""
+CHUNKS_AHEAD = 2
+"""[chunks] Handed over for each worker: one it works on and one so that it never waits."""
+KILLS = 2
+"""[times] A run whose process is killed from outside so often has failed; once may be mere chance."""
 
 Told = Callable[["Progress"], None]
 RowHead = tuple[str, str, str | None, str, float]
@@ -88,7 +97,7 @@ class Lane:
 
     def run(self, task: Task, attempt: int = 1) -> dict[str, Any]:
         """The row of a run; a process that ends is part of it."""
-        for kills in range(1, limits.KILLS + 1):
+        for kills in range(1, KILLS + 1):
             started, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
             try:
                 row: dict[str, Any] = self.ask(execute, task)
@@ -97,7 +106,7 @@ class Lane:
                 break
             except FmuDidimError as error:
                 self.close()
-                if isinstance(error, ProcessEndedError) and error.killed and not self.stopped and kills < limits.KILLS:
+                if isinstance(error, ProcessEndedError) and error.killed and not self.stopped and kills < KILLS:
                     continue
                 row = {"id": task.id, "design": task.design, "data": task.data, "seed": task.seed, "started": started,
                        **_ended(error), "seconds": time.perf_counter() - clock}  # fmt: skip
@@ -256,19 +265,19 @@ def run_all(
     spent = [0.0]
 
     def size() -> int:
-        each = spent[0] / progress.done if progress.done else limits.CHUNK_S / 8
+        each = spent[0] / progress.done if progress.done else CHUNK_S / 8
         most = max(1, len(todo) // (4 * workers))
-        return max(1, min(int(limits.CHUNK_S / max(each, 1e-3)), limits.CHUNK_RUNS, most))
+        return max(1, min(int(CHUNK_S / max(each, 1e-3)), CHUNK_RUNS, most))
 
     waiting = chunks(plan, store, todo, size)
     flying: set[Future[list[RowHead]]] = set()
     try:
         while True:
-            while len(flying) < limits.CHUNKS_AHEAD * workers and (chunk := next(waiting, None)) is not None:
+            while len(flying) < CHUNKS_AHEAD * workers and (chunk := next(waiting, None)) is not None:
                 flying.add(engine.submit(run_chunk, chunk))
             if not flying:
                 return progress
-            done, flying = wait(flying, timeout=limits.ALIVE_S / 4, return_when=FIRST_COMPLETED)
+            done, flying = wait(flying, timeout=ALIVE_S / 4, return_when=FIRST_COMPLETED)
             store.sign()
             for future in done:
                 heads = future.result()

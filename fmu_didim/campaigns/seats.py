@@ -13,8 +13,10 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from fmu_didim.cache import cache_directory, told
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.files import file_permissions, made
+
+SEAT_POLL_S = 0.05
+"""[s] Between two looks for a free seat of an FMU: little beside a chunk of runs."""
 
 
 def sources_of(case: Mapping[str, Any]) -> set[str]:
@@ -44,7 +46,7 @@ def seats(files: Mapping[Path, int], is_over: Callable[[], bool]) -> Iterator[No
                 if seat is not None:
                     held.callback(seat.release)
                     break
-                time.sleep(limits.SEAT_POLL_S)
+                time.sleep(SEAT_POLL_S)
         yield
 
 

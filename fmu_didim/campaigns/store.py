@@ -23,13 +23,18 @@ from typing import IO, TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.errors import InputError
 from fmu_didim.files import advice, patiently, sync, whole_file
 from fmu_didim.version import __version__
 
 if TYPE_CHECKING:
     from fmu_didim.campaigns.plan import Plan
+
+PART_ROWS = 1000
+"""[rows] Rows of a journal from which they become a Parquet file: 100 000 runs are then a hundred files, read in a
+second."""
+ALIVE_S = 60.0
+"""[s] After its last sign a runner on the same folder counts as ended."""
 
 _OF_PARAMETER = ("value", "std", "low", "high", "true", "didim_value", "didim_std", "paper_std")
 _PARAMETER = pa.struct([
@@ -162,7 +167,7 @@ class Store:
         found = []
         for path in (self.folder / RUNNERS).glob("*"):
             with suppress(OSError):
-                if path.name != own and now - path.stat().st_mtime < limits.ALIVE_S:
+                if path.name != own and now - path.stat().st_mtime < ALIVE_S:
                     found.append(path.name)
         return found
 
@@ -234,7 +239,7 @@ class Journal:
         """Bring what was written to the disk; a long journal becomes a Parquet file."""
         if self._stream is not None:
             os.fsync(self._stream.fileno())
-        if self._count >= limits.PART_ROWS:
+        if self._count >= PART_ROWS:
             self.seal()
 
     def close(self) -> None:

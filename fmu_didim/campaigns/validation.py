@@ -12,7 +12,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.document import CampaignDocument, Noise, Options
 from fmu_didim.campaigns.execute import Task, Trial
 from fmu_didim.campaigns.fields import written
@@ -24,6 +23,11 @@ from fmu_didim.controllers import read_controller
 from fmu_didim.documents import problems
 from fmu_didim.errors import InputError
 from fmu_didim.robot import read_robot
+
+TRIED = 64
+"""[cases] Most cases that are loaded before the first run; further values are checked by their form only."""
+LOOKED_AT = 1000
+"""[cases] Most cases whose form is checked before the first run: two seconds."""
 
 Try = Callable[[Sequence[Task]], list[Trial]]
 """Loads cases where runs will be; what hinders each."""
@@ -82,16 +86,16 @@ def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
     good: dict[tuple[int, ...], tuple[Setting, ...]] = {}
     with tempfile.TemporaryDirectory() as scratch:
         look = _Form(plan, Path(scratch))
-        variants = list(islice(plan.variants(), limits.LOOKED_AT))
+        variants = list(islice(plan.variants(), LOOKED_AT))
         for settings in variants:
             told = look.problems(settings)
             found |= {t: _placed(t, settings, variants[0]) for t in told if t not in found}
             rest = look.without_wrong(settings, told) if told else settings
             if rest is not None:
                 good.setdefault(tuple(map(id, rest)), rest)
-    if len(variants) < limits.LOOKED_AT:
+    if len(variants) < LOOKED_AT:
         found |= {name: look.not_named(name) for name in sorted(set(plan.document.limits.instances) - look.sources)}
-    tried = list(good.values())[: limits.TRIED]
+    tried = list(good.values())[:TRIED]
     if attempt is not None and tried:
         tasks = [_task(plan, settings) for settings in tried]
         for settings, trial in zip(tried, attempt(tasks), strict=True):

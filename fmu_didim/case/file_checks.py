@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile
-from fmu_didim.diagnosis.data import thresholds as limits
+from fmu_didim.diagnosis.data.log import REFERENCE_STEP
 from fmu_didim.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.master import grid_places
@@ -33,18 +33,18 @@ SMALLER_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6}
 
 def check_reference_rate(reference: Trajectory, step: float, file: str) -> None:
     """Raise DiagnosedError where the rows of a reference are not one control period (s) apart."""
-    if reference.time.size < 2 or reference.deviation(step) <= limits.REFERENCE_STEP * step:
+    if reference.time.size < 2 or reference.deviation(step) <= REFERENCE_STEP * step:
         return
     steps = np.diff(reference.time)
     usual = float(np.median(steps))
     for words, unit in SMALLER_UNITS.items():
-        if abs(usual * unit - step) <= limits.REFERENCE_STEP * step:
+        if abs(usual * unit - step) <= REFERENCE_STEP * step:
             text = (
                 f"The stamps of the reference seem to be in {words}: its rows are {usual:.6g} apart, a control period "
                 f"lasts {step:.6g} s."
             )
             raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, usual, step, "s")])
-    uneven = "unevenly, usually " if np.ptp(steps) > limits.REFERENCE_STEP * usual else ""
+    uneven = "unevenly, usually " if np.ptp(steps) > REFERENCE_STEP * usual else ""
     text = (
         f"The reference is not sampled at the control rate: its rows are {uneven}{usual:.6g} s apart "
         f"({1 / usual:.6g} Hz), and the loop runs at {1 / step:.6g} Hz."

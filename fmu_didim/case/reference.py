@@ -19,7 +19,20 @@ from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.master import grid_places
 from fmu_didim.signals import Array, Trajectory, Variable, derivative, white_noise
-from fmu_didim.tables import thresholds as limits
+
+FEWEST_ROWS = 8
+"""[rows] Of a reference that can be differentiated or resampled."""
+DIFFERENTIATED_NOISE = 0.02
+"""[1] Scatter of a velocity (acceleration) that was computed from a position, of its own standard deviation, from
+which it is doubted: a planned trajectory with nine digits has less than 1e-3, an encoder of 4 096 lines at 1 kHz
+more."""
+BETWEEN_ROWS = 1e-3
+"""[1] Of the range of a reference column by which a spline through every second row may miss the others, from which
+what lies between rows is doubted; with all rows it misses a sixteenth of that."""
+STARTS_MOVING = 0.01
+"""[1] Of the deviation of a velocity, from which a motion has begun at its first row: the plant then starts with
+it."""
+
 
 REFERENCE_DERIVED = CATALOGUE(
     "reference-derived", REMARK, rank=93,
@@ -68,7 +81,7 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
             if name in found.names:
                 given, order = name, 0
                 continue
-            if found.time.size < limits.FEWEST_ROWS:
+            if found.time.size < FEWEST_ROWS:
                 break
             order += 1
             rate = derivative(found.time, made.get(name[1:], found.column(given)))
@@ -81,17 +94,17 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
         return found, []
     text = f"Computed by cubic splines, because the reference lacks them: {', '.join(made)}."
     told = [Diagnostic(REFERENCE_DERIVED, text, found.source)]
-    if worst > limits.DIFFERENTIATED_NOISE:
+    if worst > DIFFERENTIATED_NOISE:
         text = (
             f"{worst_name} of the reference was computed from a noisy or rounded column: {100 * worst:.2g} % of it is "
         )
-        told.append(Diagnostic(REFERENCE_ROUGH, f"{text}noise.", found.source, worst, limits.DIFFERENTIATED_NOISE, "1"))
+        told.append(Diagnostic(REFERENCE_ROUGH, f"{text}noise.", found.source, worst, DIFFERENTIATED_NOISE, "1"))
     variables = (*found.variables, *(Variable(name) for name in made))
     return replace(found, variables=variables, values=np.column_stack([found.values, *made.values()])), told
 
 
 def _is_moving(rate: Array) -> bool:
-    return bool(abs(rate[0]) > limits.STARTS_MOVING * rate.std())
+    return bool(abs(rate[0]) > STARTS_MOVING * rate.std())
 
 
 def _scatter(given: Array, rate: Array, step: float, order: int) -> float:
@@ -109,7 +122,7 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     Raises:
         InputError: it has too few rows.
     """
-    if found.time.size < limits.FEWEST_ROWS:
+    if found.time.size < FEWEST_ROWS:
         raise InputError(
             "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows"
         )
@@ -130,7 +143,7 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     between = CubicSpline(found.time[::2], found.values[::2])(found.time[1:-1:2]) - found.values[1:-1:2]
     size = np.maximum(np.ptp(found.values, axis=0), np.finfo(float).tiny)
     missed = float((np.abs(between[1:-1]).max(axis=0) / size).max())
-    if missed > limits.BETWEEN_ROWS:
+    if missed > BETWEEN_ROWS:
         text = f"A spline through every second row misses the others by {100 * missed:.2g} % of its range."
-        told.append(Diagnostic(REFERENCE_COARSE, text, found.source, missed, limits.BETWEEN_ROWS, "1"))
+        told.append(Diagnostic(REFERENCE_COARSE, text, found.source, missed, BETWEEN_ROWS, "1"))
     return replace(found, time=time, values=np.asarray(values)), told

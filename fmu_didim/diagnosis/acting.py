@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.diagnosis.log_noise import STANDSTILL
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Recording
@@ -15,6 +15,17 @@ from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.signals import Array
+
+CHANGE = 1e-2
+"""[1] Relative change of a parameter by which its column is found, and whether it acts at all: large against the
+jitter of any integrator."""
+FIRST_TICKS = 200
+"""[ticks] Simulated first; what shows no effect there is simulated to the end."""
+COMPARED_TICKS = 50
+"""[ticks] At which the signals are compared."""
+START_TOLERANCE = 1e-3
+"""[1] Distance of the plant from the start of the reference, relative to the range of the reference, from which the
+user is warned."""
 
 PARAMETER_IDLE = CATALOGUE(
     "parameter-idle", PROBLEM, rank=30,
@@ -51,7 +62,7 @@ def check_acting(model: LoopModel) -> None:
     total = max(model.experiments[label].reference.time.size for label in model.estimation_labels)
     idle = [i for i, parameter in enumerate(model.free_parameters) if parameter.owner not in UNSEEN]
     try:
-        for count in sorted({min(limits.FIRST_TICKS, total), total}):
+        for count in sorted({min(FIRST_TICKS, total), total}):
             idle = _idle(model, theta, count, idle) if idle else []
     except SimulationError:
         return  # the estimator says more about a loop that does not run
@@ -59,7 +70,7 @@ def check_acting(model: LoopModel) -> None:
         text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
         raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
     if model.parameters.is_probed:
-        silent = _silent(model, theta, limits.FIRST_TICKS)
+        silent = _silent(model, theta, FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
             text = f"Some parameters have no effect while the plant runs: {_listed(model, silent)}."
             raise DiagnosedError([Diagnostic(PARAMETER_FIXED, text, "identify")])
@@ -77,7 +88,7 @@ def _listed(model: LoopModel, places: list[int]) -> str:
 
 
 def _ticks(count: int) -> NDArray[np.int64]:
-    return np.unique(np.linspace(0, count - 1, limits.COMPARED_TICKS).astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, COMPARED_TICKS).astype(np.int64))
 
 
 def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list[int]:
@@ -90,7 +101,7 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
         if label not in base:
             base[label] = model.simulation(values, label).record(ticks=ticks)
         other = values.copy()
-        other[i] += limits.CHANGE * (abs(values[i]) or 1.0)
+        other[i] += CHANGE * (abs(values[i]) or 1.0)
         if mass_matrix_problem(model, other):
             continue
         try:
@@ -128,7 +139,7 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
                 continue
             column = reference.select([f"{name}{j}"])
             here, there = float(first.applied[signal][0]), float(column[0, 0])
-            bound = limits.START_TOLERANCE * max(float(np.ptp(column)), limits.STANDSTILL)
+            bound = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL)
             if abs(here - there) > bound:
                 text = f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}."
                 step = (

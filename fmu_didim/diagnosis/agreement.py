@@ -23,13 +23,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.fit_uncertainty import unfiltered_residual
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.uncertainty import stretches, uncertainty
 from fmu_didim.signals import Array
 from fmu_didim.statistics import noise_deviation
+
+SIGNIFICANCE = 0.001
+"""[1] Probability, for all experiments together, with which experiments that agree are said to disagree."""
+RANK = 1e-9
+"""[1] Eigenvalues below this fraction of the largest one are directions that an experiment does not show."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
         table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.
     """
     left, sizes, right = np.linalg.svd(table.reshape(-1, table.shape[2]), full_matrices=False)
-    kept = sizes > np.sqrt(limits.RANK) * sizes.max()
+    kept = sizes > np.sqrt(RANK) * sizes.max()
     sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
     influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
     own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
@@ -103,7 +107,7 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
 def _judged(label: str, names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> Agreement:
     """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone."""
     values, vectors = np.linalg.eigh(slope)
-    kept = values > limits.RANK * max(float(values.max()), TINY)
+    kept = values > RANK * max(float(values.max()), TINY)
     if not kept.any():
         return Agreement(label, 1.0, True, "", 0.0)
     root = vectors[:, kept] / np.sqrt(values[kept])
@@ -112,5 +116,5 @@ def _judged(label: str, names: tuple[str, ...], score: Array, slope: Array, cova
     change = root @ along
     spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
     most = int(np.argmax(np.abs(change) / spread))
-    agrees = p_value >= limits.SIGNIFICANCE / count
+    agrees = p_value >= SIGNIFICANCE / count
     return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))

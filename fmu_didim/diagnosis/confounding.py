@@ -12,10 +12,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.errors import IdentificationError
 from fmu_didim.signals import Array
 from fmu_didim.statistics import LEADING
+
+COLLINEAR = 1e-6
+"""[1] Singular value, of columns of length one over the square root of their number, below which errors of the
+derivatives (1e-6 of a column) decide what is identified."""
+UNKNOWN_SIZE = 1.0
+"""[1] A parameter is not known at all if its standard deviation is more than this fraction of its value,"""
+UNKNOWN_TORQUE = 0.05
+"""[1] and moves the torque by more than this fraction of it: that many a small parameter is not significant says
+nothing yet."""
+INFLATION = 10.0
+"""[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
+others."""
 
 
 def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> tuple[str, ...]:
@@ -34,14 +45,14 @@ def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: f
         together = np.flatnonzero(np.abs(v) > LEADING * np.abs(v).max())
         if together.size < 2:
             continue
-        if s < limits.COLLINEAR * np.sqrt(values.size):
+        if s < COLLINEAR * np.sqrt(values.size):
             found |= {int(i) for i in together}
             continue
         # Along v noise moves parameter i by |v_i| / s standard deviations of it alone.
         inflated = np.abs(v) / s
-        larger = inflated > limits.UNKNOWN_SIZE * np.abs(values) * length
-        unknown = larger & (inflated > limits.UNKNOWN_TORQUE * torque)
-        both = [int(i) for i in together if unknown[i] and inflated[i] > limits.INFLATION]
+        larger = inflated > UNKNOWN_SIZE * np.abs(values) * length
+        unknown = larger & (inflated > UNKNOWN_TORQUE * torque)
+        both = [int(i) for i in together if unknown[i] and inflated[i] > INFLATION]
         if len(both) > 1:
             found |= set(both)
     return tuple(names[i] for i in sorted(found))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.diagnosis.acting import CHANGE
 from fmu_didim.diagnosis.mismatch import unlike_torque
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
@@ -29,6 +29,23 @@ from fmu_didim.prediction.prediction import drive_torque
 from fmu_didim.prediction.probing import RegressorProbe
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.signals import Array
+
+POINTS = 20
+"""[instants] Compared, spread over what is simulated."""
+LENGTHS = (2000, 200, 20, 10)
+"""[ticks] Of the reference that are simulated; fewer where the loop does not run for so long."""
+TORQUE_TOLERANCE = 1e-3
+"""[1] Relative difference of the torque from which plant and description are different."""
+COLUMN_TOLERANCE = 1e-2
+"""[1] The same of a column of the regressor."""
+DIFFERENCE_TOLERANCE = 5e-2
+"""[1] The same of both where accelerations are differences of velocities."""
+QUIET_JOINT = 1e-3
+"""[1] Fraction of the torque of all joints with which a joint is compared that hardly needs any itself."""
+UNEXCITED = 1e-12
+"""[SI] A column that is nowhere larger is not excited by the motion."""
+SILENT_COLUMN = 1e-6
+"""[1] Fraction of a column below which the plant's is what differences leave of nothing."""
 
 PLANT_DIFFERS = CATALOGUE(
     "plant-differs", DOUBT, rank=33,
@@ -95,8 +112,8 @@ class Consistency:
         """What differs, a line each; empty if plant and description agree."""
         if self.failure:
             return [f"The plant could not be compared with the robot description: {self.failure}"]
-        torque_limit = limits.DIFFERENCE_TOLERANCE if self.by_differences else limits.TORQUE_TOLERANCE
-        column_limit = limits.DIFFERENCE_TOLERANCE if self.by_differences else limits.COLUMN_TOLERANCE
+        torque_limit = DIFFERENCE_TOLERANCE if self.by_differences else TORQUE_TOLERANCE
+        column_limit = DIFFERENCE_TOLERANCE if self.by_differences else COLUMN_TOLERANCE
         found = [c.text(name) for name, c in (self.columns or {}).items() if c.difference > column_limit]
         unlike = [f"{100 * d:.2g} % at joint {j}" for j, d in enumerate(self.torque, start=1) if d > torque_limit]
         if unlike:
@@ -119,7 +136,7 @@ def check_consistency(model: LoopModel) -> Consistency:
         return Consistency(failure="neither the values of the description nor those of the reference can be simulated.")
     run, count = runs
     theta = run.theta
-    ticks = np.unique(np.linspace(1, count - 2, limits.POINTS).astype(np.int64))
+    ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
     columns: Array | None = None
     method, by_differences = "", not model.gives_acceleration
     try:
@@ -141,7 +158,7 @@ def check_consistency(model: LoopModel) -> Consistency:
     size = np.sqrt((torque**2).mean(axis=0))
     whole = float(np.sqrt((torque**2).mean()))
     # A joint that hardly needs torque is measured by that of all.
-    relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, limits.QUIET_JOINT * whole)
+    relative = np.sqrt((residual**2).mean(axis=0)) / np.maximum(size, QUIET_JOINT * whole)
     compared = _compared(model.parameters.names, columns, regressor)
     found = Consistency(ticks.size, tuple(float(v) for v in relative), compared, method, by_differences)
     if by_differences or not any("torque:" in line for line in found.warnings()):
@@ -156,7 +173,7 @@ Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
 def _longest_run(model: LoopModel) -> tuple[Simulation, int] | None:
     """With the description's own values, or those that the reference gives, and for how many ticks the loop runs."""
     total = model.experiments[model.first].reference.time.size
-    for count in sorted({min(total, length) for length in limits.LENGTHS}, reverse=True):
+    for count in sorted({min(total, length) for length in LENGTHS}, reverse=True):
         for choose in (lambda m: m.start, from_reference):
             theta: Array = choose(model)
             if mass_matrix_problem(model, theta):
@@ -209,7 +226,7 @@ def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points
     size = np.linalg.norm(torque) / np.maximum(np.linalg.norm(regressor, axis=(0, 1)), TINY)
     columns = np.empty_like(regressor)
     for i in range(theta.size):
-        step = limits.CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
+        step = CHANGE * (abs(theta[i]) or min(float(size[i]), 1.0))
         other = run.moved(i, theta[i] + step)
         moved_torque, moved, moved_known, *_ = _points(other, ticks)
         after = moved_torque - moved @ other.values - moved_known
@@ -223,12 +240,12 @@ def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str
     for i, name in enumerate(names):
         ours, theirs = analytic[:, :, i], plant[:, :, i]
         norm, other = float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))
-        if scale[i] <= limits.UNEXCITED:
+        if scale[i] <= UNEXCITED:
             continue  # the motion says nothing of this parameter
         cosine = float((ours * theirs).sum() / (norm * other)) if other else float("nan")
         joint = int(np.argmax(np.linalg.norm(theirs - ours, axis=0))) + 1
         # What differences leave of nothing counts as nothing.
-        silent = other <= limits.SILENT_COLUMN * norm
+        silent = other <= SILENT_COLUMN * norm
         found[name] = Column(
             float(np.linalg.norm(theirs - ours)) / norm, cosine, 0.0 if silent else other / norm, joint
         )

@@ -24,10 +24,17 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fmu_didim.base_parameters import BaseParameters
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.errors import IdentificationError
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
+
+SMALLEST_DEVIATION = 1e-6
+"""[1] Standard deviation of a value, relative to it, that is taken at least: data without noise have weights, too."""
+TOUCHES = 0.01
+"""[standard deviations] Values that are nearer to physical ones are physical: the solver's rest."""
+MASS_ALONE = 1e-6
+"""[1] Weight of what no data show, such as the mass of the first link, against squared standard deviations: it keeps
+the problem bounded."""
 
 MOTOR_INERTIA = "Ia"
 _ENTRIES = {
@@ -83,7 +90,7 @@ def nearest_physical(
     rows = problem.rows
     if not rows.size:
         return Nearest(values.copy(), 0.0, 0, 0, 0)
-    least = limits.SMALLEST_DEVIATION * np.maximum(np.abs(values[rows]), limits.SMALLEST_DEVIATION * problem.row_scale)
+    least = SMALLEST_DEVIATION * np.maximum(np.abs(values[rows]), SMALLEST_DEVIATION * problem.row_scale)
     covered = covariance[np.ix_(rows, rows)] + np.diag(least**2)
     deviation = np.sqrt(np.diag(covered))
     factor = np.linalg.cholesky(covered / np.outer(deviation, deviation))
@@ -95,7 +102,7 @@ def nearest_physical(
     result[rows] += moved
     distance = float(np.linalg.norm(np.linalg.solve(factor, moved / deviation)))
     farthest = int(rows[np.argmax(np.abs(moved / deviation))])
-    if distance < limits.TOUCHES:
+    if distance < TOUCHES:
         return Nearest(result, distance, 0, 0, farthest)
     return Nearest(result, distance, problem.held_back(dual, slack), problem.link_of(moved, dual), farthest)
 
@@ -202,7 +209,7 @@ def _solved(problem: _Problem, whitened: Array, target: Array, margin: float) ->
     """
     count, rows = problem.map.shape[1], target.size
     motors, links = len(problem.motors), problem.table.shape[0] - len(problem.motors)
-    quadratic = sparse.diags_array(np.concatenate([np.full(count, limits.MASS_ALONE), np.ones(rows)]))
+    quadratic = sparse.diags_array(np.concatenate([np.full(count, MASS_ALONE), np.ones(rows)]))
     table = np.block([[whitened, -np.eye(rows)], [-problem.table, np.zeros((problem.table.shape[0], rows))]])
     room = np.tile([margin * (row == column) for row, column in _TRIANGLE], links // len(_TRIANGLE))
     right = np.concatenate([target, problem.fixed - np.concatenate([np.zeros(motors), room])])

@@ -12,12 +12,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
 from fmu_didim.signals import Array
 from fmu_didim.statistics import CONFIDENCE
+
+BOOTSTRAP = 2000
+"""[draws] Of the bootstrap: the ends of a 95 % interval then stand still."""
+BLOCK_S = 0.5
+"""[s] Length of the blocks of the bootstrap: longer than the memory of friction and of the loop."""
+VARIANCE_FLOOR = 0.25
+"""[1] Of the variance of the noise, below which no residual counts as better: a BIC difference is that of model
+error. Half of the noise in size, which may be an upper bound."""
 
 
 def joint_gaps(residual: Array, noise: Noise) -> Array:
@@ -55,7 +62,7 @@ def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
     Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
     """
     factor = effective_fraction(after)
-    floor = limits.VARIANCE_FLOOR * noise.deviation**2
+    floor = VARIANCE_FLOOR * noise.deviation**2
     first = np.maximum(np.mean(before**2, axis=0), floor)
     second = np.maximum(np.mean(after**2, axis=0), floor)
     count = before.shape[0] * factor
@@ -84,7 +91,7 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
     count = max(first.size // max(block, 1), 1)
     edges = np.linspace(0, first.size, count + 1).astype(int)
     sums = np.array([[first[a:b].sum(), second[a:b].sum()] for a, b in pairwise(edges)])
-    drawn = np.random.default_rng(seed).integers(0, count, size=(limits.BOOTSTRAP, count))
+    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
     totals = sums[drawn].sum(axis=1)
     ratios = np.sqrt(totals[:, 1] / np.maximum(totals[:, 0], TINY))
     value = float(np.sqrt(second.sum() / max(float(first.sum()), TINY)))
@@ -124,7 +131,7 @@ def _held_out(fit: Fit) -> Array:
 
 def _block(fit: Fit) -> int:
     """Samples in a block of the bootstrap."""
-    return max(round(limits.BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
+    return max(round(BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:

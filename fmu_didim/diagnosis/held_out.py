@@ -19,13 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY, effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.signals import Array
+
+HELD_OUT_RATIO = 1.25
+"""[1] Residual of a joint in a held-out experiment over that of the fit, from which it is predicted worse: half of
+what anybody would see in a plot."""
+HELD_OUT_CHANCE = 1e-3
+"""[1] Probability, for all joints together, with which noise alone may make it so."""
 
 WORSE_HELD_OUT = CATALOGUE(
     "worse-on-held-out", DOUBT, rank=55,
@@ -105,7 +110,7 @@ def worse_than_fitted(fitted: Residual, held: Residual, *, count: int, extra: Ar
     first = np.maximum(left * _independent_squares(fitted.values), 1.0)
     second = np.maximum(held.values.shape[0] * _independent_squares(held.values), 1.0)
     chance = stats.f.sf(ratio, second, first)
-    return np.flatnonzero((chance < limits.HELD_OUT_CHANCE / n) & (ratio > limits.HELD_OUT_RATIO**2))
+    return np.flatnonzero((chance < HELD_OUT_CHANCE / n) & (ratio > HELD_OUT_RATIO**2))
 
 
 def _independent_squares(residual: Array) -> Array:
@@ -133,6 +138,6 @@ def _worse(fitted: Residual, held: Residual, joint: int, label: str) -> Diagnost
         f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large.",
         place=f"{label}: joint {joint + 1}",
         value=min(ratio, after / max(before, TINY)),
-        bound=limits.HELD_OUT_RATIO,
+        bound=HELD_OUT_RATIO,
         unit="1",
     )

@@ -14,13 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.motion import Motion, simulated_motion
 from fmu_didim.prediction.noise import TINY, Noise, effective_fraction
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
+
+BINS = 12
+"""[bins] Of each quantity, with the same number of samples: enough to see where."""
+FEWEST_EDGES = 3
+"""[edges] A quantity that does not fill two bins says nothing."""
+FALSE_DISCOVERIES = 0.01
+"""[1] Expected fraction of the regions named that are none."""
+WINDOW_SCORE = 8.0
+"""[standard deviations] By which the mean of a window must differ before it counts as a force of its own: far beyond
+chance, because model error is no noise."""
+MAXIMUM_WINDOWS = 24
+"""[windows] Looked for on a joint: hardly more are events."""
+LONGEST_WINDOW = 0.3
+"""[1] Fraction of the log that a window may last: a longer one is no event of its own."""
+SHORTEST_WINDOW = 3
+"""[samples] A window of fewer is an outlier of the logger."""
+WINDOW_GRID = 800
+"""[instants] At the edges of windows in the first search; then they are polished."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +111,8 @@ def regions(
         parts = [(_quantities(motion, j, turn), ticks) for motion, ticks in motions]
         for name, (unit, _) in parts[0][0].items():
             at = np.concatenate([quantities[name][1][ticks] for quantities, ticks in parts])
-            edges = np.unique(np.quantile(at, np.linspace(0, 1, limits.BINS + 1)))
-            if edges.size < limits.FEWEST_EDGES:
+            edges = np.unique(np.quantile(at, np.linspace(0, 1, BINS + 1)))
+            if edges.size < FEWEST_EDGES:
                 continue
             place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2)
             counts = np.bincount(place, minlength=edges.size - 1)
@@ -110,7 +127,7 @@ def regions(
                 if counts[i] > 0
             ]
     adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
-    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= limits.FALSE_DISCOVERIES)
+    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
     return sorted(kept, key=lambda r: (-r.share_of_gap, r.p_value))
 
 
@@ -143,11 +160,11 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
         r = residual[:, j] - np.median(residual[:, j])
         spread = max(float(stats.median_abs_deviation(r, scale="normal")), float(noise.deviation[j]))
         rest = r.copy()
-        for _ in range(limits.MAXIMUM_WINDOWS):
+        for _ in range(MAXIMUM_WINDOWS):
             a, b = _best_window(rest)
             mean = float(rest[a:b].mean())
             score = abs(mean) / spread * np.sqrt((b - a) * factor[j])
-            if score < limits.WINDOW_SCORE or b - a > limits.LONGEST_WINDOW * r.size or abs(mean) < spread:
+            if score < WINDOW_SCORE or b - a > LONGEST_WINDOW * r.size or abs(mean) < spread:
                 break
             found.append(Window(j + 1, float(time[a]), float(time[b - 1]), mean, float(score)))
             rest[a:b] -= mean
@@ -156,12 +173,12 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
 
 def _best_window(values: Array) -> tuple[int, int]:
     """Begin and end (exclusive) of the interval with the largest |sum| / sqrt(length), at least 3 samples long."""
-    thin = max(values.size // limits.WINDOW_GRID, 1)
+    thin = max(values.size // WINDOW_GRID, 1)
     edges = np.append(np.arange(0, values.size, thin), values.size)
     sums = np.concatenate([[0.0], np.cumsum(values)])[edges]
     score = np.abs(sums[None, :] - sums[:, None])
     length = (edges[None, :] - edges[:, None]).astype(float)
-    score = np.where(length >= limits.SHORTEST_WINDOW, score / np.sqrt(np.maximum(length, 1)), -1.0)
+    score = np.where(length >= SHORTEST_WINDOW, score / np.sqrt(np.maximum(length, 1)), -1.0)
     a, b = np.unravel_index(int(np.argmax(score)), score.shape)
     return _polished(values, int(edges[a]), int(edges[b]), thin)
 
@@ -173,6 +190,6 @@ def _polished(values: Array, a: int, b: int, room: int) -> tuple[int, int]:
     last = np.arange(max(b - room, 0), min(b + room, values.size) + 1)
     length = last[None, :] - first[:, None]
     sums = np.abs(total[last][None, :] - total[first][:, None])
-    score = np.where(length >= limits.SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
+    score = np.where(length >= SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
     i, k = np.unravel_index(int(np.argmax(score)), score.shape)
     return int(first[i]), int(last[k])

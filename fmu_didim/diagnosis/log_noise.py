@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.master import System
 from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.experiment import Experiment
@@ -23,6 +22,23 @@ from fmu_didim.prediction.noise import (
     pooled,
 )
 from fmu_didim.signals import Array, Trajectory, trajectory
+
+NOT_NOISE = 1.25
+"""[1] Periods whose difference is this many times the noise at high frequencies differ by more than noise."""
+SLOW = 0.25
+"""[1] So do those whose difference is that correlated over a time in which noise is not,"""
+CHANCE = 3.0
+"""[standard deviations] unless a correlation as large comes about by chance in so many samples."""
+TRANSIENT = 0.1
+"""[1] Fraction of a period that is left out when periods are compared: the first one may begin with a transient."""
+WHOLE_SAMPLES = 1e-3
+"""[samples] A period that is farther from a whole number of samples is not compared: the difference would show the
+shift."""
+REVERSAL = 0.01
+"""[1] Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction
+drifts."""
+STANDSTILL = 1e-9
+"""[SI] Smallest range with which that is compared, of a joint that rests."""
 
 
 def motion_period(model: LoopModel, label: str) -> float | None:
@@ -57,7 +73,7 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
             experiment.with_gaps(model.measured_in(label)),
             count,
             rate_hz=experiment.rate_hz,
-            skip=round(limits.TRANSIENT * count),
+            skip=round(TRANSIENT * count),
             regressors=experiment.with_gaps(friction_columns(experiment)),
         )
         if noise is not None:
@@ -111,8 +127,8 @@ def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[s
     for label, noise in noises.items():
         fast = _residual_noise(fit, label)
         slow = noise.slow if noise.slow is not None else np.zeros(fit.model.joint_count)
-        forgets = slow < max(limits.SLOW, limits.CHANCE / np.sqrt(noise.samples))
-        more = noise.deviation > np.where(forgets, limits.NOT_NOISE, 1.0) * fast.deviation
+        forgets = slow < max(SLOW, CHANCE / np.sqrt(noise.samples))
+        more = noise.deviation > np.where(forgets, NOT_NOISE, 1.0) * fast.deviation
         if not more.any():
             checked.append(noise)
             continue
@@ -135,7 +151,7 @@ def _residual_noise(fit: Fit, label: str) -> Noise:
 
 def _whole(samples: float) -> int | None:
     """A number of samples as an integer, None if it is none."""
-    return None if abs(samples - round(samples)) > limits.WHOLE_SAMPLES else round(samples)
+    return None if abs(samples - round(samples)) > WHOLE_SAMPLES else round(samples)
 
 
 def friction_columns(experiment: Experiment) -> Array:
@@ -148,6 +164,6 @@ def friction_columns(experiment: Experiment) -> Array:
             continue
         speed = joint_speed(reference, j + 1)
         at = np.interp(experiment.time, reference.time, speed)
-        slow = limits.REVERSAL * max(float(np.abs(speed).max()), limits.STANDSTILL)
+        slow = REVERSAL * max(float(np.abs(speed).max()), STANDSTILL)
         result[:, j] = np.column_stack([at, np.tanh(at / slow), experiment.time - experiment.time[0]])
     return result

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
+from fmu_didim.prediction.base_projection import DEPENDENT
 from fmu_didim.prediction.parameters import Parameters, RobotParameters
-from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
+
+EXPLAINED = 0.05
+"""[1] A cause is named if it leaves less than this fraction of the difference."""
+SHOWN_GRAVITY = 1e-6
+"""[1] Components of gravity below this fraction of the largest are shown as zero: rounding."""
 
 
 def unlike_torque(
@@ -25,18 +29,18 @@ def unlike_torque(
     found = []
     gravity = _gravity_columns(parameters.model, chi, motion[0])
     change, left = _fit(gravity, difference)
-    if left < limits.EXPLAINED:
+    if left < EXPLAINED:
         own = np.array(parameters.model.description.gravity)
         # Digits far below the largest are those of rounding; 0.0 is added so that none is shown as -0.
         total = own + change
-        shown = np.abs(total) > limits.SHOWN_GRAVITY * np.abs(total).max()
+        shown = np.abs(total) > SHOWN_GRAVITY * np.abs(total).max()
         values = ", ".join(f"{v + 0.0:.4g}" for v in np.where(shown, total, 0.0))
         found.append(f"gravity: ({values}) m/s2 in the plant would explain the torque")
     rows = parameters.model.regressor_rows(*motion, observed=observed)
     others = [i for i in parameters.model.active if i not in parameters.base.index]
     for i in others:
         change, left = _fit(rows[:, :, [i]], difference)
-        if left < limits.EXPLAINED:
+        if left < EXPLAINED:
             name = parameters.base.standard_names[i]
             found.append(f"{name}: {chi[i] + change[0]:.4g} instead of {chi[i]:.4g} would explain the torque")
     return found

@@ -20,8 +20,8 @@ from types import MappingProxyType
 import numpy as np
 from scipy import linalg, stats
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.data.timing import CLOCK_EARLY, CLOCK_LATE
+from fmu_didim.diagnosis.log_noise import STANDSTILL
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import Indices
@@ -33,6 +33,27 @@ from fmu_didim.prediction.uncertainty import Colour, nominal_rate, stretches, un
 from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import influence_efficient, noise_deviation
+
+MOTION_CHANCE = 1e-3
+"""[1] Probability, for all joints together, with which noise alone may be said to depend on the motion."""
+BAND = 1.8
+"""[samples] Of filtered data in a period of the cut-off frequency that the test for motion looks at: what a
+Butterworth filter of order 4 passes forwards and backwards is white at that rate, to a tenth."""
+ENDS = 1
+"""[samples] Of those at each end of a log that are left out: there the filter makes up what it lacks."""
+SAMPLES_A_FUNCTION = 8.0
+"""[samples] At least, for each function of the motion that a residual is compared with."""
+CLOCK_ALONE = 0.8
+"""[1] Share of what the motion explains of a residual, from which the rate of the torque alone is the cause: a clock
+5 ms late gives 0.9 and more, steeper friction or other gains less than 0.6."""
+SIGNIFICANT = 2.0
+"""[standard deviations] From which a value is different from zero."""
+OWN_PART = 1e-6
+"""[1] Part of a column that others must leave of it, if it is to say anything of its own."""
+TURNING = 0.05
+"""[1] Fraction of the largest speed of a joint over which its direction changes."""
+CREEPING = 0.005
+"""[1] The same of what happens at standstill only, such as steeper friction."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -79,8 +100,8 @@ class Dependence:
 
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
     """The joints whose residual depends on the motion beyond chance, or may; of those that show another clock which."""
-    level = limits.MOTION_CHANCE / max(len(found), 1)
-    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > limits.CLOCK_ALONE]
+    level = MOTION_CHANCE / max(len(found), 1)
+    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > CLOCK_ALONE]
     return [_clock(d) for d in clock] + [
         Diagnostic(
             DEPENDS_ON_MOTION,
@@ -99,7 +120,7 @@ def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
 def _clock(found: Dependence) -> Diagnostic:
     late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
     text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
-    bound = limits.SIGNIFICANT * deviation
+    bound = SIGNIFICANT * deviation
     return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
 
 
@@ -163,8 +184,8 @@ def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
     model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
     for label, part in model.rows.items():
         experiment = model.experiments[label]
-        every = max(round(experiment.rate_hz / (limits.BAND * cutoff_hz)), 1)
-        rows = np.flatnonzero(experiment.places % every == 0)[limits.ENDS : -limits.ENDS]
+        every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
+        rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
         if rows.size * model.joint_count < 2 * fit.values.size:
             return [Dependence.untested(j + 1, rows.size) for j in range(model.joint_count)]
         chosen[label] = rows
@@ -193,12 +214,12 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     Of the functions as many are used as the samples allow, the first ones first.
     """
     known = _basis(nuisance)
-    room = int((residual.size - known.shape[1]) / limits.SAMPLES_A_FUNCTION)
+    room = int((residual.size - known.shape[1]) / SAMPLES_A_FUNCTION)
     if room < 1:
         return Dependence.untested(joint, max(residual.size - known.shape[1], 0))
     columns = motion[:, :room]
     rest, own = residual - known @ (known.T @ residual), columns - known @ (known.T @ columns)
-    kept = np.linalg.norm(own, axis=0) > limits.OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    kept = np.linalg.norm(own, axis=0) > OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
     total = float(rest @ rest)
     if not kept.any() or total <= TINY:
         return Dependence(joint, 1.0, 0.0, "", 0.0)
@@ -238,7 +259,7 @@ def _basis(columns: Array) -> Array:
         return np.zeros((columns.shape[0], 0))
     q, r, _ = linalg.qr(columns[:, acting] / length[acting], mode="economic", pivoting=True)
     size = np.abs(np.diag(r))
-    return np.asarray(q[:, : int(np.sum(size > limits.OWN_PART * size[0]))])
+    return np.asarray(q[:, : int(np.sum(size > OWN_PART * size[0]))])
 
 
 def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array:
@@ -269,10 +290,10 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
         functions = {TORQUE_RATE: rate}
         if f"dq{j + 1}" in offered:
             dq = recording.table([f"{model.plant_name}.dq{j + 1}"])[:, 0]
-            fast = max(float(np.abs(dq).max()), limits.STANDSTILL)
+            fast = max(float(np.abs(dq).max()), STANDSTILL)
             acceleration = np.gradient(dq, step)
             functions |= {
-                "direction of motion": np.tanh(dq / (limits.TURNING * fast)),
+                "direction of motion": np.tanh(dq / (TURNING * fast)),
                 "square of the velocity": dq * np.abs(dq),
                 "acceleration": acceleration,
                 "velocity": dq,
@@ -284,7 +305,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
         }
         if f"dq{j + 1}" in offered:
             functions |= {
-                "velocity near standstill": np.tanh(dq / (limits.CREEPING * fast)),
+                "velocity near standstill": np.tanh(dq / (CREEPING * fast)),
                 "cube of the velocity": dq**3,
                 "kinetic energy": dq**2,
                 "jerk": np.gradient(acceleration, step),

@@ -9,15 +9,26 @@ from scipy import stats
 from scipy.optimize import differential_evolution
 
 from fmu_didim.base_parameters import BaseParameters
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.feasibility import Nearest, nearest_physical
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import IdentificationError
-from fmu_didim.prediction import thresholds as prediction
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.parameters import FRICTION, RobotParameters
+from fmu_didim.prediction.parameters import FRICTION, POSITIVE, RobotParameters
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array
+
+EIGENVALUE_TOLERANCE = 1e-9
+"""[1] To which the smallest scaled eigenvalue of the inertia matrix is searched for."""
+NEGATIVE_FRICTION = 2.0
+"""[standard deviations] Friction that lies farther below zero would drive the machine: one of forty does so by
+chance."""
+FALSE_UNPHYSICAL = 1e-3
+"""[1] Probability with which noise alone puts a physical robot so far from physical values. The square of the
+distance is a chi-square of as many degrees as inequalities hold the nearest values back."""
+POPULATION = 15
+"""[points a joint] Of positions among which the smallest eigenvalue is searched: usual."""
+GENERATIONS = 60
+"""[generations] Of them: more move the eigenvalue by less than 1 % of its size."""
 
 FRICTION_NEGATIVE = CATALOGUE(
     "friction-negative", DOUBT, rank=60,
@@ -84,11 +95,11 @@ def negative_friction(base: BaseParameters, theta: Array, covariance: Array) -> 
     deviation, found = np.sqrt(np.diag(covariance)), []
     for name, standard, unit, value, sigma in zip(base.names, base.standard, base.units, theta, deviation, strict=True):
         stem = standard.rstrip("0123456789")
-        if stem in FRICTION and value < -limits.NEGATIVE_FRICTION * sigma:
+        if stem in FRICTION and value < -NEGATIVE_FRICTION * sigma:
             excess = value / sigma if sigma > 0 else -np.inf
             text = f"{name} = {value:.3g} ± {sigma:.2g} {unit} is negative by {-excess:.1f} standard deviations."
             place = f"joint {standard.removeprefix(stem)}"
-            bound = -limits.NEGATIVE_FRICTION
+            bound = -NEGATIVE_FRICTION
             found.append(Diagnostic(FRICTION_NEGATIVE, text, place, float(excess), bound, "standard deviations"))
     return found
 
@@ -101,10 +112,10 @@ def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, cov
     """
     try:
         near = nearest_physical(robot, base, theta, covariance)
-        bound = float(np.sqrt(stats.chi2.isf(limits.FALSE_UNPHYSICAL, max(near.constraints, 1))))
+        bound = float(np.sqrt(stats.chi2.isf(FALSE_UNPHYSICAL, max(near.constraints, 1))))
         if near.distance > bound:
             return [_not_physical(base, theta, near, bound)]
-        bound = float(stats.norm.isf(limits.FALSE_UNPHYSICAL / base.count))
+        bound = float(stats.norm.isf(FALSE_UNPHYSICAL / base.count))
         # Physical values stay so when all are multiplied: only a sign can be wrong of one alone.
         suspects = np.flatnonzero(theta < -bound * np.sqrt(np.diag(covariance)))
         single = [nearest_physical(robot, base, theta, covariance, alone=int(i)) for i in suspects]
@@ -129,7 +140,7 @@ def indefinite(
 ) -> list[Diagnostic]:
     """An inertia matrix that is not positive definite at some position between low and high, (n,) each."""
     worst = worst_position(parameters, theta, low, high)
-    if worst.eigenvalue > prediction.POSITIVE:
+    if worst.eigenvalue > POSITIVE:
         return []
     joint, name, slopes = parameters.weakest(worst.position, theta)
     sigma = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
@@ -138,7 +149,7 @@ def indefinite(
         f"The inertia matrix is not positive definite at q = ({where}): its smallest scaled eigenvalue is "
         f"{worst.eigenvalue:.2g} ± {sigma:.2g}, of the motion of joint {joint}, most of it by {name}."
     )
-    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, prediction.POSITIVE, "1")]
+    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, POSITIVE, "1")]
 
 
 @dataclass(frozen=True)
@@ -155,7 +166,7 @@ def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: 
     robot, chi = parameters.model, parameters.base.expand(theta)
     found = differential_evolution(
         lambda positions: robot.inertia_along(positions.T, chi), list(zip(low, high, strict=True)), vectorized=True,
-        updating="deferred", init="sobol", popsize=limits.POPULATION, maxiter=limits.GENERATIONS, polish=False, seed=0,
-        tol=0.0, atol=limits.EIGENVALUE_TOLERANCE,
+        updating="deferred", init="sobol", popsize=POPULATION, maxiter=GENERATIONS, polish=False, seed=0,
+        tol=0.0, atol=EIGENVALUE_TOLERANCE,
     )  # fmt: skip
     return Worst(np.asarray(found.x), float(found.fun))

@@ -11,10 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.prediction.uncertainty import Colour, chi_square_bounds
 from fmu_didim.signals import Array
+
+SLOW_SHARE = 0.5
+"""[1] Of the power of a residual that lies in the band of the motion, from which it is doubted: noise with a memory
+of 50 ms has 12 to 25 % below 1.25 Hz."""
+SLOW_CONTRAST = 30.0
+"""[1] Density of its spectrum there over that above: noise with a memory of 50 ms at 200 Hz has up to 23, a missing
+offset of five times the noise 900."""
+MOTION_BAND = 0.5
+"""[1] Of the frequencies of a log that the motion may fill: there must be others to compare with."""
+SPECTRUM_POINTS = 1000
+"""[points] Of the spectrum of an autoregression in a band."""
+STILL_NOT_WHITE = 1e-4
+"""[1] Probability, by Ljung and Box, below which what the colour of a residual leaves is said to be no white
+noise."""
+COMPARED = 1 / 3
+"""[1] Fraction of the samples of a log that repeats by which its noise is known: one and a half periods, the fewest
+that are compared, have a third in their difference."""
 
 NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
@@ -100,7 +116,7 @@ def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: b
     """
     found = []
     for colour in colours:
-        known_from = np.inf if stated else limits.COMPARED * colour.samples
+        known_from = np.inf if stated else COMPARED * colour.samples
         least, most = chi_square_bounds(colour.samples, known_from)
         ratio = None if deviation is None else colour.residual_variance / deviation[colour.joint - 1] ** 2
         found.append(
@@ -155,13 +171,13 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
                     place, test.inflation, 1.0, "1",
                 )
             )  # fmt: skip
-        if test.whiteness_p < limits.STILL_NOT_WHITE:
+        if test.whiteness_p < STILL_NOT_WHITE:
             found.append(
                 Diagnostic(
                     COLOUR_NOT_MODELLED,
                     f"what is left after the colour of the residual (order {test.order}) is not white either "
                     f"(p = {test.whiteness_p:.1e}).",
-                    place, test.whiteness_p, limits.STILL_NOT_WHITE, "1",
+                    place, test.whiteness_p, STILL_NOT_WHITE, "1",
                 )
             )  # fmt: skip
     return found
@@ -179,22 +195,22 @@ def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz:
     found = []
     for test in tests:
         highest = min(test.rate_hz / 2, cutoff_hz)
-        if test.exceeds_noise or not test.order or motion_hz > limits.MOTION_BAND * highest:
+        if test.exceeds_noise or not test.order or motion_hz > MOTION_BAND * highest:
             continue
         below, above = (_mean_density(test, *band) for band in ((0.0, motion_hz), (motion_hz, highest)))
         slow, fast = below * motion_hz, above * (highest - motion_hz)
         share, contrast = slow / (slow + fast), below / above
-        if share > limits.SLOW_SHARE and contrast > limits.SLOW_CONTRAST:
+        if share > SLOW_SHARE and contrast > SLOW_CONTRAST:
             text = (
                 f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, where the motion is, with "
                 f"{contrast:.2g} times the density of what lies above."
             )
-            found.append(Diagnostic(RESIDUAL_SLOW, text, f"joint {test.joint}", share, limits.SLOW_SHARE, "1"))
+            found.append(Diagnostic(RESIDUAL_SLOW, text, f"joint {test.joint}", share, SLOW_SHARE, "1"))
     return found
 
 
 def _mean_density(test: ResidualTest, lowest: float, highest: float) -> float:
     """Mean of the spectral density of a residual between two frequencies, with innovations of variance one."""
-    frequency = np.linspace(lowest, highest, limits.SPECTRUM_POINTS)
+    frequency = np.linspace(lowest, highest, SPECTRUM_POINTS)
     turns = np.exp(-2j * np.pi * np.outer(frequency / test.rate_hz, np.arange(1, test.order + 1)))
     return float(np.mean(1 / np.abs(1 - turns @ test.coefficients) ** 2))

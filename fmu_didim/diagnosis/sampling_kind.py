@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis import thresholds as limits
 from fmu_didim.diagnosis.gap import delta_bic
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.master import SampleOperator, sample_operator
@@ -22,6 +21,12 @@ from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import minimise
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
+
+NEARLY = 1.1
+"""[1] Instead of a shift, a way of sampling is fitted if it leaves less than this many times the chi-square of what
+was found."""
+SAME_OPERATOR = 1e-9
+"""[1] Ways of sampling whose weights differ by less are the same."""
 
 WAYS: tuple[tuple[Kind, Window], ...] = (
     ("point", "preceding"), ("average", "preceding"), ("average", "centred"), ("average", "following"),
@@ -66,7 +71,7 @@ def other_sampling(fit: Fit, model: LoopModel, *, saved: float, threshold: float
     """
     instead = model is not fit.model
     try:
-        ways = _sampled(model, fit, limits.NEARLY if instead else 1.0)
+        ways = _sampled(model, fit, NEARLY if instead else 1.0)
         if not ways:
             return None
         way, operators = min(ways, key=lambda one: one[0])[1:]
@@ -118,4 +123,4 @@ def sampled_as(run: Simulation, kind: Kind, window: Window) -> SampleOperator:
 
 def same_sampling(one: SampleOperator, other: SampleOperator) -> bool:
     """Whether two operators weigh the same ticks alike."""
-    return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < limits.SAME_OPERATOR
+    return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < SAME_OPERATOR

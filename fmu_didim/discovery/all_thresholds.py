@@ -1,30 +1,40 @@
-"""The thresholds of everything that discovery runs, as they go into ``findings.json``."""
+"""The constants on which a discovery depends, as they go into ``findings.json``."""
 
 from __future__ import annotations
 
 from fmu_didim import statistics
-from fmu_didim.components.fmu import thresholds as fmu
-from fmu_didim.diagnosis import thresholds as diagnosis
-from fmu_didim.diagnosis.data import thresholds as data
-from fmu_didim.discovery import thresholds as discovery
-from fmu_didim.discovery.augmentation import thresholds as augmentation
-from fmu_didim.discovery.external_torques import thresholds as external_torques
-from fmu_didim.discovery.next_experiment import thresholds as next_experiment
-from fmu_didim.discovery.screening import thresholds as screening
-from fmu_didim.discovery.selection import thresholds as selection
-from fmu_didim.prediction import thresholds as prediction
-from fmu_didim.tables import thresholds as tables
-from fmu_didim.thresholds import recorded
+from fmu_didim.diagnosis import gap, localise, log_noise
+from fmu_didim.diagnosis.data import log, relation, timing
+from fmu_didim.discovery import base_model, judge
+from fmu_didim.discovery.external_torques import search
+from fmu_didim.discovery.screening import catalogue
+from fmu_didim.discovery.selection import contenders, decide, plausible, pre_check, rounds
+from fmu_didim.prediction import base_projection, least_squares, noise, residual_noise, uncertainty
+from fmu_didim.tables import clock
 
-TABLES = tuple(
-    module.TABLE
-    for module in (
-        statistics, prediction, diagnosis, data, discovery, augmentation, screening, selection, external_torques,
-        next_experiment, fmu, tables,
-    )
-)  # fmt: skip
-
-
-def all_thresholds() -> dict[str, float | list[float]]:
-    """Name -> value of each of them."""
-    return recorded(TABLES)
+DECIDING = (
+    (clock, ("STAMP_ROUNDING", "SAME_RATE")),
+    (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
+    (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
+    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
+    (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
+    (least_squares, ("ITERATIONS", "STALE", "CONTRACTION", "KEPT_PROMISE", "EQUAL")),
+    (base_projection, ("DEPENDENT",)),
+    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
+    (relation, ("CHANCE", "OTHER_JOINT", "AGAINST")),
+    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
+    (log_noise, ("NOT_NOISE", "CHANCE")),
+    (gap, ("BOOTSTRAP", "BLOCK_S")),
+    (localise, ("FALSE_DISCOVERIES", "WINDOW_SCORE")),
+    (base_model, ("FIRST_NOISE",)),
+    (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
+    (contenders, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
+    (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "WORSE_JOINT")),
+    (decide, ("HELD_OUT", "NEAR")),
+    (plausible, ("ZERO",)),
+    (pre_check, ("FITTED", "PROMISING", "WORSE")),
+    (rounds, ("KEPT_GAIN",)),
+    (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
+    (judge, ("REMAINDER",)),
+)
+"""Constants on which a discovery depends, by module."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
-from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.identification.start import start_sequence, start_text, start_values
 from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
@@ -17,6 +16,16 @@ from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.motion import joint_reference
 from fmu_didim.prediction.noise import Noise, pooled
+
+SMOOTHING = (0.003, 0.05)
+"""[1] Range of the smoothing velocity of Coulomb friction, as fractions of the largest speed of the joint; the value
+of the description is always within."""
+SMOOTHING_SCALE = 0.5
+"""[1] Noticeable change of it, as a fraction of its value."""
+FEWEST_SAMPLES = 5
+"""[samples] For each parameter of the base model; with fewer nothing more can be found."""
+FIRST_NOISE = 1e-9
+"""[N.m or N] Smallest deviation of a torque with which the first fit weights a joint."""
 
 BASE_FIT = Stopping(exact=True)
 """The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
@@ -58,7 +67,7 @@ def prepare(model: LoopModel) -> Prepared:
 
 def _from_start(model: LoopModel) -> Prepared:
     samples, count = model.measured.shape[0], model.parameters.count
-    if samples < limits.FEWEST_SAMPLES * count:
+    if samples < FEWEST_SAMPLES * count:
         raise InputError(
             "The torque log is too short to look for more than the base parameters.",
             where=", ".join(model.estimation_labels),
@@ -79,7 +88,7 @@ def _from_start(model: LoopModel) -> Prepared:
 def _any_noise(model: LoopModel) -> Noise:
     """For a first fit without repetition: all joints alike; then the noise is what the residual shows."""
     spread = np.std(model.measured, axis=0)
-    return Noise(np.maximum(spread, limits.FIRST_NOISE), np.zeros(spread.size), "residual")
+    return Noise(np.maximum(spread, FIRST_NOISE), np.zeros(spread.size), "residual")
 
 
 def with_nuisances(model: LoopModel) -> LoopModel:
@@ -95,8 +104,8 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         speed = max(float(np.abs(joint_reference(reference, j)[1]).max()) for reference in references)
         if speed <= 0:
             continue
-        scale, value = limits.SMOOTHING_SCALE, offered[name].start  # what is known of the robot lies within the limits
-        low, high = min(limits.SMOOTHING[0] * speed, value), max(limits.SMOOTHING[1] * speed, value)
+        scale, value = SMOOTHING_SCALE, offered[name].start  # what is known of the robot lies within the limits
+        low, high = min(SMOOTHING[0] * speed, value), max(SMOOTHING[1] * speed, value)
         free_parameters.append(
             FreeParameter(name, offered[name].unit, PLANT, name, value, scale * value, low, high, is_shape=True)
         )

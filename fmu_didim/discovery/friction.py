@@ -13,7 +13,6 @@ import casadi as ca
 import numpy as np
 from scipy import stats
 
-from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.findings import FrictionResult
 from fmu_didim.effects import UNITS, Surroundings, TorqueEffect
@@ -25,6 +24,17 @@ from fmu_didim.robot import RobotDescription
 from fmu_didim.robot.description import Joint
 from fmu_didim.signals import Array
 from fmu_didim.statistics import CONFIDENCE
+
+CURVE_POINTS = 161
+"""[points] Of a friction curve on the page: a line without visible corners."""
+CURVE_DENSITY = 4.0
+"""[1] c of the velocities sinh(c x) / sinh(c): where friction turns they are seven times as dense as if equally
+spaced."""
+CURVE_STEP = 1e-5
+"""[1] Step of the differences that give its band, as a fraction of a value or, where that is larger, of its standard
+deviation: between what rounding and what curvature would spoil."""
+CURVE_SMALLEST = 1e-9
+"""[1] Smallest size of a value for that step, in its unit."""
 
 
 def friction_curves(builder: LoopModelBuilder, base: Fit, final: Fit) -> list[FrictionResult]:
@@ -110,8 +120,8 @@ def _velocities(fit: Fit, joint: int) -> Array | None:
     if any(f"dq{joint}" not in table.names for table in tables):
         return None
     columns = np.concatenate([table.column(f"dq{joint}") for table in tables])
-    dense = limits.CURVE_DENSITY
-    spaced = np.sinh(np.linspace(-dense, dense, limits.CURVE_POINTS)) / np.sinh(dense)
+    dense = CURVE_DENSITY
+    spaced = np.sinh(np.linspace(-dense, dense, CURVE_POINTS)) / np.sinh(dense)
     return np.asarray(np.where(spaced < 0, -spaced * min(columns.min(), 0.0), spaced * max(columns.max(), 0.0)))
 
 
@@ -121,7 +131,7 @@ def _variance(curve: _Curve, velocity: Array, robot: RobotDescription, fit: Fit)
     slopes = []
     for i, value in enumerate(fit.values):
         known = float(deviation[i]) if np.isfinite(deviation[i]) else 0.0
-        step = limits.CURVE_STEP * max(abs(float(value)), known, limits.CURVE_SMALLEST)
+        step = CURVE_STEP * max(abs(float(value)), known, CURVE_SMALLEST)
         moved = [fit.values.copy() for _ in range(2)]
         moved[0][i] += step
         moved[1][i] -= step

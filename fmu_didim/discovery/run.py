@@ -11,8 +11,7 @@ from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.diagnosis.localise import Region, regions_of_fit
 from fmu_didim.diagnosis.sampling_kind import other_sampling
 from fmu_didim.diagnostics import DOUBT, Diagnostic
-from fmu_didim.discovery import thresholds as limits
-from fmu_didim.discovery.all_thresholds import all_thresholds
+from fmu_didim.discovery.all_thresholds import DECIDING
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.document import Circumstances, findings_document
@@ -21,9 +20,8 @@ from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
 from fmu_didim.discovery.judge import has_external_torques
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options
+from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
-from fmu_didim.discovery.selection.thresholds import HELD_OUT
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.watch import Watch
 from fmu_didim.effects import EFFECTS, Effect
@@ -33,6 +31,15 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot import RobotDescription
 from fmu_didim.signals import Array
+from fmu_didim.thresholds import recorded
+
+FIRST_S = 0.25
+"""[s] Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in
+their play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for
+with it."""
+OF_THE_DATA = 16
+"""[rank] Diagnostics of the data before this rank hold whatever the model is; a torque that is limited, pushes, a
+clock or a delay, which come after, are what discovery itself names."""
 
 NO_HELD_OUT = (
     "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
@@ -101,14 +108,14 @@ def discover(
         return document.model_copy(update={"seconds": clock.perf_counter() - begin})
 
     kept = None if keep is None else lambda document: keep(timed(document))
-    doubts = [d for d in of_data if d.code.severity is DOUBT and d.code.rank < limits.OF_THE_DATA]
+    doubts = [d for d in of_data if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
     notes = [str(d) for d in of_data if d not in doubts]
     if model.low_pass is not None:
         model, notes = replace(model, low_pass=None), [*notes, UNFILTERED]
     ask = _Question(
         description, name, effects, options or Options(), provenance, watch or Watch(), kept, case, doubts, notes
     )
-    later = replace(model, experiments={label: e.after(limits.FIRST_S) for label, e in model.experiments.items()})
+    later = replace(model, experiments={label: e.after(FIRST_S) for label, e in model.experiments.items()})
     found = _Search.of(ask, _prepared(later, ask.watch)).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _at_the_begin(ask, model, found)
@@ -219,7 +226,7 @@ class _Search:
         all_notes = [*ask.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
         about = Circumstances(
             ask.name, ask.case, ask.watch.limit_s, all_notes, ask.doubts,
-            {**(ask.provenance or {}), "options": ask.options.record(), "thresholds": all_thresholds()},
+            {**(ask.provenance or {}), "options": ask.options.record(), "thresholds": recorded(DECIDING)},
         )  # fmt: skip
         document = findings_document(
             about, discovery, self.builder, ratio=ratio, outside=outside, windows=windows,
@@ -253,7 +260,7 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     Only gears can be recognised there: they start in the middle of their play and without load, while anything else
     that differs at the beginning may as well be the state in which the machine started.
     """
-    unseen = ended_before(found.document, ask.watch.limit_s, f"gears in the first {limits.FIRST_S:g} s of the data")
+    unseen = ended_before(found.document, ask.watch.limit_s, f"gears in the first {FIRST_S:g} s of the data")
     if ask.watch.is_over:
         return replace(found, document=unseen)
     prepared = _prepared(model, ask.watch)
@@ -261,10 +268,10 @@ def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
     if not (more > ask.options.smallest_size**2).any():
         return found
-    ask.watch.say(f"the first {limits.FIRST_S:g} s disagree: gears in them")
+    ask.watch.say(f"the first {FIRST_S:g} s disagree: gears in them")
     gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
     options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
-    note = f"The first {limits.FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
+    note = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(ask, options=options, keep=None, notes=(*ask.notes, f"{note}: what was found takes them in."))
     second = _Search.of(again, prepared).found()
     if second.discovery.steps:

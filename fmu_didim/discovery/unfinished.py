@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from fmu_didim.diagnosis.judgement import diagnostic_result, judgement
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.discovery import thresholds as limits
 from fmu_didim.discovery.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 from fmu_didim.discovery.selection.contest import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.imports import without_folder
 from fmu_didim.prediction.loop_description import EffectAtJoint
+
+SHOWN_UNTRIED = 4
+"""[candidates] Named in the sentence; findings.json lists all of them."""
 
 SEARCH_RUNNING = CATALOGUE(
     "search-running", DOUBT, rank=1,
@@ -72,8 +74,8 @@ def _result(found: Diagnostic, rounds: int, untried: list[EffectAtJoint]) -> tup
 
 
 def _listed(untried: list[EffectAtJoint]) -> str:
-    shown = ", ".join(map(_named, untried[: limits.SHOWN_UNTRIED]))
-    more = len(untried) - limits.SHOWN_UNTRIED
+    shown = ", ".join(map(_named, untried[:SHOWN_UNTRIED]))
+    more = len(untried) - SHOWN_UNTRIED
     return f"{shown} and {more} more" if more > 0 else shown
 
 

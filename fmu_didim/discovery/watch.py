@@ -7,8 +7,10 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from fmu_didim.discovery import thresholds as limits
 from fmu_didim.errors import InputError
+
+SAID_EVERY_S = 5.0
+"""[s] Time between two lines that tell how far a piece of work is."""
 
 Say = Callable[[str], None]
 """Takes a line about a piece of work."""
@@ -67,7 +69,7 @@ class Watch:
             with lock:
                 done += 1
                 now = self.now()
-                if not text and (now - last < limits.SAID_EVERY_S or done == count):
+                if not text and (now - last < SAID_EVERY_S or done == count):
                     return
                 last = now
                 left = f", about {seconds_left(done, count, now - begin):.0f} s left" if done < count else ""

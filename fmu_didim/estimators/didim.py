@@ -21,7 +21,6 @@ import numpy as np
 
 from fmu_didim.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
 from fmu_didim.identification.path import Path
@@ -39,6 +38,11 @@ from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_white, relative_error_percent
+
+RISES = 2
+"""[iterations] So many in a row that do not lower the error: DIDIM hands its best one to the finish."""
+SAME_MINIMUM = 2
+"""[starts] So many that end in minima that no machine can have: the others would end there, too."""
 
 BEST = "the best point goes on to the finish"
 ADVICE = (
@@ -96,7 +100,7 @@ class Didim(Estimator):
                 last = caught if caught.settled or last is None or not last.settled else last
                 failures.append(f"from {start_text(start)}: {caught.reason}")
                 settled += caught.settled
-                if settled == limits.SAME_MINIMUM:
+                if settled == SAME_MINIMUM:
                     break
                 continue
             except IdentificationError as caught:
@@ -157,7 +161,7 @@ class Didim(Estimator):
                 continue
             assert prediction is not None
             following, change, condition = self._solve(model, theta, prediction)
-            is_over = self.finish and path.rises >= limits.RISES
+            is_over = self.finish and path.rises >= RISES
             note = f"the error falls no more; {BEST}" if is_over else ""
             history.add(Iteration("didim", number, theta, float(error), change, condition, note))
             if path.steady(float(error), self.tolerance) and change <= self.tolerance:

@@ -18,7 +18,6 @@ from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.diagnosis.log_noise import known_noise
 from fmu_didim.diagnosis.motion_dependence import Dependence, dependence_of_fit
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.fit import Fit
@@ -32,6 +31,22 @@ from fmu_didim.prediction.uncertainty import Uncertainty
 from fmu_didim.prediction.weighting import NoiseOfResidual, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_white
+
+INTEGRATION_TOLERANCE = 1e-5
+"""[1] Change of the torque by twice the substeps of the rule, relative to its size, that is allowed in any case."""
+CLEARLY_BETTER = 0.5
+"""[1] Residual with twice the substeps over that before, below which they explain the data better."""
+INTEGRATION_SHIFT = 0.02
+"""[standard deviations] Twice the substeps may move no value by more: nobody would see it beside the noise."""
+MAXIMUM_REFINEMENTS = 4
+"""[refinements] Of the integration, by twice the substeps each."""
+NEXT_STEP = 0.01
+"""[standard deviations] A step of the finish that would be smaller is not made: nobody would see it beside the
+noise."""
+FINISH_TOLERANCE = 1e-6
+"""[1] Relative change of the values at which it stops at the latest: data without noise."""
+FINISH_ITERATIONS = 15
+"""[steps] Of the efficient finish."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +81,7 @@ def efficient_finish(
     tolerance: float | None,
     progress: Callable[[Iteration], None],
     stage: str = "finish",
-    maximum_iterations: int = limits.FINISH_ITERATIONS,
+    maximum_iterations: int = FINISH_ITERATIONS,
 ) -> Minimum:
     """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
 
@@ -77,8 +92,8 @@ def efficient_finish(
     iterations: list[Iteration] = []
     remarks: list[str] = []
     stopping = Stopping(
-        maximum_iterations, tolerance=limits.FINISH_TOLERANCE if tolerance is None else tolerance,
-        next_step=limits.NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
+        maximum_iterations, tolerance=FINISH_TOLERANCE if tolerance is None else tolerance,
+        next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
     refuse_confounded(
@@ -86,7 +101,7 @@ def efficient_finish(
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
-    for left in reversed(range(limits.MAXIMUM_REFINEMENTS)):
+    for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
             model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
             steps=fit.steps, stage=stage, progress=progress,
@@ -145,13 +160,13 @@ def integration_error(fit: Fit) -> IntegrationError:
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
     shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
-    if model.substeps is None and relative <= limits.INTEGRATION_TOLERANCE:
+    if model.substeps is None and relative <= INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
-        if np.linalg.norm(left) > limits.CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
+        if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
             return IntegrationError(relative, shift, 0.0)
     excess = integration_change(model, fit.torque, torque)
-    return IntegrationError(relative, shift, max(excess, float(shift.max()) / limits.INTEGRATION_SHIFT))
+    return IntegrationError(relative, shift, max(excess, float(shift.max()) / INTEGRATION_SHIFT))
 
 
 def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:

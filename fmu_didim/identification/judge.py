@@ -17,13 +17,24 @@ from fmu_didim.diagnosis.residual import residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.errors import UnknownNameError
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, Status
 from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import motion_frequency
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.roughness import Roughness, smoother_after_step
+
+NEAR_LIMIT = 0.01
+"""[standard deviations] A value so near to a limit lies at it: there the solver stops."""
+VISIBLE_SHIFT = 0.2
+"""[standard deviations] A value that finer steps would move by more is told as too coarsely integrated: a tenth of a
+95 % interval."""
+SECOND_STEP = 0.1
+"""[1] A standard deviation that a second step of the sensitivities changes by a larger part is told: 3-sigma then
+means 2.7."""
+JITTER = 0.1
+"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is told: the values scatter by
+it as by noise, and the steps end up to half a deviation from the minimum."""
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -89,9 +100,9 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     found += motion_diagnostics(estimate.dependence)
     found += slow_diagnostics(estimate.residual_tests, *_bands(model))
     shift = float(np.max(estimate.integration_shift))
-    if shift > limits.VISIBLE_SHIFT:
+    if shift > VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
-        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=limits.VISIBLE_SHIFT, unit="standard deviations"))
+        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
     found += roughness_diagnostics(estimate.roughness, model)
     found += [
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
@@ -130,15 +141,15 @@ def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Dia
     if rough is None:
         return []
     found = []
-    if not rough.change <= limits.SECOND_STEP:
+    if not rough.change <= SECOND_STEP:
         text = f"A second step of the sensitivities changes a standard deviation by {100 * rough.change:.0f} %."
-        found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, limits.SECOND_STEP, "1"))
-    if rough.jitter > limits.JITTER:
+        found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, SECOND_STEP, "1"))
+    if rough.jitter > JITTER:
         text = (
             f"When a parameter changes ever so little, the simulated torque jitters by {rough.jitter:.2g} standard "
             "deviations of its residual: the values scatter by it."
         )
-        found.append(Diagnostic(ROUGH, text, "", rough.jitter, limits.JITTER, "standard deviations"))
+        found.append(Diagnostic(ROUGH, text, "", rough.jitter, JITTER, "standard deviations"))
     cause = smoother_after_step(model) if found else ""
     if not cause:
         return found
@@ -154,7 +165,7 @@ def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
         value = parameter.value
         natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
         for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
-            if abs(value - limit) <= limits.AT_LIMIT * deviation:
+            if abs(value - limit) <= NEAR_LIMIT * deviation:
                 text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
                 found.append(Diagnostic(AT_LIMIT, text, parameter.name, value, float(limit), parameter.unit))
                 break

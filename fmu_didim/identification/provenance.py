@@ -9,25 +9,52 @@ from importlib.metadata import version
 from typing import Any
 
 from fmu_didim import statistics
-from fmu_didim.components.fmu import thresholds as fmu
-from fmu_didim.diagnosis import thresholds as diagnosis
-from fmu_didim.diagnosis.data import thresholds as data
-from fmu_didim.identification import thresholds as identification
-from fmu_didim.prediction import thresholds as prediction
+from fmu_didim.components.fmu import probe
+from fmu_didim.diagnosis import confounding, held_out, log_noise, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.diagnosis.data import log, relation, timing
+from fmu_didim.identification import conclude, judge, second_minimum
+from fmu_didim.prediction import (
+    differences,
+    equations,
+    least_squares,
+    noise,
+    reference_start,
+    residual_noise,
+    uncertainty,
+    weighting,
+)
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.tables import thresholds as tables
+from fmu_didim.tables import clock
 from fmu_didim.thresholds import recorded
 
-TABLES = (
-    statistics.TABLE,
-    prediction.TABLE,
-    diagnosis.TABLE,
-    data.TABLE,
-    identification.TABLE,
-    fmu.TABLE,
-    tables.TABLE,
+DECIDING = (
+    (clock, ("STAMP_ROUNDING", "SAME_RATE")),
+    (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
+    (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
+    (weighting, ("NOISE_FLOOR",)),
+    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
+    (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
+    (differences, ("STEP", "KNOWN_WITHIN")),
+    (equations, ("SAME_DIRECTION",)),
+    (least_squares, ("ITERATIONS", "STALE", "CONTRACTION", "KEPT_PROMISE", "LEFT_BY_JITTER", "EQUAL")),
+    (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
+    (conclude, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
+    (second_minimum, ("OTHER_MINIMA", "HARDLY_WORSE")),
+    (judge, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
+    (probe, ("HALF_STEP",)),
+    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
+    (relation, ("CHANCE", "OTHER_JOINT", "AGAINST")),
+    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
+    (log_noise, ("NOT_NOISE", "CHANCE")),
+    (residual, ("STILL_NOT_WHITE",)),
+    (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
+    (sampling_kind, ("NEARLY",)),
+    (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
+    (confounding, ("COLLINEAR", "INFLATION")),
+    (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
 )
+"""Constants on which an identification depends, by module."""
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 
@@ -49,7 +76,7 @@ def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping
         "files": dict(files),
         "experiments": {label: _experiment(experiment) for label, experiment in model.experiments.items()},
         "shape_parameters": model.parameters.shape_values(),
-        "thresholds": recorded(TABLES),
+        "thresholds": recorded(DECIDING),
     }
 
 

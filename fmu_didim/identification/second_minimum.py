@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.conclude import Minimum
 from fmu_didim.prediction.fit import Fit, point, sum_of_squares
 from fmu_didim.prediction.guard import mass_matrix_problem
@@ -27,6 +26,26 @@ from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.prediction.weighting import NoiseOfResidual
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
+
+SCANNED = 100
+"""[samples] From the begin of a log, on which other minima are looked for first; the lowest are then compared on
+all."""
+OTHER_MINIMA = 3
+"""[minima] Left for lower ones at most."""
+FARTHEST_FACTOR = 6.0
+"""[1] Ratio of inertias up to which a resonance that is folded back is looked for elsewhere."""
+DAMPED = 0.5
+"""[1] Damping ratio by the controller from which a loop does not ring: it overshoots by 16 %, once, and no resonance
+is folded back. Friction, which is not counted, damps it further."""
+SCAN_STEP = 0.15
+"""[1] Largest step of that search: half of the width of the valleys of a TX40's last joint at 100 Hz."""
+SCAN_PART = 0.125
+"""[1] Step of it over the distance of two minima: each has four points on its slopes."""
+VALLEYS = 3
+"""[minima] Compared on the whole log, the lowest ones."""
+HARDLY_WORSE = 10.8
+"""[chi-square] By which another minimum may be worse, before its other values have been fitted, and count as one that
+the data do not exclude: of one degree of freedom, 0.1 % by chance."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +73,7 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
     Args:
         finish: minimises the torque error from a point.
     """
-    for _ in range(limits.OTHER_MINIMA):
+    for _ in range(OTHER_MINIMA):
         fit = minimum.fit
         found = valleys(fit)
         lower = min(found, key=lambda valley: valley.cost, default=None)
@@ -62,7 +81,7 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
             rivals = tuple(
                 (fit.model.names[valley.place], float(valley.values(fit.values)[valley.place]))
                 for valley in found
-                if valley.cost < fit.chi_square + limits.HARDLY_WORSE
+                if valley.cost < fit.chi_square + HARDLY_WORSE
             )
             return replace(minimum, rivals=rivals)
         other = finish(point(fit.model.with_values(lower.values(fit.values)), NoiseOfResidual(fit.model)))
@@ -81,16 +100,16 @@ def valleys(fit: Fit) -> list[Valley]:
     folded = folded_inertias(model, fit.values)
     if not folded:
         return []
-    begin, workers = _first_samples(model, limits.SCANNED), model.allowed_workers(fit.values)
+    begin, workers = _first_samples(model, SCANNED), model.allowed_workers(fit.values)
     found = []
     for place, distance in folded.items():
-        step = min(limits.SCAN_STEP, limits.SCAN_PART * distance)
-        count = math.ceil(math.log(limits.FARTHEST_FACTOR) / step)
+        step = min(SCAN_STEP, SCAN_PART * distance)
+        count = math.ceil(math.log(FARTHEST_FACTOR) / step)
         factors = np.exp(step * np.arange(-count, count + 1))
         trials = [Valley(place, float(factor), np.inf).values(fit.values) for factor in factors]
         costs = np.array(side_by_side([partial(_cost, begin, trial, fit.deviation) for trial in trials], workers))
         lower = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
-        best = [i for i in lower[np.argsort(costs[lower])] if i != count][: limits.VALLEYS]
+        best = [i for i in lower[np.argsort(costs[lower])] if i != count][:VALLEYS]
         found += [Valley(place, float(factors[i]), _cost(model, trials[i], fit.deviation)) for i in best]
     return found
 
@@ -122,7 +141,7 @@ def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
         if resonance[j] <= rate / 2 or not own:
             continue
         damping = response[j].imag / (4 * np.pi**2 * rate * inertia[j] * resonance[j])
-        if damping < limits.DAMPED:
+        if damping < DAMPED:
             found[own[-1]] = float(rate / resonance[j])
     return found
 

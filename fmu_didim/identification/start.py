@@ -13,7 +13,6 @@ import numpy as np
 
 from fmu_didim.diagnosis.feasibility import nearest_physical
 from fmu_didim.errors import IdentificationError, InputError, UnknownNameError
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.prediction.free_parameter import DELAY, delay_parameter
 from fmu_didim.prediction.light_plant import implied_motion
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
@@ -22,6 +21,14 @@ from fmu_didim.prediction.reference_start import Motion, rows_of, whole_referenc
 from fmu_didim.prediction.weighting import weighted_solution, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_white
+
+START_MARGIN = 1e-5
+"""[1] Smallest eigenvalue of the pseudo-inertia of a link at a start, as a fraction of the robot's: what is to be
+simulated must have some inertia."""
+NOMINAL_DEVIATION = 0.3
+"""[1] Relative standard deviation of the values of a description where they hold a start."""
+NOMINAL_FLOOR = 0.01
+"""[1] Least size that they count with there, in units of the value at which a parameter alone makes up the torque."""
 
 Start = str | Mapping[str, float]
 KINDS = {
@@ -94,7 +101,7 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
     found, table = solution.solution, whitened(columns, deviation)
     if held:
         size = np.linalg.norm(target / deviation) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
-        prior = limits.NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), limits.NOMINAL_FLOOR * size)
+        prior = NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), NOMINAL_FLOOR * size)
         table = np.vstack([table, np.diag(1 / prior)])
         right = np.concatenate([(target / deviation).reshape(-1), model.start[:count] / prior])
         found = np.linalg.lstsq(table, right, rcond=None)[0]
@@ -111,7 +118,7 @@ def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:
     shared = slice(0, parameters.count)
     try:
         near = nearest_physical(
-            parameters.model, parameters.base, values[shared], covariance[shared, shared], margin=limits.START_MARGIN
+            parameters.model, parameters.base, values[shared], covariance[shared, shared], margin=START_MARGIN
         )
     except IdentificationError:  # what the description knows is not physical: the guards say more
         return values

@@ -7,11 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
+
+POLISHING = 2
+"""[steps] From the minimum of one integration to that of a finer one, a small fraction of the noise away."""
+INTEGRATION_SHARE = 0.01
+"""[standard deviations] Twice the substeps of the plant may change the torque of a joint by this much of its noise: a
+hundredth moves no parameter by more than a hundredth of its standard deviation."""
 
 
 def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | None = None) -> LoopModel:
@@ -43,7 +48,7 @@ def integrated(fit: Fit) -> Fit:
     model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
     if model.substeps == fit.model.substeps:
         return fit
-    return minimise(model, fit.noise, stopping=Stopping(limits.POLISHING, updates=0), jacobian=fit.jacobian)
+    return minimise(model, fit.noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
 
 
 def integration_change(model: LoopModel, torque: Array, finer: Array, deviation: Array | None = None) -> float:
@@ -56,7 +61,7 @@ def integration_change(model: LoopModel, torque: Array, finer: Array, deviation:
         deviation = model.torque_deviation
     if deviation is None:
         deviation = _rms(model.measured - finer)
-    allowed = np.maximum(limits.INTEGRATION_SHARE * deviation, np.finfo(float).tiny)
+    allowed = np.maximum(INTEGRATION_SHARE * deviation, np.finfo(float).tiny)
     return float(np.max(_rms(finer - torque) / allowed))
 
 

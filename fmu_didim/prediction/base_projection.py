@@ -9,10 +9,19 @@ from itertools import islice
 import numpy as np
 from scipy import linalg
 
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.signals import Array
+
+HALF_OF_RESIDUAL = 0.5
+"""[1] Fraction of its residual that a joint is weighted with at least in a projection: repeatable model error is no
+precision."""
+DEPENDENT = 1e-9
+"""[1] Singular value, relative to the largest one, of columns of length one that depend on others: rounding of the
+sensitivities lies above it, that of the arithmetic below."""
+BLOCK = 32
+"""[tables] Projected in one go: the basis of a TX40, 2.5 MB, is then read once for all of them, and they still fit a
+cache."""
 
 UNWEIGHTED = np.ones(1)
 
@@ -30,7 +39,7 @@ class BaseProjection:
 
     @classmethod
     def of(
-        cls, columns: Array, weight: Array = UNWEIGHTED, *, tolerance: float = limits.DEPENDENT, idle: float = 0.0
+        cls, columns: Array, weight: Array = UNWEIGHTED, *, tolerance: float = DEPENDENT, idle: float = 0.0
     ) -> BaseProjection:
         """The projection by columns (N, n, p), or (N, p) of a single joint.
 
@@ -48,7 +57,7 @@ class BaseProjection:
     def of_fit(cls, fit: Fit) -> BaseProjection:
         """The projection by the sensitivities of a fit."""
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        size = np.maximum(fit.noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * limits.HALF_OF_RESIDUAL)
+        size = np.maximum(fit.noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * HALF_OF_RESIDUAL)
         return cls.of(fit.jacobian, np.sqrt(effective_fraction(fit.residual)) / size)
 
     def weighted(self, values: Array) -> Array:
@@ -66,6 +75,6 @@ class BaseProjection:
         Some are multiplied in one go, which is several times faster than one by one.
         """
         waiting = iter(tables)
-        while block := [self.weighted(table) for table in islice(waiting, limits.BLOCK)]:
+        while block := [self.weighted(table) for table in islice(waiting, BLOCK)]:
             ends = np.cumsum([table.shape[1] for table in block])
             yield from zip(block, np.split(self.rest_of(np.concatenate(block, axis=1)), ends[:-1], axis=1), strict=True)

@@ -21,13 +21,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.signals import Array
 
+STEP = 1e-4
+"""[1] Step of the forward differences of a search, in units of a parameter's scale: our loops are smooth to 1e-10,
+truncation rules."""
+DIFFERENCE_STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.3)
+"""[1] Relative steps tried on a loop whose integrator is not ours, from rounding to where no parameter acts linearly;
+denser where the torque jitters that much."""
+KEPT_STEP = 3.0
+"""[1] A step that was found is kept until its column errs by so many times as much as then."""
+SHOWS_SOMETHING = 0.3
+"""[1] A column that errs by more of its norm does not tell whether a shorter step is right."""
+KNOWN_WITHIN = 3.0
+"""[1] Columns of two steps agree within so many times what the longer one errs by."""
+TRUNCATED = 0.1
+"""[1] Part of a column beyond that by which a longer step may differ: its truncation, which second differences of
+symmetric functions do not show."""
+
 SIMULATIONS = 1 + 1 + 2**2
 """Independent errors of equal size, of the two sides and of twice the middle, in the square of a second difference."""
-FIRST_STEP = limits.DIFFERENCE_STEPS.index(limits.STEP)
+FIRST_STEP = DIFFERENCE_STEPS.index(STEP)
 
 
 @dataclass(frozen=True)
@@ -50,7 +65,7 @@ class Step:
 
     def is_sought(self, wanted: float) -> bool:
         """Whether a step for such an error was looked for already."""
-        return self.sought <= limits.KEPT_STEP * wanted
+        return self.sought <= KEPT_STEP * wanted
 
     def after(self, known: Step, wanted: float) -> Step:
         """This one, with what the one before has shown."""
@@ -97,7 +112,7 @@ class Ladder:
         return self._tried[place]
 
     def _simulated(self, place: int) -> Difference | None:
-        change = limits.DIFFERENCE_STEPS[place] * self._size
+        change = DIFFERENCE_STEPS[place] * self._size
         here = self._run.values[self._i]
         try:
             above, below = (self._run.moved(self._i, here + by).torque() for by in (change, -change))
@@ -129,7 +144,7 @@ class Ladder:
     def _walk(self, begin: int, way: int, wanted: float) -> None:
         """Shorter steps while they err less, or longer ones, which one rise does not end."""
         before, rises = _size_of_error(self.at(begin)), 0
-        places = range(begin - 1, -1, -1) if way < 0 else range(begin + 1, len(limits.DIFFERENCE_STEPS))
+        places = range(begin - 1, -1, -1) if way < 0 else range(begin + 1, len(DIFFERENCE_STEPS))
         for place in places:
             here = self.at(place)
             if here is None and way > 0:
@@ -144,7 +159,7 @@ class Ladder:
 
     def _is_found(self, wanted: float) -> bool:
         """Whether a difference errs little enough, and longer steps that show something agree with it."""
-        found = [one for one in self._known() if _error(one) <= limits.SHOWS_SOMETHING]
+        found = [one for one in self._known() if _error(one) <= SHOWS_SOMETHING]
         return len(found) > 1 and _error(self._best()) <= wanted
 
     def _known(self) -> list[Difference]:
@@ -170,9 +185,9 @@ class Ladder:
         beyond = min((k for k, other in self._tried.items() if k > place and other is not None), default=None)
         if beyond is None or not np.isfinite(one.step.error):
             return one
-        longer, step = self._tried[beyond], limits.DIFFERENCE_STEPS[place] * self._size
+        longer, step = self._tried[beyond], DIFFERENCE_STEPS[place] * self._size
         assert longer is not None
-        square = (limits.DIFFERENCE_STEPS[beyond] / limits.DIFFERENCE_STEPS[place]) ** 2
+        square = (DIFFERENCE_STEPS[beyond] / DIFFERENCE_STEPS[place]) ** 2
         rest = self._second[place] - self._second[beyond] / square
         scattered = float(np.linalg.norm(rest)) / np.sqrt(3) / (2 * step)
         truncated = float(np.linalg.norm(longer.column - one.column)) / (square - 1)
@@ -190,7 +205,7 @@ class Ladder:
             return ()
         shorter = self._by_longer(shorter)
         assert shorter.step is not None
-        ratio = limits.DIFFERENCE_STEPS[shorter.step.place] / limits.DIFFERENCE_STEPS[best.step.place]
+        ratio = DIFFERENCE_STEPS[shorter.step.place] / DIFFERENCE_STEPS[best.step.place]
         return shorter.step.jitter if max(shorter.step.jitter) >= ratio * max(best.step.jitter) else ()
 
 
@@ -220,5 +235,5 @@ def _size_of_error(one: Difference | None) -> float:
 def _agrees(one: Difference, longer: Difference) -> bool:
     """Whether a difference is that of a longer step, as far as this one is known."""
     size = _size_of_error(longer)
-    allowed = limits.KNOWN_WITHIN * size + limits.TRUNCATED * float(np.linalg.norm(longer.column))
+    allowed = KNOWN_WITHIN * size + TRUNCATED * float(np.linalg.norm(longer.column))
     return not np.isfinite(size) or float(np.linalg.norm(one.column - longer.column)) <= allowed

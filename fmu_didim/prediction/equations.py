@@ -6,8 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.signals import Array
+
+SAME_DIRECTION = 1e-10
+"""[1] Singular value of columns of length one, relative to the largest, below which a step leaves a direction
+alone."""
+UNKNOWN_DIRECTION = 1e-14
+"""[1] The same where standard deviations are taken: what can only just be told must show its large deviation."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Equations:
         those that the others would leave them."""
         free = self.scale > 0
         result = np.full(self.scale.size, np.inf)
-        inverse = np.linalg.pinv(self.table[:, free], rcond=limits.UNKNOWN_DIRECTION)
+        inverse = np.linalg.pinv(self.table[:, free], rcond=UNKNOWN_DIRECTION)
         result[free] = np.linalg.norm(inverse, axis=1) / self.scale[free]
         return result
 
@@ -54,7 +59,7 @@ class Equations:
             step = np.zeros(size)
             table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
             right = np.concatenate([self.right, np.zeros(int(free.sum()))])
-            step[free] = np.linalg.lstsq(table, right, rcond=limits.SAME_DIRECTION)[0] / self.scale[free]
+            step[free] = np.linalg.lstsq(table, right, rcond=SAME_DIRECTION)[0] / self.scale[free]
             # At a limit and pushed outwards: held.
             stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
             if not stuck.any():

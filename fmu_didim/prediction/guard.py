@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.free_parameter import DELAY
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
+
+CHECKED_POSITIONS = 200
+"""[positions] Along the reference, at which the inertia matrix is checked."""
+FARTHEST = 1.0
+"""[1] Relative error of the torque beyond which a model explains less than nothing: zero would be nearer."""
 
 
 def mass_matrix_problem(model: LoopModel, values: Array) -> str:
@@ -18,7 +22,7 @@ def mass_matrix_problem(model: LoopModel, values: Array) -> str:
         if not set(names) <= set(reference.names):
             positions = np.zeros((1, model.joint_count))
         else:
-            ticks = np.unique(np.linspace(0, reference.time.size - 1, limits.CHECKED_POSITIONS).astype(np.int64))
+            ticks = np.unique(np.linspace(0, reference.time.size - 1, CHECKED_POSITIONS).astype(np.int64))
             positions = reference.select(names)[ticks]
         reason = model.parameters.inertia_problem(positions, theta)
         if reason:
@@ -44,6 +48,6 @@ def physical_problem(model: LoopModel, values: Array, deviation: Array) -> str:
 def tracking_problem(measured: Array, simulated: Array) -> str:
     """Whether the simulated torque explains less than nothing of the measured one, or an empty string."""
     error = np.linalg.norm(measured - simulated) / np.linalg.norm(measured)
-    if error > limits.FARTHEST:
+    if error > FARTHEST:
         return f"the simulated torque is farther from the measured one than zero is ({100 * error:.0f} %)"
     return ""

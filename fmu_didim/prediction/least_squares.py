@@ -23,7 +23,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.differences import Steps, jitter_in
 from fmu_didim.prediction.equations import Equations
 from fmu_didim.prediction.fit import Fit, sum_of_squares
@@ -32,9 +31,54 @@ from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.prediction.uncertainty import EXCESS
 from fmu_didim.prediction.weighting import KnownNoise, Weighting
 from fmu_didim.signals import Array
 from fmu_didim.statistics import relative_error_percent
+
+DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""[1] Tried one after the other, for columns of the Jacobian of length one."""
+ITERATIONS = 8
+"""[steps] Largest number of a fit that does not ask for another."""
+PROMISE = 0.02
+"""[chi-square] A step of a search that promises to lower chi-square by less is not made: a BIC difference of 10
+decides."""
+UPDATES = 3
+"""[sensitivities] Taken anew at most, in a fit that does not ask for another number: the costly part."""
+HOPE = 2.0
+"""[1] A fit is given up when not even so many times what a step promises would be enough."""
+CREEPING = 0.01
+"""[1] Fraction of the cost that a step must gain along the edge of what can be simulated."""
+STALE = 0.02
+"""[standard deviations] Farther than this from where it was taken, a sensitivity is not the one that ends the steps:
+what it leaves of the error is this fraction times its relative change, of a standard deviation."""
+CONTRACTION = 0.1
+"""[1] A step that is at most this fraction of the one before shows that the sensitivity still serves."""
+KEPT_PROMISE = (0.5, 1.5)
+"""[1] Gain of a step over what the linear model promised: outside, its slopes are stale."""
+ROUNDING = 1e-6
+"""[1] A step that would lower the cost by a smaller fraction may fail by rounding alone."""
+FAR_BELOW = 0.01
+"""[standard deviations] A step that small changes no conclusion: when it cannot be made in full, the fit has settled
+all the same."""
+HIDDEN = 0.1
+"""[standard deviations] Where a step does not gain what it promised although the sensitivity was taken there, the
+torque is rough: a step that small is then hidden by it, and changes no conclusion."""
+BROKEN_PROMISE = 0.1
+"""[1] Fraction of what a step promised below which it gained nothing: damped until the cost grows no more, it moves
+nothing, and the next one would not either (a co-simulated drivetrain gained 0.04 and less for 36 steps)."""
+LEFT_BY_JITTER = 0.25
+"""[chi-square] A step that promises no more, half a standard deviation, need not be made where a jitter of the torque
+hides what it gains."""
+DRAWN_BY_JITTER = 5.0
+"""[standard deviations] Of the difference of two costs, by which jitter may make a step miss its promise: a cost that
+is too low by three of its own and one that is too high by as much are 4.2 apart."""
+EQUAL = 1e-9
+"""[1] Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost
+grows."""
+TORQUE_FLOOR = 1e-3
+"""[1] Fraction of the tolerance, in units of the torque, below which a move counts as none: a parameter that is zero,
+in data without noise, has neither size nor standard deviation."""
 
 NO_STEP = "no step lowers the error"
 """The note of an iteration after which the steps have ended."""
@@ -61,11 +105,11 @@ class Stopping:
         whole: whether they follow an experiment to its end even where its motion and torque repeat.
     """
 
-    iterations: int = limits.ITERATIONS
+    iterations: int = ITERATIONS
     tolerance: float | None = None
     next_step: float = 0.0
-    promise: float = limits.PROMISE
-    updates: int | None = limits.UPDATES
+    promise: float = PROMISE
+    updates: int | None = UPDATES
     give_up_above: float = np.inf
     until: float = np.inf
     check_all: bool = True
@@ -149,7 +193,7 @@ class _Solver:
             step = _Step.of(at, deviation, self._measured, self._low, self._high)
             if rules.tolerance is None and step.promised < rules.promise:
                 break
-            if step.cost - limits.HOPE * step.promised > rules.give_up_above or clock.perf_counter() >= rules.until:
+            if step.cost - HOPE * step.promised > rules.give_up_above or clock.perf_counter() >= rules.until:
                 given_up = True
                 break
             found = self._search(at, step)
@@ -207,18 +251,18 @@ class _Solver:
         gained, was_fresh = step.cost - found.cost, at.fresh
         at.values, at.torque, at.fresh = here, torque, at.fresh and found.torque is None
         stuck = found.torque is None
-        hidden = was_fresh and step.is_below(limits.HIDDEN) and gained < limits.BROKEN_PROMISE * step.promised
+        hidden = was_fresh and step.is_below(HIDDEN) and gained < BROKEN_PROMISE * step.promised
         if hidden and rules.tolerance is not None:
             return "settled"
         if stuck and (was_fresh or at.updates <= 0):
-            nothing_left = step.promised <= limits.ROUNDING * step.cost or self._is_nothing(step)
+            nothing_left = step.promised <= ROUNDING * step.cost or self._is_nothing(step)
             return "settled" if rules.tolerance is not None and nothing_left else "stopped"
-        if found.at_edge and not stuck and gained < limits.CREEPING * step.cost and rules.tolerance is None:
+        if found.at_edge and not stuck and gained < CREEPING * step.cost and rules.tolerance is None:
             return "stopped"
         size = float(np.max(np.abs(moved) / step.scale))
-        stale = bool((np.abs(here - at.differentiated) > limits.STALE * step.scale).any())
+        stale = bool((np.abs(here - at.differentiated) > STALE * step.scale).any())
         if rules.tolerance is not None and not stuck:
-            floor = np.maximum(np.maximum(np.abs(here), step.scale), limits.TORQUE_FLOOR * step.size)
+            floor = np.maximum(np.maximum(np.abs(here), step.scale), TORQUE_FLOOR * step.size)
             # A step that was damped or shortened is small for that: what it should have been counts.
             whole = not found.note or step.is_far_below_sigma
             small = bool((np.abs(moved) <= rules.tolerance * floor).all()) and (was_fresh or not stale)
@@ -226,9 +270,9 @@ class _Solver:
                 return "settled"
             if was_fresh and step.promised <= self._promise_of_jitter(step):
                 return "settled"
-        low, high = limits.KEPT_PROMISE
+        low, high = KEPT_PROMISE
         kept = low * found.promised <= gained <= high * found.promised
-        contracts = limits.STALE < size <= limits.CONTRACTION * at.last
+        contracts = STALE < size <= CONTRACTION * at.last
         far = stale and not contracts if rules.tolerance is not None else not kept
         if at.updates > 0 and (stuck or far):
             self._differentiate(at)
@@ -238,7 +282,7 @@ class _Solver:
     def _next_is_nothing(self, size: float, last: float) -> bool:
         """Whether the step after one of this size, in standard deviations, need not be made: steps shrink in
         proportion, so that it will be about size^2 / last."""
-        return 0 < size <= limits.CONTRACTION * last and size**2 <= self._stopping.next_step * last
+        return 0 < size <= CONTRACTION * last and size**2 <= self._stopping.next_step * last
 
     def _promise_of_jitter(self, step: _Step) -> float:
         """How much a step may promise where the minimum is reached, but the torque jitters by J deviations.
@@ -249,8 +293,8 @@ class _Solver:
         jitter = jitter_in(self._steps, step.deviation)
         if not jitter:
             return 0.0
-        blurred = min(self._blur(step), limits.LEFT_BY_JITTER)
-        return max(jitter**2 * float(chi2.isf(limits.EXCESS, step.change.size)), blurred)
+        blurred = min(self._blur(step), LEFT_BY_JITTER)
+        return max(jitter**2 * float(chi2.isf(EXCESS, step.change.size)), blurred)
 
     def _blur(self, step: _Step) -> float:
         """2 J |r| sqrt(2 p), standard deviation of the difference of two costs |r|^2 by jitter J of p parameters."""
@@ -272,7 +316,7 @@ class _Solver:
         model = self._model
         others = model.validation_labels if self._stopping.check_all else ()
         tried, edge, best, note = 0, False, None, ""
-        for damping in limits.DAMPINGS:
+        for damping in DAMPINGS:
             change, promised = step.equations.step(at.values, self._low, self._high, damping)
             trial = np.clip(at.values + change, self._low, self._high)
             reason = mass_matrix_problem(model, trial)
@@ -297,9 +341,9 @@ class _Solver:
                 tried = found.tried
                 if found.note:
                     return found
-                if reached > step.cost * (1 + limits.EQUAL) and not at.fresh and at.updates > 0:
+                if reached > step.cost * (1 + EQUAL) and not at.fresh and at.updates > 0:
                     break  # damping would not make up for old slopes
-            if reached <= step.cost * (1 + (limits.EQUAL if self._stopping.tolerance is not None else 0.0)) and (
+            if reached <= step.cost * (1 + (EQUAL if self._stopping.tolerance is not None else 0.0)) and (
                 reached < step.cost or self._stopping.tolerance is not None
             ):
                 found = _Found(trial, torque, reached, promised, tried, edge, note)
@@ -317,7 +361,7 @@ class _Solver:
         """
         if self._stopping.tolerance is None or not at.fresh:
             return False
-        hidden = min(limits.DRAWN_BY_JITTER * self._blur(step), float(chi2.isf(limits.EXCESS, step.change.size)))
+        hidden = min(DRAWN_BY_JITTER * self._blur(step), float(chi2.isf(EXCESS, step.change.size)))
         return reached <= step.cost - step.promised + hidden
 
     def _shortened(self, at: _State, step: _Step, found: _Found) -> _Found:
@@ -326,7 +370,7 @@ class _Solver:
         Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
         """
         gained = step.cost - found.cost
-        if gained >= limits.KEPT_PROMISE[0] * found.promised or found.promised <= limits.EQUAL * step.cost:
+        if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
             return found
         part = found.promised / (2 * found.promised - gained)
         trial = at.values + part * (found.values - at.values)
@@ -387,7 +431,7 @@ class _Step:
 
     @property
     def is_far_below_sigma(self) -> bool:
-        return self.is_below(limits.FAR_BELOW)
+        return self.is_below(FAR_BELOW)
 
     def is_below(self, part: float) -> bool:
         """Whether it moves no parameter by more than this fraction of its standard deviation."""

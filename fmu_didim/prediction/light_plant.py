@@ -21,11 +21,27 @@ from fmu_didim.components.control import ControlComponent
 from fmu_didim.errors import DivergedError, SimulationError
 from fmu_didim.master import Connection, Recording, simulate
 from fmu_didim.master.system import REFERENCE
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.external_torque import held, with_external_torques
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.reference_start import Motion, reference_motion
 from fmu_didim.signals import Array, Variable, trajectory
+
+BANDWIDTH = 0.25
+"""[rad] Phase in a period of the slowest component at which a light plant still follows the torque: sampled loops of
+half that speed are stable."""
+BANDWIDTHS = 6
+"""[bandwidths] Tried, each half of the one before, for drives with lag or delay."""
+DAMPING_RATIO = 0.7
+"""[1] Of the loop with a light plant, at its bandwidth: no resonance."""
+PERIODS = 12
+"""[periods] Of the oscillation by which the response of a controller is measured."""
+SHARE_OF_RANGE = 1e-4
+"""[1] Size of that oscillation, of the range of a joint: no drive saturates by it."""
+NOT_FOLLOWED = 0.3
+"""[1] Part of the measured torque of a joint that the loop with a light plant may leave: with more it does not
+follow."""
+SERIES = 1e-6
+"""[1] Decay in a step below which it is computed by its series."""
 
 DRIVE = "light_plant_drive"
 """Columns of the reference that stand for all but the torque of the controller, as an acceleration."""
@@ -39,13 +55,13 @@ def implied_motion(run: Simulation) -> Motion:
     """
     loop = _Loop(run)
     reason = ""
-    for halvings in range(limits.BANDWIDTHS):
+    for halvings in range(BANDWIDTHS):
         try:
-            found, left = loop.dragged(limits.BANDWIDTH / loop.slowest / 2**halvings)
+            found, left = loop.dragged(BANDWIDTH / loop.slowest / 2**halvings)
         except DivergedError as error:
             reason = error.what
             continue
-        if left <= limits.NOT_FOLLOWED:
+        if left <= NOT_FOLLOWED:
             return found
         reason = f"{100 * left:.0f} % of the measured torque are left"
     raise SimulationError("No motion was found in which the controller gives the measured torque.", got=reason)
@@ -95,7 +111,7 @@ class _Loop:
         if not (np.abs(response) > 0).all():
             raise SimulationError("The torque of the loop does not follow from the motion of the joints.")
         mass = np.abs(response) / bandwidth**2
-        damping = np.maximum(2 * limits.DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
+        damping = np.maximum(2 * DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
         drive = self._ddq + (damping * self._dq - self._target()) / mass
         found = self._moved(drive, 1 / mass, damping / mass)
         operator, every, measured = self._run.operator, self._model.subdivision, self._run.experiment.torque
@@ -115,7 +131,7 @@ class _Loop:
     def response(self, bandwidth: float) -> Array:
         """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the begin of the reference."""
         n, time = self._model.joint_count, self._step * np.arange(self._reference.time.size)
-        length = min(limits.PERIODS * 2 * np.pi / bandwidth, time[-1])
+        length = min(PERIODS * 2 * np.pi / bandwidth, time[-1])
         time = time[: int(length / self._step) + 1]
         window = np.sin(np.pi * np.clip(time / length, 0, 1)) ** 2
         shape = np.gradient(np.gradient(window * np.sin(bandwidth * time), self._step), self._step)
@@ -123,7 +139,7 @@ class _Loop:
         still = self._moved(self._ddq[: time.size], nothing, nothing)
         result = np.zeros(n, dtype=complex)
         for j in range(n):
-            size = limits.SHARE_OF_RANGE * (float(np.ptp(self._q[:, j])) or 1.0)
+            size = SHARE_OF_RANGE * (float(np.ptp(self._q[:, j])) or 1.0)
             drive = self._ddq[: time.size].copy()
             drive[:, j] += size * shape
             moved = self._moved(drive, nothing, nothing)
@@ -162,7 +178,7 @@ def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> 
     n = rate.size
     decay = np.exp(-rate * step)
     # Velocity and position that an acceleration held for a step leaves; for small rates by the series.
-    slow = rate * step < limits.SERIES
+    slow = rate * step < SERIES
     safe = np.where(slow, 1.0, rate)
     velocity = np.where(slow, step * (1 - rate * step / 2), (1 - decay) / safe)
     position = np.where(slow, step**2 / 2 * (1 - rate * step / 3), (step - velocity) / safe)

@@ -14,13 +14,60 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.signals import Array, Trajectory
 
+REPEATS_WITHIN = 1e-6
+"""[1] Two periods of a reference are the same when they differ by less than this fraction of its range: what a file
+with seven digits keeps. The search for the lag allows the same of the mean square."""
+SHORTEST_PERIOD = 10
+"""[ticks] A shorter period would be one of the control."""
+LONGEST_PERIOD = 0.75
+"""[1] Fraction of a reference that a period may last: a quarter must be there twice."""
+FEWEST_DIFFERENCES = 30
+"""[samples] Fewer differences of two periods give no noise: the deviation of 30 is known to 13 %."""
+LARGEST_CORRELATION = 0.98
+"""[1] Correlation of neighbouring samples that is believed at most, so that one sample of a hundred still counts."""
+SEGMENTS = 6
+"""[segments] A residual's spectrum comes from at least as many, for their median."""
+SEGMENT = (32, 256)
+"""[samples] Shortest and longest of those segments."""
+ABOVE_MOTION = 4.0
+"""[1] From this many times the highest frequency of the motion on, a residual counts as noise: what friction adds to
+the motion has faded there."""
+HIGHEST_CUT = 0.3
+"""[1] Of the sample rate: the noise is looked for from there at the latest; half is the most."""
+FEWEST_FREQUENCIES = 4
+"""[frequencies] With fewer above the cut, the upper half of the spectrum is taken."""
+UPPER_HALF = 0.5
+"""[1] That half, as a fraction of the highest frequency."""
+CORRELATIONS = (-0.5, 0.9)
+"""[1] Range of those tried for the colour of a residual."""
+CORRELATION_COUNT = 57
+"""[correlations] Tried in that range, in steps of 0.025."""
+USUAL = (0.2, 0.2)
+"""[1] Correlation of neighbouring samples that noise usually has, and its spread."""
+SLOW_S = 0.05
+"""[s] Noise of a current sensor has forgotten itself after this time."""
+LEAST_NOISE = 1e-9
+"""[1] Smallest noise, as a fraction of the torque: a simulated log may repeat exactly, its weight must stay
+finite."""
+BLOCKS = 20
+"""[blocks] In a period, to find those in which something happened once."""
+SHORTEST_BLOCK = 10
+"""[samples] A block is not shorter: the power of fewer samples is chance."""
+OUTLIER = 6.0
+"""[1] A block of this many times the usual power is no noise."""
+MOST_OUTLIERS = 0.4
+"""[1] Unless so large a fraction of them is: then the motion has loud and quiet parts."""
+OUTLIER_ROUNDS = 4
+"""[rounds] Blocks are left out at most so often."""
+MOTION_POWER = 0.999
+"""[1] Fraction of the power of the velocities below the highest frequency of a motion."""
+
 TINY = 1e-300
-"""Nothing is divided by less."""
+"""[1] Nothing is divided by less."""
 SMALLEST_MISFIT = 1e-12
-"""Nor a misfit by a smaller one, where a colour fits exactly."""
+"""[1] Nor a misfit by a smaller one, where a colour fits exactly."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +113,11 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
     products = sum(signal.correlate(v, v, method="fft")[count - 1 :] for v in values.T)
     squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
-    lags = np.arange(limits.SHORTEST_PERIOD, math.ceil(limits.LONGEST_PERIOD * count))
+    lags = np.arange(SHORTEST_PERIOD, math.ceil(LONGEST_PERIOD * count))
     both = squares[count - lags] + squares[count] - squares[lags]
-    close = (both - 2 * products[lags]) / (count - lags) < limits.REPEATS_WITHIN
+    close = (both - 2 * products[lags]) / (count - lags) < REPEATS_WITHIN
     for lag in lags[close]:
-        if np.abs(values[lag:] - values[:-lag]).max() < limits.REPEATS_WITHIN:
+        if np.abs(values[lag:] - values[:-lag]).max() < REPEATS_WITHIN:
             return int(lag)
     return None
 
@@ -92,7 +139,7 @@ def noise_from_periods(
     """
     n = torque.shape[1]
     first, second = torque[skip : torque.shape[0] - samples], torque[skip + samples :]
-    if first.shape[0] < samples // 2 or first.shape[0] < limits.FEWEST_DIFFERENCES:
+    if first.shape[0] < samples // 2 or first.shape[0] < FEWEST_DIFFERENCES:
         return None
     deviation, correlation, slow = np.zeros(n), np.zeros(n), np.zeros(n)
     for j in range(n):
@@ -105,12 +152,12 @@ def noise_from_periods(
             columns += [part[:, i] for i in range(part.shape[1]) if np.ptp(part[:, i]) > 0]
         table = np.column_stack(columns)
         table = table / np.linalg.norm(table, axis=0)
-        rest, kept = _without_events(difference, table, there, max(samples // limits.BLOCKS, limits.SHORTEST_BLOCK))
+        rest, kept = _without_events(difference, table, there, max(samples // BLOCKS, SHORTEST_BLOCK))
         spread = float(np.sqrt(np.sum(rest[kept] ** 2) / max(int(kept.sum()) - table.shape[1], 1)))
-        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, limits.LARGEST_CORRELATION)
-        slow[j] = _correlation(rest, kept, spread, max(round(limits.SLOW_S * rate_hz), 1))
+        correlation[j] = np.clip(_correlation(rest, kept, spread, 1), 0.0, LARGEST_CORRELATION)
+        slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
-        deviation[j] = max(spread, limits.LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
+        deviation[j] = max(spread, LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
     periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
     count = int(np.isfinite(torque).all(axis=1).sum())
     return Noise(deviation, correlation, "periods", periods=periods, samples=count, slow=slow)
@@ -122,11 +169,11 @@ def _without_events(
     """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
     place = np.arange(difference.size) // block
     kept = there
-    for _ in range(limits.OUTLIER_ROUNDS):
+    for _ in range(OUTLIER_ROUNDS):
         rest = difference - table @ np.linalg.lstsq(table[kept], difference[kept], rcond=None)[0]
         power = np.bincount(place, rest**2 * there) / np.maximum(np.bincount(place, there), 1)
-        wanted = (power <= limits.OUTLIER * np.median(power))[place] & there
-        if wanted.sum() < (1 - limits.MOST_OUTLIERS) * there.sum():
+        wanted = (power <= OUTLIER * np.median(power))[place] & there
+        if wanted.sum() < (1 - MOST_OUTLIERS) * there.sum():
             kept = there  # they are the rule: loud and quiet parts of the motion
             break
         if np.array_equal(wanted, kept):
@@ -174,20 +221,20 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
         motion_hz: highest frequency of the motion.
     """
     n = residual.shape[1]
-    cut = min(limits.ABOVE_MOTION * motion_hz, limits.HIGHEST_CUT * rate_hz)
+    cut = min(ABOVE_MOTION * motion_hz, HIGHEST_CUT * rate_hz)
     # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
-    segment = min(int(np.clip(residual.shape[0] // limits.SEGMENTS, *limits.SEGMENT)), residual.shape[0])
+    segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
         frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
         upper = frequency >= cut
-        if upper.sum() < limits.FEWEST_FREQUENCIES:
-            upper = frequency >= limits.UPPER_HALF * frequency[-1]
-        trials = np.linspace(*limits.CORRELATIONS, limits.CORRELATION_COUNT)
+        if upper.sum() < FEWEST_FREQUENCIES:
+            upper = frequency >= UPPER_HALF * frequency[-1]
+        trials = np.linspace(*CORRELATIONS, CORRELATION_COUNT)
         fits = [_misfit(power[upper], rho, frequency[upper] / rate_hz) for rho in trials]
         misfits = np.array([misfit for misfit, _ in fits])
         # Far up in frequency all colours look alike, and then the usual one is the best guess.
-        unusual = (trials - limits.USUAL[0]) / limits.USUAL[1]
+        unusual = (trials - USUAL[0]) / USUAL[1]
         doubt = 0.5 * upper.sum() * misfits / max(misfits.min(), SMALLEST_MISFIT) + 0.5 * unusual**2
         least = int(np.argmin(doubt))
         rho, level = trials[least], fits[least][1]
@@ -207,7 +254,7 @@ def effective_fraction(residual: Array) -> Array:
     """(n,) effective part f = (1 - rho)/(1 + rho) of the samples of a residual (N, n), rho its lag-one correlation."""
     centred = residual - residual.mean(axis=0)
     power = np.maximum(np.sum(centred**2, axis=0), TINY)
-    rho = np.clip(np.sum(centred[1:] * centred[:-1], axis=0) / power, 0.0, limits.LARGEST_CORRELATION)
+    rho = np.clip(np.sum(centred[1:] * centred[:-1], axis=0) / power, 0.0, LARGEST_CORRELATION)
     return np.asarray((1 - rho) / (1 + rho))
 
 
@@ -229,7 +276,5 @@ def motion_frequency(reference: Trajectory, joints: int) -> float:
         speed = joint_speed(reference, j)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
         total = np.cumsum(power) / max(float(power.sum()), TINY)
-        highest = max(
-            highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, limits.MOTION_POWER)])
-        )
+        highest = max(highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, MOTION_POWER)]))
     return highest

@@ -14,10 +14,12 @@ import numpy as np
 
 from fmu_didim.base_parameters import BaseParameters
 from fmu_didim.errors import InputError
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
 from fmu_didim.signals import Array
+
+POSITIVE = 1e-9
+"""[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
 
 FRICTION = ("Fv", "Fc")
 SIGNIFICANCE = 4.0
@@ -207,7 +209,7 @@ class RobotParameters(Parameters):
             return reason
         along = self.model.inertia_along(q, self.base.expand(theta))
         worst = int(np.argmin(along))
-        if along[worst] > limits.POSITIVE:
+        if along[worst] > POSITIVE:
             return ""
         joint, name, _ = self.weakest(q[worst], theta)
         value, unit = theta[self.names.index(name)], self.units[self.names.index(name)]

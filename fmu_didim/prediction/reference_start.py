@@ -7,12 +7,19 @@ from collections.abc import Callable
 import numpy as np
 from scipy import signal
 
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
 from fmu_didim.prediction.parameters import Parameters
 from fmu_didim.prediction.prediction import sampled_regressor
 from fmu_didim.signals import Array, Trajectory, derivative, white_noise
 from fmu_didim.statistics import least_squares
+
+SMOOTHED = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+"""[1] Cut-offs of the low-pass of a reference from which accelerations are computed, of its rate, tried in this
+order; half of it is none. The last one is 5 Hz at 1 kHz, about where the motion of an arm ends."""
+SMOOTHED_ORDER = 4
+"""[1] Of that filter, a Butterworth one run forward and backward."""
+NOISE_OF_ACCELERATION = 0.1
+"""[1] Fraction of the deviation of an acceleration that its noise may have: 1 % of its power."""
 
 Rows = Callable[[Array], tuple[Array, Array]]
 """Regressor (N, n, b) and known torque (N, n) at the samples, for what is observed beyond the motion (K, no)."""
@@ -60,15 +67,15 @@ def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
     given, order = (dq, 1) if has_velocity else (q, 2)
     noise = np.array([white_noise(column) for column in given.T])
     rate = (time.size - 1) / (time[-1] - time[0])
-    for part in limits.SMOOTHED:
+    for part in SMOOTHED:
         cutoff = part * rate
         if cutoff < rate / 2:
-            filtered = signal.butter(limits.SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
+            filtered = signal.butter(SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
             smooth = signal.sosfiltfilt(filtered, given, axis=0)
             q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
             ddq = derivative(time, dq)
         size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))
-        if (size <= limits.NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
+        if (size <= NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
             break
     return q, dq, ddq
 

@@ -7,11 +7,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.master import SampleOperator
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.noise import period_in_ticks
 from fmu_didim.signals import Array
+
+REPEATS_TORQUE = 1e-5
+"""[1] Two periods of a torque are the same when they differ by less than this fraction of its root mean square."""
+MARGIN = 0.1
+"""[1] Fraction of a period after which a column of sensitivities repeats, once the torque does."""
+REPEATS_COLUMN = 1e-3
+"""[1] The same for columns of sensitivities, which are differences."""
+OVERLAP = 0.1
+"""[1] Fraction of a period simulated twice, to see whether a column repeats like the torque."""
+WHOLE_SAMPLES = 1e-6
+"""[samples] A period that is farther from a whole number of samples is not continued."""
+FEWEST_PERIODS = 1.5
+"""[periods] A log of fewer is simulated to its end."""
+WORTHWHILE = 0.8
+"""[1] Fraction of a log up to which its first part is simulated alone: beyond, nothing is saved."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +43,7 @@ class Repetition:
     operator: SampleOperator
     count: int
 
-    def continued(self, begin: Array, *, tolerance: float = limits.REPEATS_COLUMN) -> Array | None:
+    def continued(self, begin: Array, *, tolerance: float = REPEATS_COLUMN) -> Array | None:
         """(count, ...) from the first samples (N', ...); None if these do not repeat."""
         again = self.settled + self.period
         twice = begin[again:] - begin[self.settled : begin.shape[0] - self.period]
@@ -72,7 +86,7 @@ class Beginning:
 
 
 def change_of_torque(
-    run: Simulation, torque: Array, beginning: Beginning | None, *, tolerance: float = limits.REPEATS_COLUMN
+    run: Simulation, torque: Array, beginning: Beginning | None, *, tolerance: float = REPEATS_COLUMN
 ) -> Array:
     """(N, n) simulated torque minus ``torque``, from the beginning alone where the change repeats.
 
@@ -97,13 +111,13 @@ def repetition(experiment: Experiment, operator: SampleOperator, step: float, to
     ticks = period_in_ticks(experiment.reference)
     samples = 0.0 if ticks is None else ticks * step * experiment.rate_hz
     period, count = round(samples), torque.shape[0]
-    if period < 1 or abs(samples - period) > limits.WHOLE_SAMPLES or count < limits.FEWEST_PERIODS * period:
+    if period < 1 or abs(samples - period) > WHOLE_SAMPLES or count < FEWEST_PERIODS * period:
         return None
-    change = np.abs(torque[period:] - torque[:-period]) > limits.REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
+    change = np.abs(torque[period:] - torque[:-period]) > REPEATS_TORQUE * np.sqrt(np.mean(torque**2, axis=0))
     restless = np.flatnonzero(change.any(axis=1))
     # Slopes take longer to forget the start than the torque itself.
-    settled = (int(restless[-1]) + 1 if restless.size else 0) + round(limits.MARGIN * period)
-    simulated = settled + period + round(limits.OVERLAP * period)
-    if simulated > limits.WORTHWHILE * count:
+    settled = (int(restless[-1]) + 1 if restless.size else 0) + round(MARGIN * period)
+    simulated = settled + period + round(OVERLAP * period)
+    if simulated > WORTHWHILE * count:
         return None
     return Repetition(period, settled, operator.before(simulated), count)

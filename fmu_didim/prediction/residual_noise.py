@@ -14,9 +14,20 @@ import numpy as np
 from scipy import fft
 
 from fmu_didim.master import Indices
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.colour import autocorrelation, autoregression, largest_order, portmanteau, portmanteau_p
 from fmu_didim.signals import Array
+
+GATE_LAGS = 3
+"""[samples] A residual is white if its correlations up to this lag are: colour shows there first."""
+NOT_WHITE = 0.05
+"""[1] Probability of the correlations of all joints by chance, below which they have a colour. A false alarm costs
+little, since what is then estimated is nearly white; a colour that is not seen costs coverage."""
+CLEARLY_NOT_WHITE = 0.01
+"""[1] The same of one joint where all together look white; there are several to ask."""
+LONGEST_GAP = 1000
+"""[samples] A longer gap in a log counts as so long: nothing remembers across."""
+FEWEST_COLOURED = 20
+"""[samples] Fewer are too few to see a colour in."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,7 @@ class Log:
     @classmethod
     def of(cls, places: Indices, *tables: Array) -> Log:
         # Samples so far apart have nothing to do with each other, however long the pause was.
-        places = np.cumsum(np.append(0, np.minimum(np.diff(places), limits.LONGEST_GAP)))
+        places = np.cumsum(np.append(0, np.minimum(np.diff(places), LONGEST_GAP)))
 
         def on_grid(values: Array) -> Array:
             result = np.zeros((int(places[-1]) + 1, *values.shape[1:]))
@@ -125,13 +136,13 @@ class LogsOfOneRate:
     def not_white(self, covariances: Array, floor: Array) -> list[bool]:
         """Which joints (n,) have a colour, by autocovariances (K + 1, n): all if together they do not look white,
         else those that clearly do not; never those whose residual is rounding."""
-        lags, pairs = limits.GATE_LAGS, self.pairs(limits.GATE_LAGS)
+        lags, pairs = GATE_LAGS, self.pairs(GATE_LAGS)
         is_noise = covariances[0] > floor**2
-        if self.samples < limits.FEWEST_COLOURED or not is_noise.any():
+        if self.samples < FEWEST_COLOURED or not is_noise.any():
             return [False] * is_noise.size
         sums = [portmanteau(column, pairs, lags) * real for column, real in zip(covariances.T, is_noise, strict=True)]
-        together = portmanteau_p(sum(sums), lags * int(is_noise.sum())) < limits.NOT_WHITE
-        each = [portmanteau_p(one, lags) < limits.CLEARLY_NOT_WHITE for one in sums]
+        together = portmanteau_p(sum(sums), lags * int(is_noise.sum())) < NOT_WHITE
+        each = [portmanteau_p(one, lags) < CLEARLY_NOT_WHITE for one in sums]
         return [bool(real and (together or own)) for real, own in zip(is_noise, each, strict=True)]
 
     def refitted(self, noises: Sequence[JointNoise], coloured: Sequence[bool], covariance: Array) -> list[JointNoise]:

@@ -21,14 +21,19 @@ import numpy as np
 
 from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.errors import FmuDidimError
-from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import Ladder, jitter_in
+from fmu_didim.prediction.differences import DIFFERENCE_STEPS, Ladder, jitter_in
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.sensitivity import step_size
 from fmu_didim.prediction.weighting import whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import covariance_white
+
+TINY_CHANGES = (1e-6, 2e-6, 5e-6)
+"""[1] Of all values, to see whether the torque jitters: it changes by as little where it does not, a thousand times
+as much where it does; three, since by chance one may show none."""
+SMOOTHER = 0.1
+"""[1] Fraction of its jitter below which a loop that is wired otherwise is said to be smoother."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ def smoother_after_step(model: LoopModel) -> str:
             after = _jitter(replace(model, systems={**model.systems, label: other}), label)
         except FmuDidimError:  # a loop that is wired otherwise, or that such a delay makes unstable
             continue
-        if after < limits.SMOOTHER * now:
+        if after < SMOOTHER * now:
             return name
     return ""
 
@@ -88,7 +93,7 @@ def smoother_after_step(model: LoopModel) -> str:
 def _jitter(model: LoopModel, label: str) -> float:
     """Largest change of the torque by tiny changes of all values, as a fraction of it."""
     torque = model.torque(model.start, label)
-    moved = [model.torque(model.start * (1 + part), label) - torque for part in limits.TINY_CHANGES]
+    moved = [model.torque(model.start * (1 + part), label) - torque for part in TINY_CHANGES]
     return float(max(np.linalg.norm(change) for change in moved) / np.linalg.norm(torque))
 
 
@@ -100,7 +105,7 @@ def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)
         ladder = Ladder(fit.simulation(label), fit.torque[rows[label]], i, size)
-        for place in _second_places(step.place, 1 / max(float(length[i]) * size, limits.DIFFERENCE_STEPS[0])):
+        for place in _second_places(step.place, 1 / max(float(length[i]) * size, DIFFERENCE_STEPS[0])):
             found = ladder.at(place)
             if found is not None:
                 table[rows[label], :, i] = found.column
@@ -114,7 +119,7 @@ def _second_places(place: int, deviation: float) -> list[int]:
 
     What slopes are right in is a change by a standard deviation.
     """
-    last = len(limits.DIFFERENCE_STEPS) - 1
-    uncertain = sum(step < deviation for step in limits.DIFFERENCE_STEPS)
+    last = len(DIFFERENCE_STEPS) - 1
+    uncertain = sum(step < deviation for step in DIFFERENCE_STEPS)
     wanted = [min(uncertain, last - 1), place + 1]
     return [*(found for found in wanted if place < found <= last), *([place - 1] if place else [])]

@@ -23,8 +23,7 @@ from fmu_didim.components.varied import derivative_name
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import System
 from fmu_didim.master.variation import with_derivatives
-from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import Difference, Ladder, Steps
+from fmu_didim.prediction.differences import KEPT_STEP, STEP, Difference, Ladder, Steps
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.prediction.loop_model import LoopModel, Simulation
@@ -32,6 +31,22 @@ from fmu_didim.prediction.prediction import Prediction
 from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
+
+SHORTER_STEP = 30.0
+"""[1] Where neither that step nor its opposite can be simulated, one so many times shorter."""
+SMOOTH_STEP = 3e-7
+"""[1] Of the value at which a parameter alone would make up the whole torque. The simulations of our own plants are
+smooth in the parameters, so that truncation and rounding both stay at some 1e-6 of the sensitivity."""
+ROUGHNESS = 0.1
+"""[1] Error of a column, relative to its norm, that a search among many models goes on with."""
+SMOOTH = 1e-3
+"""[1] The same of a fit, until the columns are known that a column has to be told from."""
+SHARE_OF_SINGULAR = 0.02
+"""[1] Errors of the columns, of length one, over the smallest singular value of all of them: no deviation is wrong by
+a larger part. Shorter or longer steps are tried where it is more."""
+COLUMNS_A_THREAD = 16
+"""[columns] Columns of a sensitivity that are worth a run of their own: they cost about as much as the simulation
+does."""
 
 
 def sensitivity(
@@ -74,12 +89,12 @@ def sensitivity(
         one = _Experiment(run, torque[rows], sizes, exact, beginning)
         tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
     workers = model.allowed_workers(values) if len(tasks) > 1 else 1
-    _fill(tables, tasks, steps, limits.SMOOTH if exact else limits.ROUGHNESS, workers)
+    _fill(tables, tasks, steps, SMOOTH if exact else ROUGHNESS, workers)
     if exact and any(task.ladder for task in tasks):
         # Only now it is known which columns are hard to tell apart.
         size = np.sqrt(np.mean(torque**2, axis=0))
         smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
-        wanted = limits.SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
+        wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
         _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
     return np.concatenate(list(tables.values()))
 
@@ -137,7 +152,7 @@ def by_variation(
 
 def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str, str]]]:
     """The parameters in groups of equal size, one a thread, as long as each has enough to do beside the simulation."""
-    count = max(1, min(workers, len(places) // limits.COLUMNS_A_THREAD))
+    count = max(1, min(workers, len(places) // COLUMNS_A_THREAD))
     size = -(-len(places) // count)
     return [places[first : first + size] for first in range(0, len(places), size)]
 
@@ -197,7 +212,7 @@ class _Column:
         if known is None:
             found = self.ladder.best(wanted)
             return replace(found, step=found.step and replace(found.step, sought=wanted))
-        allowed = max(wanted, limits.KEPT_STEP * known.error * known.curved) if known.is_sought(wanted) else wanted
+        allowed = max(wanted, KEPT_STEP * known.error * known.curved) if known.is_sought(wanted) else wanted
         found = self.ladder.best(allowed, known.place)
         return replace(found, step=found.step and found.step.after(known, wanted))
 
@@ -234,11 +249,11 @@ class _Experiment:
         return None, Ladder(self._run, self._torque, i, step_size(self._run.model, i, self._sizes))
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
-        step = limits.STEP * parameter.scale
+        step = STEP * parameter.scale
         if self._exact and self._sizes is not None and i < self._sizes.size:
-            step = limits.SMOOTH_STEP * float(self._sizes[i])
+            step = SMOOTH_STEP * float(self._sizes[i])
         here = self._run.values[i]
-        for size in (step, -step, step / limits.SHORTER_STEP):
+        for size in (step, -step, step / SHORTER_STEP):
             there = here + size
             if not parameter.lowest <= there <= parameter.highest:
                 continue

@@ -23,7 +23,6 @@ import numpy as np
 from scipy import stats
 
 from fmu_didim.master import Indices, grid_places
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.colour import (
     autocorrelation,
     innovations,
@@ -31,8 +30,16 @@ from fmu_didim.prediction.colour import (
     portmanteau_p,
 )
 from fmu_didim.prediction.noise import TINY
-from fmu_didim.prediction.residual_noise import JointNoise, Log, LogsOfOneRate
+from fmu_didim.prediction.residual_noise import GATE_LAGS, JointNoise, Log, LogsOfOneRate
 from fmu_didim.signals import Array
+
+COLOUR_ROUNDS = 3
+"""[rounds] Of colour and what the fit takes from it: a fourth moves no deviation by 1 %."""
+WHITENESS_LAGS = 10
+"""[samples] Correlations, beyond the order of the colour, that are tested after it."""
+EXCESS = 0.001
+"""[1] Probability of as large a residual by chance, below which a joint is said to be off by more than its known
+noise."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,7 @@ def chi_square_bounds(samples: float, known_from: float = np.inf) -> tuple[float
         law, size = stats.chi2(samples), samples
     else:
         law, size = stats.f(samples, known_from), 1.0
-    return float(law.ppf(limits.EXCESS)) / size, float(law.isf(limits.EXCESS)) / size
+    return float(law.ppf(EXCESS)) / size, float(law.isf(EXCESS)) / size
 
 
 def _counted(noise: JointNoise, own: float, usual: float, samples: float, *, stated: bool) -> JointNoise:
@@ -133,7 +140,7 @@ def _judged(
 ) -> list[Colour]:
     """What is known of each joint, where white noise would have variances ``usual`` (n,); its inflation is still
     one."""
-    most = max(noise.coefficients.size for noise in noises) + limits.WHITENESS_LAGS
+    most = max(noise.coefficients.size for noise in noises) + WHITENESS_LAGS
     lags = min(most, group.samples - 1)
     found, pairs = group.autocovariance(noises, covariance, 2 * most), group.pairs(2 * most)
     colours, freedom = [], np.maximum(group.samples - group.fitted, 1.0)
@@ -210,10 +217,10 @@ def _settled(groups: Sequence[LogsOfOneRate], floor: Array) -> tuple[Array, list
     noises = [group.white() for group in groups]
     covariance, _ = _covariance(groups, noises)
     gates = [
-        group.not_white(group.autocovariance(noise, covariance, limits.GATE_LAGS), floor)
+        group.not_white(group.autocovariance(noise, covariance, GATE_LAGS), floor)
         for group, noise in zip(groups, noises, strict=True)
     ]
-    for _ in range(limits.COLOUR_ROUNDS if np.any(gates) else 0):
+    for _ in range(COLOUR_ROUNDS if np.any(gates) else 0):
         noises = [g.refitted(noise, gate, covariance) for g, noise, gate in zip(groups, noises, gates, strict=True)]
         covariance, _ = _covariance(groups, noises)
     return covariance, noises

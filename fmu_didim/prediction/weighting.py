@@ -8,16 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.errors import IdentificationError
-from fmu_didim.prediction import thresholds as limits
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import TINY, Noise
 from fmu_didim.signals import Array
 from fmu_didim.statistics import LeastSquares, deviation_of_sums, least_squares
 
+NOISE_FLOOR = 1e-12
+"""[1] Fraction of the torque below which a residual is rounding, so that data without noise have weights, too."""
+
 
 def noise_floor(measured: Array) -> Array:
     """(n,) deviation below which a residual is rounding, so that noise-free data have weights too."""
-    return np.asarray(limits.NOISE_FLOOR * np.sqrt((measured**2).mean(axis=0)) + TINY)
+    return np.asarray(NOISE_FLOOR * np.sqrt((measured**2).mean(axis=0)) + TINY)
 
 
 def whitened(values: Array, deviation: Array) -> Array:

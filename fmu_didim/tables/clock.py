@@ -9,11 +9,17 @@ import numpy as np
 from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import InputError
 from fmu_didim.signals import Array
-from fmu_didim.tables import thresholds as limits
 from fmu_didim.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, TIME_CONTRADICTS
 from fmu_didim.tables.columns import TimeColumn
 from fmu_didim.tables.table import Table, split_unit
 from fmu_didim.units import known_unit
+
+STAMP_ROUNDING = 0.5
+"""[1] Of a sample period by which rounded stamps may lie off the instants of the rate that is given: a stamp that is
+farther off is nearer to another instant."""
+SAME_RATE = 0.01
+"""[1] Relative difference of the rate that is given from that of the stamps, from which they contradict each
+other."""
 
 TIME_NAMES = ("t", "time", "zeit")
 
@@ -105,7 +111,7 @@ def _counted(table: Table, time: TimeColumn) -> list[Diagnostic]:
         return [Diagnostic(COUNTED_TIME, text, table.source)]
     stamps = table.columns[beside] * _seconds(table, beside, time)
     rate = (stamps.size - 1) / float(stamps[-1] - stamps[0]) if stamps[-1] != stamps[0] else np.inf
-    if abs(rate / (time.rate_hz or 1.0) - 1) > limits.SAME_RATE:
+    if abs(rate / (time.rate_hz or 1.0) - 1) > SAME_RATE:
         text += f" By its column {beside} they come at {rate:.6g} Hz."
         return [Diagnostic(TIME_CONTRADICTS, text, table.source, rate, time.rate_hz, "Hz")]
     return [Diagnostic(COUNTED_TIME, f"{text} Its column {beside} was not used.", table.source)]
@@ -118,7 +124,7 @@ def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagn
     places = np.rint((stamps - phase) * rate)
     off = float(np.abs(stamps - phase - places / rate).max())
     twice = int((np.diff(places) < 1).sum())
-    if twice or off >= limits.STAMP_ROUNDING / rate:
+    if twice or off >= STAMP_ROUNDING / rate:
         usual = 1 / float(np.median(np.diff(stamps)))
         raise InputError(
             "The stamps are not rounded ones of that rate.", where=source,

@@ -20,7 +20,6 @@ import yaml
 from pyarrow import parquet
 
 from fmu_didim import files
-from fmu_didim.campaigns import thresholds
 from fmu_didim.campaigns.campaign import campaign
 from fmu_didim.campaigns.results import Results
 from fmu_didim.campaigns.store import ROW, Journal, Store, read_lines
@@ -154,7 +153,7 @@ def test_which_of_two_rows_counts(rows: list[dict[str, Any]], kept: int, tmp_pat
 
 
 def test_a_long_journal_becomes_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thresholds, "PART_ROWS", 3)
+    monkeypatch.setattr("fmu_didim.campaigns.store.PART_ROWS", 3)
     journal = Journal(tmp_path)
     for number in range(7):
         journal.write(row(str(number), parameters=[{"name": "p", "value": 0.1 + number}], reasons=["late"]))
@@ -171,7 +170,7 @@ def test_a_long_journal_becomes_a_part(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.fixture
 def sealed_while_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
     """A folder with three rows, whose journal becomes a part."""
-    monkeypatch.setattr(thresholds, "PART_ROWS", 3)
+    monkeypatch.setattr("fmu_didim.campaigns.store.PART_ROWS", 3)
     monkeypatch.setattr(files.time, "sleep", lambda pause: None)
     return Store(tmp_path)
 

@@ -17,7 +17,6 @@ import pytest
 import yaml
 
 from fmu_didim.campaigns import runner
-from fmu_didim.campaigns import thresholds as limits
 from fmu_didim.campaigns.campaign import Campaign, campaign, opened
 from fmu_didim.campaigns.page import write_campaign_report
 from fmu_didim.campaigns.runner import Progress
@@ -187,7 +186,7 @@ def test_few_runs_use_an_fmu_at_the_same_time(
         "name": "licences", "case": sledge_case("licences_2.fmu"), "noise": {"relative": 0.01}, "seeds": 4,
         "limits": {"instances": instances},
     }  # fmt: skip
-    monkeypatch.setattr(limits, "CHUNK_RUNS", 1)
+    monkeypatch.setattr("fmu_didim.campaigns.runner.CHUNK_RUNS", 1)
     rows = campaign(content, tmp_path / "run", folder=tmp_path).run(workers=3).to_frame(parameters=False)
     assert len(rows) == 4
     assert set(rows["status"]) - {"answered"} == statuses

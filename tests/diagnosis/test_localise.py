@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.localise import Region, Window, force_windows, regions
-from fmu_didim.diagnosis.thresholds import BINS
+from fmu_didim.diagnosis.localise import BINS, Region, Window, force_windows, regions
 from fmu_didim.prediction.motion import Motion
 from tests.discovery.helpers import RATE, coloured, known_noise, sines
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fmu_didim.discovery.thresholds import SAID_EVERY_S
-from fmu_didim.discovery.watch import Watch, seconds_left
+from fmu_didim.discovery.watch import SAID_EVERY_S, Watch, seconds_left
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.components.fmu import FmuProbe, load_fmu, probe_fmu, read_description
+from fmu_didim.components.fmu.probe import HALF_STEP
 from fmu_didim.components.fmu.questions import SAME
-from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.master import simulate
 from fmu_didim.signals import trajectory

@@ -13,7 +13,6 @@ from fmu_didim.components import ModelComponent
 from fmu_didim.controllers import read_controller
 from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.estimators import Didim
-from fmu_didim.identification import thresholds as limits
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.low_pass import LowPass
@@ -230,8 +229,8 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
 
 def test_integration_that_stays_too_coarse_is_told(cases: dict[int, Case], monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_at(cases, 10)
-    monkeypatch.setattr(limits, "MAXIMUM_REFINEMENTS", 1)
-    monkeypatch.setattr(limits, "INTEGRATION_SHIFT", 1e-9)
+    monkeypatch.setattr("fmu_didim.identification.conclude.MAXIMUM_REFINEMENTS", 1)
+    monkeypatch.setattr("fmu_didim.identification.conclude.INTEGRATION_SHIFT", 1e-9)
     estimate = Didim().estimate(model)
     assert any("would still move a value" in remark for remark in estimate.remarks)
     np.testing.assert_array_equal(estimate.simulated, replace_steps(model, estimate).torque(estimate.value))

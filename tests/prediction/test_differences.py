@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import thresholds as limits
-from fmu_didim.prediction.differences import Ladder, Step, Steps
+from fmu_didim.prediction.differences import DIFFERENCE_STEPS, Ladder, Step, Steps
 from fmu_didim.prediction.sensitivity import sensitivity, smallest_singular_value
 from fmu_didim.signals import Array
 from tests.prediction.law_model import LawModel, free
@@ -99,7 +98,7 @@ def test_curvature_is_no_error() -> None:
     steps: Steps = {}
     found = columns(law_model(1e-6, 2e-8), steps)
     place = steps["one", 0].place
-    assert limits.DIFFERENCE_STEPS[place] == 1e-2 and steps["one", 0].curved > 10
+    assert DIFFERENCE_STEPS[place] == 1e-2 and steps["one", 0].curved > 10
     assert np.linalg.norm(found[:, 0] - TRUTH[:, 0]) < 3e-4 * np.linalg.norm(TRUTH[:, 0])
     assert 1e-6 < steps["one", 0].jitter[0] < 3e-6
 
@@ -182,7 +181,7 @@ def test_a_step_of_the_torque_far_away_does_not_count() -> None:
 
     found = ladder(law).best(1e-4)
     assert found.step is not None
-    assert limits.DIFFERENCE_STEPS[found.step.place] == 1e-5
+    assert DIFFERENCE_STEPS[found.step.place] == 1e-5
     np.testing.assert_allclose(found.column[:, 0], np.cos(T), atol=1e-6)
 
 

@@ -15,11 +15,10 @@ from fmu_didim.identification.conclude import Minimum, efficient_finish
 from fmu_didim.prediction import least_squares
 from fmu_didim.prediction.fit import Fit, point
 from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Stopping, minimise
+from fmu_didim.prediction.least_squares import STALE, Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.noise import Noise
 from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.thresholds import STALE
 from fmu_didim.prediction.weighting import NoiseOfResidual
 from tests.cases import scara_case
 from tests.helpers import model_of

@@ -14,13 +14,13 @@ from fmu_didim.discovery.base_model import prepare
 from fmu_didim.errors import InputError
 from fmu_didim.master import sample_operator
 from fmu_didim.prediction.noise import (
+    LARGEST_CORRELATION,
     Noise,
     motion_frequency,
     noise_from_periods,
     noise_from_residual,
     period_in_ticks,
 )
-from fmu_didim.prediction.thresholds import LARGEST_CORRELATION
 from fmu_didim.signals import Trajectory, trajectory, write_csv
 from fmu_didim.tables import read_trajectory
 from tests.discovery.helpers import RATE, arm_model, coloured, data, sines, with_torque

@@ -18,7 +18,7 @@ import yaml
 from scipy.optimize import least_squares
 
 from fmu_didim.case import load_case
-from fmu_didim.identification.thresholds import JITTER, SECOND_STEP
+from fmu_didim.identification.judge import JITTER, SECOND_STEP
 from fmu_didim.prediction.differences import Step
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.least_squares import Stopping, _Solver, minimise

@@ -14,11 +14,14 @@ from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVar
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
-from fmu_didim.components.fmu.thresholds import READ_BACK
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
 from fmu_didim.errors import FmuError, SimulationError
 from fmu_didim.signals import Array
+
+READ_BACK = 1e-6
+"""[1] Relative difference between a value that was set and what is read back, above which the FMU has not taken it:
+ten times what is lost where it is kept in single precision."""
 
 
 class _Port:

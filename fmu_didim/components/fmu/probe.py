@@ -33,8 +33,11 @@ from fmu_didim.components.fmu.rerun import (
     trial_name,
 )
 from fmu_didim.components.fmu.settings import PROCESS, RESET, STATE
-from fmu_didim.components.fmu.thresholds import HALF_STEP
 from fmu_didim.errors import SimulationError
+
+HALF_STEP = 0.02
+"""[1] Change of an output by half the communication step, as a fraction of its largest value, above which the FMU is
+said to compute something else: what one step of a coarse solver more or less does stays below it."""
 
 _FORMAT = 8
 FIRST_QUESTIONS = 4

@@ -22,12 +22,15 @@ from typing import Any, TypeVar
 
 from fmu_didim.cache import cache_directory, cache_file, is_trusted
 from fmu_didim.components.fmu import questions
-from fmu_didim.components.fmu import thresholds as limits
 from fmu_didim.components.fmu.process import ProcessEndedError, run_in_fresh_process
 from fmu_didim.components.fmu.questions import RESTORES
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.signals import Array
+
+QUICK = 0.1
+"""[1] Fraction of the time limit of a trial that a single instance may take, so that the time limit of the trial with
+two of them is no fault of a busy machine."""
 
 OWN_TOOL = "fmu_didim "
 """How ``generationTool`` of the FMUs exported by this package begins; the tests prove that their reset is exact."""
@@ -160,7 +163,7 @@ def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
             raise
 
     facts = _asked(ask)
-    if facts.single and facts.took_s < limits.QUICK * limit:
+    if facts.single and facts.took_s < QUICK * limit:
         unfinished = {}  # alone it is quick: it hung, and no busy machine was to blame
     return replace(facts, unfinished=tuple(unfinished))
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import expected
 from fmu_didim.diagnosis.data.log import log_diagnostics
 from fmu_didim.diagnosis.data.nearby import Nearby, along, nearby
@@ -24,6 +23,9 @@ from fmu_didim.master.system import REFERENCE
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.signals import Array
 
+SUBSTEPS = 4
+"""[substeps] Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6."""
+
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
     """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
@@ -37,7 +39,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
             discovery names such causes itself.
     """
     if model.chooses_substeps and model.substeps is None:
-        model = replace(model, substeps=limits.SUBSTEPS)
+        model = replace(model, substeps=SUBSTEPS)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():

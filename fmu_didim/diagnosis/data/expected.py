@@ -11,13 +11,17 @@ from functools import cached_property
 
 import numpy as np
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.errors import FmuDidimError, SimulationError
 from fmu_didim.prediction.guard import mass_matrix_problem
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array
+
+SHIFTS = (0.13, 0.23, 0.31, 0.43, 0.57, 0.69, 0.77)
+"""[1] Of the length of the log: no whole periods."""
+DEPENDENT = 1e-12
+"""[1] Eigenvalue of the normal equations, of the largest one, below which columns depend on others."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class Expected:
         assert self.columns is not None
         known = np.zeros_like(self.measured) if self.known is None else self.known
         errors = []
-        for shift in limits.SHIFTS:
+        for shift in SHIFTS:
             torque = np.roll(self.measured - known, int(shift * self.measured.shape[0]), axis=0)
             rest = torque - fitted_by(self.columns, torque, None, self.size)
             errors.append(float(np.sqrt(np.mean((rest / self.size) ** 2))))
@@ -74,7 +78,7 @@ def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array)
     target = ((measured - offset) / size).reshape(-1)
     flat = flat / length
     # By the normal equations: many fits of long logs, of which three digits are enough.
-    solution = np.linalg.lstsq(flat.T @ flat, flat.T @ target, rcond=limits.DEPENDENT)[0] / length
+    solution = np.linalg.lstsq(flat.T @ flat, flat.T @ target, rcond=DEPENDENT)[0] / length
     return np.asarray(columns @ solution + offset)
 
 

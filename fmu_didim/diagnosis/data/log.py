@@ -8,13 +8,51 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import medfilt
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import Expected
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.master import grid_places
 from fmu_didim.prediction.experiment import Experiment
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.signals import Array
+
+REFERENCE_STEP = 0.01
+"""[1] Of a control period by which stamps of a reference may lie off, as in the master."""
+SAME = 1e-9
+"""[1] Of the range of a column within which values count as equal: rounding."""
+STRAIGHT = 1e-5
+"""[1] Of the range of a column within which three samples lie on a straight line: the rounding of a text file."""
+FEWEST_STAIRS = 10
+"""[steps] Of equal length, below which a staircase may be chance."""
+ON_STAIRS = (1.0, 99.0)
+"""[%] Between which the ends of its steps must lie on their grid."""
+NEARLY_CONTROL_RATE = 0.9
+"""[1] Of the control rate, from which stairs in a log are those of the held command, as they should be."""
+JITTER = 0.05
+"""[1] Of a sample period by which stamps may scatter: rounding of clocks is less."""
+COARSE = 256
+"""[steps] Steps in the range of a column up to which it is said to be quantised: 8 bits; finer ones are below usual
+noise."""
+TOO_COARSE = 24
+"""[steps] Steps in the range up to which it is doubted that quantisation acts as noise: it is above 1 % of the
+torque."""
+ON_GRID = 0.02
+"""[1] Of a step by which values may lie off the grid of a quantised log: rounding."""
+CLIPPED = 0.01
+"""[1] Part of the samples at an extreme value from which a log may be saturated,"""
+FEWEST_CLIPPED = 5
+"""[samples] and their smallest number,"""
+CLIPPED_SPREAD = 0.1
+"""[1] and the part of its range by which the expected torque varies at those samples: at rest, or where the
+controller saturates in the model too, it does not."""
+SPIKE = 0.5
+"""[1] Of the range of a column (its 5 % to 95 % quantile) by which a sample must leave the median of its neighbours:
+a reversal of friction that comes at another moment leaves less."""
+NEIGHBOURS = 5
+"""[samples] Of that median: one or two of them may be spikes."""
+QUANTILES = (5.0, 95.0)
+"""[%] Between which the range of a column is taken, free of outliers."""
+MOST_SPIKES = 0.1
+"""[1] Part of the samples above which they are no outliers but the rule."""
 
 LOG_CONSTANT = CATALOGUE(
     "log-constant", PROBLEM, rank=6,
@@ -116,15 +154,15 @@ def _jitter(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
         return
     slope, origin = np.polyfit(places, stamps, 1)
     scatter = float(np.std(stamps - origin - slope * places)) / slope
-    if scatter > limits.JITTER:
+    if scatter > JITTER:
         text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
-        yield Diagnostic(STAMPS_JITTER, text, label, scatter, limits.JITTER, "1")
+        yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
 
 
 def _too_fast(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
     stamps = _stamps(experiment)
     rate = float(grid_places(stamps)[-1] / (stamps[-1] - stamps[0]))
-    if experiment.rate_hz > rate * (1 + limits.REFERENCE_STEP):
+    if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
         text = f"rate_hz asks for {experiment.rate_hz:.4g} Hz of a log at {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
 
@@ -133,7 +171,7 @@ def _upsampled(experiment: Experiment, label: str, control_rate_hz: float) -> It
     for order, how in ((1, "held"), (2, "interpolated")):
         every = stairs(experiment.torque, order)
         rate = experiment.rate_hz / every
-        if every > 1 and not (order == 1 and rate > limits.NEARLY_CONTROL_RATE * control_rate_hz):
+        if every > 1 and not (order == 1 and rate > NEARLY_CONTROL_RATE * control_rate_hz):
             text = (
                 f"The log at {experiment.rate_hz:.4g} Hz seems to be measured at {rate:.4g} Hz: the samples between "
                 f"are {how}."
@@ -149,35 +187,35 @@ def stairs(torque: Array, order: int) -> float:
     A difference of that order vanishes but at the ends of the steps, which lie on a grid m k + c, to a sample where the
     ratio m of the rates is no whole number; a quantised signal stays equal for longer, and anywhere.
     """
-    rounding = limits.SAME if order == 1 else limits.STRAIGHT
+    rounding = SAME if order == 1 else STRAIGHT
     moved = (np.abs(np.diff(torque, order, axis=0)) > rounding * np.ptp(torque, axis=0)).any(axis=1)
     places = np.flatnonzero(moved)
     steps = np.diff(places)
-    if steps.size < limits.FEWEST_STAIRS or np.median(steps) < 2:
+    if steps.size < FEWEST_STAIRS or np.median(steps) < 2:
         return 1.0
     counts = np.maximum(np.rint(steps / np.median(steps)), 1)
     every = float(steps.sum() / counts.sum())
     phase = places - every * np.concatenate([[0.0], np.cumsum(counts)])
-    return every if np.ptp(np.percentile(phase, limits.ON_STAIRS)) < 1 else 1.0
+    return every if np.ptp(np.percentile(phase, ON_STAIRS)) < 1 else 1.0
 
 
 def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
     values, best = experiment.torque[:, j], given.nominal if given.nominal is not None else given.fitted
     size = float(np.abs(experiment.torque).max())
-    if np.ptp(values) > limits.SAME * size or best is None:
+    if np.ptp(values) > SAME * size or best is None:
         return
     varies = float(np.ptp(best[:, j]))
-    if varies > limits.STRAIGHT * float(np.abs(best).max()):
+    if varies > STRAIGHT * float(np.abs(best).max()):
         text = f"The log is {values[0]:.4g} throughout, where the motion asks for a torque that varies by {varies:.4g}."
         yield Diagnostic(LOG_CONSTANT, text, place, float(np.ptp(values)))
 
 
 def _quantised(values: Array, place: str) -> Iterator[Diagnostic]:
     steps = steps_in_range(values)
-    if steps is None or steps > limits.COARSE:
+    if steps is None or steps > COARSE:
         return
     text = f"The log has {steps} steps of {np.ptp(values) / steps:.4g} in its range."
-    code, bound = (LOG_COARSE, limits.TOO_COARSE) if steps <= limits.TOO_COARSE else (LOG_QUANTISED, limits.COARSE)
+    code, bound = (LOG_COARSE, TOO_COARSE) if steps <= TOO_COARSE else (LOG_QUANTISED, COARSE)
     yield Diagnostic(code, text, place, float(steps), float(bound), "steps")
 
 
@@ -185,12 +223,12 @@ def steps_in_range(values: Array) -> int | None:
     """How many equal steps the range of a log (N,) has; None where its values lie on no grid."""
     own = np.unique(values)
     gaps = np.diff(own)
-    gaps = gaps[gaps > limits.STRAIGHT * np.ptp(values)]
+    gaps = gaps[gaps > STRAIGHT * np.ptp(values)]
     if gaps.size == 0:
         return None
     steps = float(np.rint(np.ptp(values) / gaps.min()))
     places = (own - own[0]) * steps / np.ptp(values)
-    return int(steps) if np.abs(places - np.rint(places)).max() <= limits.ON_GRID else None
+    return int(steps) if np.abs(places - np.rint(places)).max() <= ON_GRID else None
 
 
 def _saturated(values: Array, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
@@ -199,11 +237,11 @@ def _saturated(values: Array, j: int, place: str, given: Expected) -> Iterator[D
         return
     found = []
     for extreme in (float(values.max()), float(values.min())):
-        at = np.abs(values - extreme) <= limits.SAME * np.ptp(values)
-        if at.sum() < max(limits.FEWEST_CLIPPED, limits.CLIPPED * values.size):
+        at = np.abs(values - extreme) <= SAME * np.ptp(values)
+        if at.sum() < max(FEWEST_CLIPPED, CLIPPED * values.size):
             continue
         spread = float(np.ptp(best[at, j])) / max(float(np.ptp(best[:, j])), TINY)
-        bound = max(limits.CLIPPED_SPREAD, 2 / (steps_in_range(values) or np.inf))
+        bound = max(CLIPPED_SPREAD, 2 / (steps_in_range(values) or np.inf))
         if spread > bound:
             text = (
                 f"{at.sum()} of {values.size} samples have the extreme value {extreme:.4g}, where the expected torque "
@@ -218,19 +256,19 @@ def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
     if best is None:
         return
     values = given.measured[:, j]
-    if values.size < limits.NEIGHBOURS:
+    if values.size < NEIGHBOURS:
         return
-    spread = float(np.ptp(np.percentile(values, limits.QUANTILES)))
-    rests = [signal - medfilt(signal, limits.NEIGHBOURS) for signal in (values, values - best[:, j])]
+    spread = float(np.ptp(np.percentile(values, QUANTILES)))
+    rests = [signal - medfilt(signal, NEIGHBOURS) for signal in (values, values - best[:, j])]
     apart = np.min(np.abs(rests), axis=0)
     if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
         simulated = given.nominal[:, j]
-        swings = np.abs(simulated - medfilt(simulated, limits.NEIGHBOURS))
-        apart = np.maximum(apart - maximum_filter1d(swings, limits.NEIGHBOURS), 0.0)
-    spikes = np.flatnonzero(apart > limits.SPIKE * spread)
-    if 0 < spikes.size <= limits.MOST_SPIKES * values.size:
+        swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
+        apart = np.maximum(apart - maximum_filter1d(swings, NEIGHBOURS), 0.0)
+    spikes = np.flatnonzero(apart > SPIKE * spread)
+    if 0 < spikes.size <= MOST_SPIKES * values.size:
         text = (
             f"{spikes.size} of {values.size} samples leave their neighbours by up to {apart.max():.4g}, where nine "
             f"tenths of the log lie within {spread:.4g}."
         )
-        yield Diagnostic(LOG_OUTLIERS, text, place, float(apart.max()), limits.SPIKE * spread)
+        yield Diagnostic(LOG_OUTLIERS, text, place, float(apart.max()), SPIKE * spread)

@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import fitted_by
 from fmu_didim.diagnostics import Diagnostic
 from fmu_didim.errors import FmuDidimError
@@ -28,6 +27,23 @@ from fmu_didim.prediction.noise import TINY, effective_fraction
 from fmu_didim.prediction.prediction import predict
 from fmu_didim.prediction.reference_start import from_reference
 from fmu_didim.signals import Array
+
+DIDIM_STEPS = 5
+"""[simulations] Towards the measured motion at most: DIDIM takes two or three."""
+NEAR = 0.7
+"""[1] Error, of the deviation of the log, from which a motion is near enough to judge by it."""
+HELPS = 0.98
+"""[1] Of the error that a step must leave at most for another one to be worth it."""
+EXACT = 1e-4
+"""[1] Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log."""
+RIVALS = 2
+"""[explanations] That are told where the data cannot decide between more."""
+CLEARLY = 20.0
+"""[1] BIC difference from which an explanation is told: twice that of very strong evidence."""
+WORTH_IT = 0.97
+"""[1] Of the mean square residual that an explanation must leave at most."""
+FINE = 0.1
+"""[1] Of the step to its sides, to which the least misfit is searched."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +81,7 @@ class Nearby:
         """(n,) of the residual as the case has it: joints are divided by it, and it stays so for what is compared."""
         equal = np.maximum(self.experiment.torque.std(axis=0), TINY)
         rest = self._rest(self.experiment.operator, self.columns, equal)
-        return np.asarray(np.maximum(rest.std(axis=0), limits.EXACT * equal))
+        return np.asarray(np.maximum(rest.std(axis=0), EXACT * equal))
 
     @cached_property
     def samples(self) -> float:
@@ -94,7 +110,7 @@ class Nearby:
         best = min(below, above, here - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else here)
         if self.gain(best) <= 0:
             return None
-        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": limits.FINE * step})
+        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": FINE * step})
         x, least = float(found.x), float(found.fun)
         bent = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
         return x, float(np.sqrt(2 * least / (self.samples * bent))) if bent > 0 else np.inf, least
@@ -104,10 +120,10 @@ class Nearby:
 
         One that is nearly as good is told beside it, because the data cannot decide between them.
         """
-        better = [e for e in offered if e.gain > limits.CLEARLY and e.misfit < limits.WORTH_IT]
+        better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
         least = min((e.misfit for e in better), default=0.0)
-        rivals = [e for e in better if self.samples * np.log(e.misfit / least) < limits.CLEARLY]
-        return [e.told for e in sorted(rivals, key=lambda e: -e.gain)][: limits.RIVALS]
+        rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
+        return [e.told for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
 
     def misfit_of(self, other: Nearby) -> float:
         """The same along another motion, joints divided by their size along this one."""
@@ -134,7 +150,7 @@ def nearby(model: LoopModel) -> Nearby | None:
         return None
     for start in _starts(model):
         reached = _steps(model, start)
-        if reached is not None and reached[0] <= limits.NEAR:
+        if reached is not None and reached[0] <= NEAR:
             return along(model.simulation(reached[1]))
     return None
 
@@ -164,7 +180,7 @@ def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
     """Error relative to the deviation of the log, and the values, after steps of DIDIM as long as they help."""
     measured, size = model.measured, np.maximum(model.measured.std(axis=0), TINY)
     best: tuple[float, Array] | None = None
-    for _ in range(limits.DIDIM_STEPS):
+    for _ in range(DIDIM_STEPS):
         if mass_matrix_problem(model, values):
             break
         try:
@@ -172,7 +188,7 @@ def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
         except FmuDidimError:
             break
         error = float(np.sqrt(np.mean(((measured - found.torque) / size) ** 2)))
-        if best is not None and error > best[0] * limits.HELPS:
+        if best is not None and error > best[0] * HELPS:
             return min(best, (error, values), key=lambda pair: pair[0])
         best = (error, values)
         assert found.regressor is not None and found.known is not None

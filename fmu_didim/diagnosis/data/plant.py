@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.components.fmu.component import foreign_co_simulation
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.signals import Array
+
+TICKS_LOOKED_AT = 2000
+"""[ticks] Of the loop, from its start: two seconds at 1 kHz, a fraction of an experiment."""
+FEWEST_CHANGES = 10
+"""[changes] Of the outputs of a plant, for a word on how long it usually holds them."""
 
 PLANT_HOLDS = CATALOGUE(
     "plant-holds", DOUBT, rank=14,
@@ -27,7 +31,7 @@ def plant_diagnostics(run: Simulation) -> list[Diagnostic]:
         return []
     motion = {f"{kind}{j}" for kind in ("q", "dq") for j in range(1, run.model.joint_count + 1)}
     names = [f"{name}.{v.name}" for v in system.components[name].outputs if v.name in motion]
-    count = min(run.experiment.reference.time.size, limits.TICKS_LOOKED_AT)
+    count = min(run.experiment.reference.time.size, TICKS_LOOKED_AT)
     try:
         recording = run.record(ticks=np.arange(count))
     except FmuDidimError:  # the fit deals with such a start
@@ -46,4 +50,4 @@ def held_steps(outputs: Array) -> int:
     The median of the lengths of its runs of equal rows: a motion that pauses has few long ones.
     """
     changes = np.flatnonzero((np.diff(outputs, axis=0) != 0).any(axis=1))
-    return int(np.median(np.diff(changes))) if changes.size > limits.FEWEST_CHANGES else 1
+    return int(np.median(np.diff(changes))) if changes.size > FEWEST_CHANGES else 1

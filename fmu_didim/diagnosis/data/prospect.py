@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.diagnosis.confounding import confounded
-from fmu_didim.diagnosis.data import thresholds as limits
+from fmu_didim.diagnosis.data.reference import STANDSTILL
 from fmu_didim.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.loop_model import LoopModel
@@ -20,6 +20,21 @@ from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.weighting import noise_floor, whitened
 from fmu_didim.signals import Array
 from fmu_didim.statistics import correlation, covariance_white
+
+LOOSE = 1e-9
+"""[1] Singular value, of the largest one, of directions along which no step is made."""
+SIGNIFICANT = 2.0
+"""[standard deviations] Of a value, from which it will be told from zero."""
+CORRELATED = 0.9
+"""[1] Correlation from which the partner of a parameter is shown."""
+RINGING_S = 2.0
+"""[s] After a kick in which a loop is watched: many periods of any resonance."""
+KICK = 1e-3
+"""[1] Of the range of a reference column, by which its first value is changed."""
+SLOWEST = 3
+"""[frequencies] Of a spectrum, whose mean stands for its beginning."""
+STANDS_OUT = 4.0
+"""[1] Power of a peak against the beginning of the spectrum from which it rings: twice in size."""
 
 NOT_SIGNIFICANT = CATALOGUE(
     "parameters-not-significant", REMARK, rank=60,
@@ -54,7 +69,7 @@ class Prospect:
     @property
     def insignificant(self) -> tuple[str, ...]:
         """Parameters whose 95 % interval will hold zero."""
-        small = np.abs(self.values) < limits.SIGNIFICANT * self.deviation
+        small = np.abs(self.values) < SIGNIFICANT * self.deviation
         return tuple(name for name, is_small in zip(self.names, small, strict=True) if is_small)
 
 
@@ -68,10 +83,7 @@ def look_ahead(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[st
         columns, residual = sensitivity(model, values, torque), model.measured - torque
     except SimulationError:
         return (), None  # so near to where the loop diverges nothing can be said
-    left = (
-        residual
-        - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=limits.LOOSE)[0]
-    )
+    left = residual - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=LOOSE)[0]
     deviation = model.torque_deviation
     if deviation is None:
         deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
@@ -92,8 +104,7 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | Non
     related = np.abs(correlation(covariance)) - np.eye(values.size)
     most = related.argmax(axis=1)
     partner = tuple(
-        (model.names[k], float(related[i, k])) if related[i, k] > limits.CORRELATED else ("", 0.0)
-        for i, k in enumerate(most)
+        (model.names[k], float(related[i, k])) if related[i, k] > CORRELATED else ("", 0.0) for i, k in enumerate(most)
     )
     return Prospect(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
 
@@ -133,7 +144,7 @@ def resonances(model: LoopModel, values: Array) -> Array:
     """
     run = model.simulation(values)
     reference, step = run.experiment.reference, run.step_size
-    ticks = np.arange(min(reference.time.size, round(limits.RINGING_S / step)))
+    ticks = np.arange(min(reference.time.size, round(RINGING_S / step)))
     before = run.logged_torque(run.record(ticks=ticks))
     found = np.zeros(model.joint_count)
     for j in range(model.joint_count):
@@ -142,7 +153,7 @@ def resonances(model: LoopModel, values: Array) -> Array:
             continue
         kicked = reference.values.copy()
         column = reference.names.index(name)
-        kicked[0, column] += limits.KICK * max(float(np.ptp(kicked[:, column])), limits.STANDSTILL)
+        kicked[0, column] += KICK * max(float(np.ptp(kicked[:, column])), STANDSTILL)
         other = run.on(replace(run.experiment, reference=replace(reference, values=kicked)))
         after = other.logged_torque(other.record(ticks=ticks))
         # The first tick shows the jump of the reference itself, not what the loop makes of it.
@@ -154,7 +165,7 @@ def ringing(response: Array, step: float) -> float:
     """Frequency in Hz of the peak in the spectrum of a response (K,), 0 where it does not stand out."""
     power = np.abs(np.fft.rfft(response)) ** 2
     peak = int(power.argmax())
-    slow = float(np.mean(power[: limits.SLOWEST]))
-    if power[peak] <= limits.STANDS_OUT * max(slow, TINY):
+    slow = float(np.mean(power[:SLOWEST]))
+    if power[peak] <= STANDS_OUT * max(slow, TINY):
         return 0.0
     return float(np.fft.rfftfreq(response.size, step)[peak])

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnostics import CATALOGUE, PROBLEM, Diagnostic
 from fmu_didim.signals import Array, Trajectory
+
+CONTRADICTION = 0.05
+"""[1] Of what a signal and the integral of its derivative vary by, from which the two contradict each other: far
+beyond the error of the trapezoidal rule at control rates."""
+STANDSTILL = 1e-9
+"""[SI] Variation below which a signal counts as constant."""
 
 REFERENCE_DERIVATIVE = CATALOGUE(
     "reference-derivative", PROBLEM, rank=5,
@@ -30,15 +35,13 @@ def reference_diagnostics(reference: Trajectory, joint_count: int, label: str) -
                 continue
             given, rate = reference.column(f"{signal}{j}"), reference.column(f"{derivative}{j}")
             off = contradiction(reference.time, given, rate)
-            if off > limits.CONTRADICTION:
+            if off > CONTRADICTION:
                 what = "zero" if not rate.any() else "not its derivative"
                 text = (
                     f"The reference contradicts itself: {derivative}{j} is {what} where {signal}{j} varies by "
                     f"{np.ptp(given):.4g} (its integral differs by {100 * off:.0f} % of the variation)."
                 )
-                found.append(
-                    Diagnostic(REFERENCE_DERIVATIVE, text, f"{label}: joint {j}", off, limits.CONTRADICTION, "1")
-                )
+                found.append(Diagnostic(REFERENCE_DERIVATIVE, text, f"{label}: joint {j}", off, CONTRADICTION, "1"))
     return found
 
 
@@ -47,4 +50,4 @@ def contradiction(time: Array, signal: Array, rate: Array) -> float:
     integral = cumulative_trapezoid(rate, time, initial=0.0)
     rest = (signal - signal.mean()) - (integral - integral.mean())
     size = max(float(signal.std()), float(integral.std()))
-    return float(rest.std()) / size if size > limits.STANDSTILL else 0.0
+    return float(rest.std()) / size if size > STANDSTILL else 0.0

@@ -13,11 +13,37 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import Expected
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.prediction.noise import TINY
 from fmu_didim.signals import Array
+
+EXPLAINS = 0.5
+"""[1] Error of a free linear fit along the reference, of the deviation of the torque, below which the reference
+belongs to the log: three quarters of its variance are explained."""
+CHANCE = 0.6
+"""[1] Of the error that the same fit leaves of the log rolled to other instants, the median of SHIFTS of them, above
+which it explains no more than chance: 52 parameters explain a third of any log. Right data: at most 0.6 in all
+examples, with pushes and effects that the model lacks; other runs of the same robot: from 0.65."""
+OTHER_JOINT = 0.5
+"""[1] By which the correlation with another joint must be higher, mean over the joints that change places."""
+AGAINST = -0.7
+"""[1] Correlation below which a torque counts as turned round."""
+FOLLOWS = 0.7
+"""[1] Correlation above which a torque follows the simulated one, so that their ratio counts."""
+OTHER_ORDER = 0.1
+"""[1] Fraction of the error to which another order of the joints must bring it down."""
+WRONG_ORDER = 0.5
+"""[1] Error for each joint below which the order of the joints is not doubted: half of the mean square of the
+torque."""
+OTHER_UNIT = 8.0
+"""[1] Ratio of measured to simulated torque beyond which another unit is suspected, up or down: start values of a
+machine may be wrong by a factor of three; 8.85 in-lb and 10.2 kgf cm are 1 N.m."""
+GAIN_RATIO = 2.0
+"""[1] Ratio of measured to simulated torque, up or down, from which it is asked whether the drive gain explains
+it."""
+GAIN_FITS = 0.5
+"""[1] Part of the logarithm of that ratio that may be left, joints together, if the gain explains it."""
 
 REFERENCE_FOREIGN = CATALOGUE(
     "reference-foreign", PROBLEM, rank=1,
@@ -61,11 +87,11 @@ def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diag
         return foreign
     found = _order(given.measured, given.nominal, label)
     correlation, ratio = relation(given.measured, given.nominal)
-    for j in np.flatnonzero(correlation < limits.AGAINST):
+    for j in np.flatnonzero(correlation < AGAINST):
         found.append(
             Diagnostic(
                 TORQUE_SIGN, f"The measured torque runs against the simulated one (correlation {correlation[j]:.2f}).",
-                f"{label}: joint {j + 1}", float(correlation[j]), limits.AGAINST, "1",
+                f"{label}: joint {j + 1}", float(correlation[j]), AGAINST, "1",
             )
         )  # fmt: skip
     return found or _scale(correlation, ratio, gains, label)
@@ -90,19 +116,19 @@ def _foreign(given: Expected, label: str) -> list[Diagnostic]:
     if given.fitted is None:
         return []
     left = given.error(given.fitted)
-    if left <= limits.EXPLAINS:
+    if left <= EXPLAINS:
         return []
     if given.nominal is not None:
         related = np.abs(correlations(given.measured, given.nominal))
-        if related[linear_sum_assignment(-related)].mean() > limits.FOLLOWS:  # turned round, or in another order
+        if related[linear_sum_assignment(-related)].mean() > FOLLOWS:  # turned round, or in another order
             return []
-    if left <= limits.CHANCE * given.chance():
+    if left <= CHANCE * given.chance():
         return []
     text = (
         f"The log does not belong to its reference: base parameters of any size leave {100 * left:.0f} % of the "
         "torque's deviation along it."
     )
-    return [Diagnostic(REFERENCE_FOREIGN, text, label, left, limits.EXPLAINS, "1")]
+    return [Diagnostic(REFERENCE_FOREIGN, text, label, left, EXPLAINS, "1")]
 
 
 def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
@@ -111,15 +137,15 @@ def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
     error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
     rows, best = linear_sum_assignment(error)
     own, other = float(np.trace(error)), float(error[rows, best].sum())
-    doubted = limits.WRONG_ORDER * size.size
-    if own < doubted or other > min(limits.OTHER_ORDER * own, doubted):  # a simulation that is far off tells nothing
+    doubted = WRONG_ORDER * size.size
+    if own < doubted or other > min(OTHER_ORDER * own, doubted):  # a simulation that is far off tells nothing
         return _order_by_shape(correlations(measured, simulated), label)
     moved = [f"column {j + 1} shows joint {k + 1}" for j, k in zip(rows, best, strict=True) if j != k]
     text = (
         "The measured torques seem to be in another order than the joints: squared error "
         f"{own:.3g} of the torque's square; {other:.3g} if {', '.join(moved)}."
     )
-    return [Diagnostic(JOINT_ORDER, text, label, other / own, limits.OTHER_ORDER, "1")]
+    return [Diagnostic(JOINT_ORDER, text, label, other / own, OTHER_ORDER, "1")]
 
 
 def _order_by_shape(correlation: Array, label: str) -> list[Diagnostic]:
@@ -130,37 +156,37 @@ def _order_by_shape(correlation: Array, label: str) -> list[Diagnostic]:
         return []
     own, other = correlation[moved, moved], correlation[moved, best[moved]]
     gain = float(np.mean(other - own))
-    if gain <= limits.OTHER_JOINT or other.min() <= limits.FOLLOWS:
+    if gain <= OTHER_JOINT or other.min() <= FOLLOWS:
         return []
     words = ", ".join(f"column {j + 1} shows joint {best[j] + 1}" for j in moved)
     text = (
         f"The measured torques seem to be in another order than the joints: correlation {own.mean():.2f} as they "
         f"stand, {other.mean():.2f} if {words}."
     )
-    return [Diagnostic(JOINT_ORDER, text, label, gain, limits.OTHER_JOINT, "1")]
+    return [Diagnostic(JOINT_ORDER, text, label, gain, OTHER_JOINT, "1")]
 
 
 def _scale(correlation: Array, ratio: Array, gains: Array, label: str) -> list[Diagnostic]:
     """A log that is in another unit, or without the gain of the drives."""
-    follows = (correlation > limits.FOLLOWS) & (ratio > 0)
+    follows = (correlation > FOLLOWS) & (ratio > 0)
     size = np.where(follows, np.abs(np.log(np.where(follows, ratio, 1.0))), 0.0)
-    if size.sum() > np.log(limits.GAIN_RATIO) * max(int(follows.sum()), 1):
+    if size.sum() > np.log(GAIN_RATIO) * max(int(follows.sum()), 1):
         for factor, words in ((gains, "a command or current"), (1 / gains, "multiplied by them twice")):
             left = np.abs(np.log(np.where(follows, ratio * np.abs(factor), 1.0)))
-            if left.sum() < limits.GAIN_FITS * size.sum():
+            if left.sum() < GAIN_FITS * size.sum():
                 text = (
                     f"The torque is {', '.join(f'{r:.3g}' for r in ratio)} times what the start values give; the drive "
                     f"gains {', '.join(f'{g:.4g}' for g in gains)} explain that: the log seems to be {words}."
                 )
                 worst = int(np.argmax(size))
-                bound = limits.GAIN_RATIO if ratio[worst] > 1 else 1 / limits.GAIN_RATIO
+                bound = GAIN_RATIO if ratio[worst] > 1 else 1 / GAIN_RATIO
                 return [Diagnostic(DRIVE_GAIN, text, label, float(ratio[worst]), bound, "1")]
     return [
         Diagnostic(
             TORQUE_UNIT,
             f"The torque is {ratio[j]:.3g} times what the start values give: is it in the unit, and on the side of the "
             "gear, that the robot description means?",
-            f"{label}: joint {j + 1}", float(ratio[j]), limits.OTHER_UNIT ** float(np.sign(np.log(ratio[j]))), "1",
+            f"{label}: joint {j + 1}", float(ratio[j]), OTHER_UNIT ** float(np.sign(np.log(ratio[j]))), "1",
         )
-        for j in np.flatnonzero(size > np.log(limits.OTHER_UNIT))
+        for j in np.flatnonzero(size > np.log(OTHER_UNIT))
     ]  # fmt: skip

@@ -16,12 +16,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.nearby import Explanation, Nearby
+from fmu_didim.diagnosis.data.timing import SHIFT_SIGMAS
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.parameters import RobotParameters
 from fmu_didim.robot import RobotDescription, RobotModel
+
+LARGEST_LENGTH = 20.0
+"""[m] Of a link, beyond which millimetres are suspected: no machine with joints has it."""
+LEAST_SCALE = 0.05
+"""[1] Relative change of a scale or a length from which it is told."""
+LARGEST_SCALE = 4.0
+"""[1] Up to which a scale is looked for, up and down."""
+LARGEST_CHANGE = 0.6
+"""[1] Relative change up to which a length is looked for."""
+SHORT_LINK = 0.2
+"""[1] Of the longest length, below which none is doubted: it hardly shows."""
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
@@ -47,10 +58,10 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
     return [
         Diagnostic(
             LINK_TOO_LONG, f"{name} is {length:g} m: is it in millimetres?", f"robot: joint {j}", abs(length),
-            limits.LARGEST_LENGTH, "m",
+            LARGEST_LENGTH, "m",
         )
         for j, name, length in ([] if robot is None else _lengths(robot))
-        if abs(length) > limits.LARGEST_LENGTH
+        if abs(length) > LARGEST_LENGTH
     ]  # fmt: skip
 
 
@@ -69,12 +80,12 @@ def _scales(near: Nearby) -> Iterator[Explanation]:
             scale = np.where(rows, math.exp(x), 1.0)
             return near.misfit_of(replace(near, columns=near.columns * scale[:, None], known=near.known * scale))
 
-        for x, deviation, least in _clear(near, misfit, math.log(limits.LARGEST_SCALE)):
+        for x, deviation, least in _clear(near, misfit, math.log(LARGEST_SCALE)):
             text = (
                 f"Against the other joints the torque seems to be {math.exp(x):.3g} times (± {100 * deviation:.1g} %) "
                 f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
             )
-            bound = math.exp(math.copysign(max(limits.SHIFT_SIGMAS * deviation, limits.LEAST_SCALE), x))
+            bound = math.exp(math.copysign(max(SHIFT_SIGMAS * deviation, LEAST_SCALE), x))
             told = Diagnostic(TORQUE_SCALE, text, f"{near.run.label}: joint {j + 1}", math.exp(x), bound, "1")
             yield Explanation(least, near.gain(least), told)
 
@@ -89,7 +100,7 @@ def _link_lengths(near: Nearby) -> Iterator[Explanation]:
     motion = [signal[ticks] for signal in near.motion]
     observed = None if near.observed is None else near.observed[ticks]
     for j, name, length in lengths:
-        if abs(length) < limits.SHORT_LINK * longest or not length:
+        if abs(length) < SHORT_LINK * longest or not length:
             continue
 
         def misfit(x: float, j: int = j, name: str = name, length: float = length) -> float:
@@ -99,7 +110,7 @@ def _link_lengths(near: Nearby) -> Iterator[Explanation]:
             taken[ticks] = other.regressor(*motion, observed=observed)[0]
             return near.misfit_of(replace(near, columns=taken))
 
-        for x, deviation, least in _clear(near, misfit, limits.LARGEST_CHANGE):
+        for x, deviation, least in _clear(near, misfit, LARGEST_CHANGE):
             text = (
                 f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: so, base "
                 f"parameters leave {100 * math.sqrt(least):.0f} % of what they leave as it is."
@@ -110,8 +121,8 @@ def _link_lengths(near: Nearby) -> Iterator[Explanation]:
 
 def _clear(near: Nearby, misfit: Callable[[float], float], bound: float) -> Iterator[tuple[float, float, float]]:
     """The least misfit, if it lies clearly away from 0 within the bound."""
-    found = near.least(misfit, limits.LEAST_SCALE, bound)
-    if found is not None and abs(found[0]) > max(limits.SHIFT_SIGMAS * found[1], limits.LEAST_SCALE):
+    found = near.least(misfit, LEAST_SCALE, bound)
+    if found is not None and abs(found[0]) > max(SHIFT_SIGMAS * found[1], LEAST_SCALE):
         yield found
 
 

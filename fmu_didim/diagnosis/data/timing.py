@@ -15,12 +15,25 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fmu_didim.diagnosis.data import thresholds as limits
-from fmu_didim.diagnosis.data.nearby import Explanation, Nearby, along, nearby
+from fmu_didim.diagnosis.data.nearby import WORTH_IT, Explanation, Nearby, along, nearby
 from fmu_didim.diagnosis.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.errors import InputError, SimulationError
 from fmu_didim.prediction.loop_model import Simulation
+
+SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
+"""[s] Shifts of a log that are tried, late and early; between the best and its neighbours the least misfit is
+searched."""
+SHIFT_PASSES = 4
+"""[fits] Of the motion with the shift that was found, until it stands still."""
+SHIFT_ACCURACY = 0.02
+"""[control periods] To which the least misfit is searched."""
+CURVATURE = 0.5
+"""[control periods] Beside the least misfit at which its curvature is taken."""
+SHIFT_SIGMAS = 4.0
+"""[standard deviations] Of a shift from which it is told,"""
+LEAST_SHIFT = 0.3
+"""[control periods] and its size: less is how a command is held."""
 
 CLOCK_LATE = CATALOGUE(
     "clock-late", DOUBT, rank=21,
@@ -60,10 +73,10 @@ def _clock(near: Nearby) -> Iterator[Explanation]:
     """The shift of the log; the motion is brought near anew with it, because a late log moves that, too."""
     experiment, step = near.experiment, near.run.step_size
     late, deviation, here = 0.0, np.inf, near
-    for _ in range(limits.SHIFT_PASSES):
+    for _ in range(SHIFT_PASSES):
         further, deviation = _least_misfit(here)
         late += further
-        bound = max(limits.SHIFT_SIGMAS * deviation, limits.LEAST_SHIFT * step)
+        bound = max(SHIFT_SIGMAS * deviation, LEAST_SHIFT * step)
         if abs(further) < bound:
             break
         operator = experiment.operator.stamped_later(late / step, experiment.reference.time.size)
@@ -92,14 +105,14 @@ def _least_misfit(near: Nearby) -> tuple[float, float]:
     def misfit(late_s: float) -> float:
         return near.misfit(experiment.operator.stamped_later(late_s / step, count, between=True))
 
-    grid = np.array([0.0, *limits.SHIFTS_S])
+    grid = np.array([0.0, *SHIFTS_S])
     grid = np.unique(np.concatenate([-grid, grid]))
     place = int(np.argmin([misfit(shift) for shift in grid]))
     if place in (0, grid.size - 1):
         return 0.0, np.inf
-    bounds, accuracy = (grid[place - 1], grid[place + 1]), {"xatol": limits.SHIFT_ACCURACY * step}
+    bounds, accuracy = (grid[place - 1], grid[place + 1]), {"xatol": SHIFT_ACCURACY * step}
     found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
-    late, least, beside = float(found.x), float(found.fun), limits.CURVATURE * step
+    late, least, beside = float(found.x), float(found.fun), CURVATURE * step
     curvature = (misfit(late + beside) + misfit(late - beside) - 2 * least) / beside**2
     return late, float(np.sqrt(2 * least / (near.samples * curvature))) if curvature > 0 else np.inf
 
@@ -124,7 +137,7 @@ def _kinds(near: Nearby) -> Iterator[Explanation]:
         "as it is."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    told = Diagnostic(SAMPLING_KIND, text, near.run.label, misfit, limits.WORTH_IT, "1", advice)
+    told = Diagnostic(SAMPLING_KIND, text, near.run.label, misfit, WORTH_IT, "1", advice)
     yield Explanation(misfit, near.gain(misfit, 0.0), told)
 
 
@@ -143,13 +156,13 @@ def _delay(near: Nearby) -> Iterator[Explanation]:
         f"leave {100 * np.sqrt(misfit):.0f} % of what they leave as it is."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
-    told = Diagnostic(COMMAND_DELAY, text, label, misfit, limits.WORTH_IT, "1", advice)
+    told = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)
     yield Explanation(misfit, near.gain(misfit, 0.0), told)
 
 
 def _brought_near(near: Nearby, other: Simulation, misfit: float) -> float:
     """The misfit of another simulation, with a motion of its own where it promises anything along this one."""
-    if misfit >= limits.WORTH_IT:
+    if misfit >= WORTH_IT:
         return misfit
     own = nearby(other.model)
     return misfit if own is None else min(misfit, near.misfit_of(own))

@@ -14,14 +14,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.data import thresholds as limits
 from fmu_didim.diagnosis.data.expected import Expected
-from fmu_didim.diagnosis.data.relation import relation
+from fmu_didim.diagnosis.data.relation import OTHER_UNIT, relation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.reference_start import rows_on, whole_reference
 from fmu_didim.signals import Array, Trajectory
+
+UNLIKE = 1.0
+"""[1] Unlikeness of the log to the torque of the nominal values along the reference, 1 - correlation + |ln ratio| /
+ln OTHER_UNIT, mean over the joints, from which other units of the reference are tried,"""
+LIKE = 0.5
+"""[1] and below which they explain the log."""
+LARGEST_RANGE = 4 * math.pi
+"""[rad] Of a joint, two turns: if degrees explain the log, they are taken for granted."""
+LARGEST_STROKE = 20.0
+"""[m] Of a joint: if millimetres explain the log, they are as well."""
 
 REFERENCE_UNIT = CATALOGUE(
     "reference-unit", PROBLEM, rank=0,
@@ -36,15 +45,15 @@ REFERENCE_UNIT_DOUBT = CATALOGUE(
     next_step="Check the unit of the reference; it must be rad or m, with its derivatives.",
 )  # fmt: skip
 UNITS = (
-    ("N.m", "degrees", math.pi / 180, limits.LARGEST_RANGE, "rad"),
-    ("N", "millimetres", 0.001, limits.LARGEST_STROKE, "m"),
+    ("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"),
+    ("N", "millimetres", 0.001, LARGEST_STROKE, "m"),
 )
 """Unit of torque of the joints that are asked -> unit suspected, factor, largest range that a machine has."""
 
 
 def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
     """Units of the reference that would explain the log where those that it should have do not."""
-    if given.columns is None or unlikeness(given.measured, _nominal(run, given.columns, given.known)) <= limits.UNLIKE:
+    if given.columns is None or unlikeness(given.measured, _nominal(run, given.columns, given.known)) <= UNLIKE:
         return []
     reference = run.experiment.reference
     for kind, words, factor, largest, unit in UNITS:
@@ -57,7 +66,7 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
         except FmuDidimError:
             continue
         left = unlikeness(given.measured, _nominal(run, columns, known))
-        if left <= limits.LIKE:
+        if left <= LIKE:
             widest = max(float(np.ptp(reference.column(f"q{j}"))) for j in joints)
             code = REFERENCE_UNIT if widest > largest else REFERENCE_UNIT_DOUBT
             text = (
@@ -71,7 +80,7 @@ def unlikeness(measured: Array, expected: Array) -> float:
     """How unlike a torque is to the one that is expected, (N, n) each: the mean u over the joints that move."""
     correlation, ratio = relation(measured, expected)
     with np.errstate(divide="ignore"):
-        apart = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(limits.OTHER_UNIT)
+        apart = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(OTHER_UNIT)
     moving = np.ptp(measured, axis=0) > 0
     if not moving.any():
         return 0.0

@@ -21,7 +21,6 @@ import numpy as np
 
 from fmu_didim.block import Block
 from fmu_didim.components.spliced import spliced_component
-from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.effects import (
     NOMINAL_ACCELERATION,
     NOMINAL_SPEED,
@@ -40,6 +39,12 @@ from fmu_didim.master import Connection, System
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.robot.rate import EXPLICIT
 from fmu_didim.signals import Array, Variable
+
+SUBDIVISIONS = (4, 16)
+"""[ticks] In a control period that are tried: with one, the torque comes half a period late."""
+SETTLED = 1e-3
+"""[1] RMS change of the torque of a joint, as a fraction of its RMS, by four times shorter steps, below which the
+longer ones do: little beside the noise of any drive."""
 
 START_TIME, START_POSITION = "t_start", "q_start"
 
@@ -203,14 +208,14 @@ def splice_part(
 
 def subdivision(model: LoopModel) -> int:
     """Ticks in a control period that a loop with such components needs: shorter ones change the torque no more."""
-    chosen, before = limits.SUBDIVISIONS[-1], None
-    for count in limits.SUBDIVISIONS:
+    chosen, before = SUBDIVISIONS[-1], None
+    for count in SUBDIVISIONS:
         try:
             torque = replace(model, subdivision=count).torque(model.start)
         except SimulationError:
             before = None
             continue
-        if before is not None and (_rms(torque - before) <= limits.SETTLED * _rms(torque)).all():
+        if before is not None and (_rms(torque - before) <= SETTLED * _rms(torque)).all():
             return chosen
         chosen, before = count, torque
     return chosen

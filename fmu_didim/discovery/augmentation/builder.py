@@ -16,7 +16,6 @@ import numpy as np
 from fmu_didim.block import Block
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.discovery.augmentation.black_box import (
     START_POSITION,
     START_TIME,
@@ -38,6 +37,17 @@ from fmu_didim.prediction.motion import joint_reference
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.signals import Variable
+
+LIKELY_SIZE = 0.1
+"""[1] Of the steepest effects, with which that is tried, as a fraction of the torque."""
+SMALLEST_SCALE = 1e-3
+"""[SI] Noticeable change of a parameter that is proposed as zero."""
+BEYOND_GRID = 3.0
+"""[1] By which factor a fit may take a shape beyond its logarithmic grid,"""
+BEYOND_RANGE = 0.5
+"""[1] and by which fraction of its range beyond another one,"""
+BELOW_RANGE = 0.8
+"""[1] or down to which fraction of its lowest value where it has one sign."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +175,7 @@ class LoopModelBuilder:
 
     def _with_steepest(self) -> LoopModel:
         """The base with more of the steepest effects that are likely in the wiring, such as Coulomb friction."""
-        sizes = limits.LIKELY_SIZE * np.sqrt(np.mean(self.base.measured**2, axis=0))
+        sizes = LIKELY_SIZE * np.sqrt(np.mean(self.base.measured**2, axis=0))
         steepest = [name for name, effect in self.effects.items() if effect.sets_ticks]
         systems, added = dict(self.base.systems), []
         for effect_at, size in ((EffectAtJoint(name, j), s) for name in steepest for j, s in enumerate(sizes, start=1)):
@@ -236,7 +246,7 @@ class LoopModelBuilder:
                     owner=owner,
                     key=variable.name if spliced else name,
                     value=float(value),
-                    scale=float(abs(proposal.scales.get(variable.name, value)) or limits.SMALLEST_SCALE),
+                    scale=float(abs(proposal.scales.get(variable.name, value)) or SMALLEST_SCALE),
                     lowest=float(low),
                     highest=float(high),
                     effect=index,
@@ -365,6 +375,6 @@ def parameter_cost(amplitudes: Sequence[str], search: Mapping[str, Search]) -> f
 def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
     """How far a fit may take a shape beyond the grid on which it was found."""
     if search.logarithmic and not signed:
-        return search.lowest / limits.BEYOND_GRID, search.highest * limits.BEYOND_GRID
-    room = limits.BEYOND_RANGE * (search.highest - search.lowest)
-    return (search.lowest - room if signed else limits.BELOW_RANGE * search.lowest), search.highest + room
+        return search.lowest / BEYOND_GRID, search.highest * BEYOND_GRID
+    room = BEYOND_RANGE * (search.highest - search.lowest)
+    return (search.lowest - room if signed else BELOW_RANGE * search.lowest), search.highest + room

@@ -6,10 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.discovery.augmentation import thresholds as limits
 from fmu_didim.effects import Search
 from fmu_didim.prediction.loop_model import LoopModel
 from fmu_didim.prediction.motion import joint_reference
+
+WINDOW_EDGES = 24
+"""[instants] Edges of a force window that are tried."""
+SHORTEST_WAY = 0.1
+"""[1] Smallest length of a shape, as a fraction of the way of one control period."""
+LOWEST_SPEED = 0.003
+"""[1] Smallest speed of a shape, as a fraction of the joint's largest."""
+WIDEST = 2.0
+"""[1] A logarithmic range ends at least at so many times its lowest value."""
+MARGIN = 0.02
+"""[1] Fraction of the positions at each end where no place of an effect is tried."""
 
 
 @dataclass(frozen=True)
@@ -26,15 +36,15 @@ class Range:
     def adapted(self, search: Search, unit: str) -> Search:
         """The grid of a shape of this unit, moved to where the data can tell something about it."""
         if search.logarithmic:
-            way, speed = limits.SHORTEST_WAY * self.way, limits.LOWEST_SPEED * self.speed
+            way, speed = SHORTEST_WAY * self.way, LOWEST_SPEED * self.speed
             floor = {"rad": way, "m": way, "rad/s": speed, "m/s": speed}
             low = max(search.lowest, floor.get(unit, 0.0))
-            return replace(search, lowest=low, highest=max(search.highest, limits.WIDEST * low))
+            return replace(search, lowest=low, highest=max(search.highest, WIDEST * low))
         if unit in ("rad", "m"):
-            room = limits.MARGIN * (self.highest - self.lowest)
+            room = MARGIN * (self.highest - self.lowest)
             return replace(search, lowest=self.lowest + room, highest=self.highest - room)
         if unit == "s":
-            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, limits.WINDOW_EDGES))
+            return replace(search, lowest=self.begin, highest=self.end, count=min(search.count, WINDOW_EDGES))
         return search
 
 

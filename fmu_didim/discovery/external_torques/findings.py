@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from fmu_didim.discovery.document import gap_pair, values_found
-from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 from fmu_didim.effects import EFFECTS, Effect
@@ -16,6 +15,11 @@ from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter
 from fmu_didim.statistics import confidence_interval
+
+LISTED = 3
+"""[external torques] Up to which all are listed as parameters; the windows list them in any case."""
+SMALLEST_DEVIATION = 1e-12
+"""[N.m or N] By which a torque is divided for its score."""
 
 
 def external_torque_finding(
@@ -51,7 +55,7 @@ def external_torque_windows(free: Fit, label: str) -> list[WindowResult]:
     return [
         WindowResult(
             joint=p.joint, begin_s=p.begin_s, end_s=p.end_s, torque=p.torque, experiment=label,
-            score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, limits.SMALLEST_DEVIATION),
+            score=abs(p.torque) / max(deviation.get(f"F[{i}]") or 0.0, SMALLEST_DEVIATION),
         )
         for i, p in enumerate(free.simulation(label).external_torques, start=1)
     ]  # fmt: skip
@@ -65,7 +69,7 @@ def _summary(free: Fit) -> list[ValueFound]:
     """All of a few external torques; of many their mean, with its spread, and the times of the first."""
     values = values_found(free, _is_external_torque)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
-    if torques.size <= limits.LISTED:
+    if torques.size <= LISTED:
         return values
     mean, std = float(torques.mean()), float(torques.std(ddof=1) / np.sqrt(torques.size))
     unit = next(v.unit for v in values if v.name.startswith("F["))

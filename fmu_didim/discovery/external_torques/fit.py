@@ -17,18 +17,57 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.diagnosis.log_noise import motion_period, noise_beside_fit
-from fmu_didim.discovery.external_torques import thresholds as limits
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.differences import STEP
 from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.thresholds import STEP
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
+
+LINEAR_SHARE = 0.5
+"""[1] Fraction of the gap that external torques must explain to first order, whose times are those of control
+periods."""
+LONGEST = 0.5
+"""[1] Fraction of the data that external torques may last: what lasts longer, or does not end, may as well be an
+offset or a load."""
+UNBOUNDED = 0.5
+"""[1] Fraction of their time that may lie in those without a visible edge."""
+STAIRCASE = 0.25
+"""[1] Fraction of the external torques that may follow each other without a pause: more of them only copy what else
+is missing."""
+COMES_BACK = 0.5
+"""[1] Fraction of the impulse that is there again one period later, from which it belongs to the machine."""
+SAME_PHASE = 0.05
+"""[1] Fraction of a period within which two phases are the same,"""
+SAME_PHASE_S = 0.1
+"""[s] but no longer than this."""
+SHARE = 0.6
+"""[1] Fraction of the gap that external torques must explain to be taken for what is missing."""
+DELAY_START = 0.1
+"""[control periods] Added to the known delay of the loop where its fit starts."""
+DELAY_ROOM = 3.0
+"""[control periods] By which the delay of the loop may be longer than known."""
+FIRST_STEPS = 12
+"""[steps] Of the fit of times and torques, and after an edge was moved."""
+FURTHER_STEPS = 8
+"""[steps] Once more, with the noise that is left."""
+UPDATES = 2
+"""[sensitivities] Taken anew at most in each of those fits."""
+LAST_STEPS = 6
+"""[steps] Of the last fit, beside the effects that were found."""
+EDGE_MOVES = (-0.6, -0.3, 0.3, 0.6)
+"""[control periods] Tried of each edge: its instant has a minimum in each control period."""
+EDGE_GAIN = 1.0
+"""[chi-square] That such a move must gain."""
+EDGE_ROOM = 4.0
+"""[samples or control periods] How far a fit may take an edge; the longer of the two."""
+EDGE_SLOPE = 0.5
+"""[control periods] Over which slopes of edges are taken: at an instant they change abruptly."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +99,7 @@ class FittedExternalTorques:
         count = len(model.free_parameters)
         try:
             further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-            free = minimise(model.with_free(further), final.noise, stopping=Stopping(limits.LAST_STEPS, updates=1))
+            free = minimise(model.with_free(further), final.noise, stopping=Stopping(LAST_STEPS, updates=1))
         except SimulationError:
             return final, self.free
         held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
@@ -88,7 +127,7 @@ def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text:
                 found = linear_external_torques(fit, label, joint, answer, is_logged)
                 if found is not None and (best is None or found[0] > best[0]):
                     best = (found[0], label, found[1])
-    if best is None or best[0] < limits.LINEAR_SHARE:
+    if best is None or best[0] < LINEAR_SHARE:
         return None
     _, label, torques = best
     time, period = fit.model.experiments[label].reference.time, motion_period(fit.model, label)
@@ -101,15 +140,15 @@ def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text:
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
     following = sum(a.end_s == b.begin_s for a, b in pairwise(external_torques))
-    return following > limits.STAIRCASE * len(external_torques)
+    return following > STAIRCASE * len(external_torques)
 
 
 def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
     """Whether most of the time is pushed, or most of that in external torques of which no end or no begin is seen."""
     lengths = np.array([p.end_s - p.begin_s for p in external_torques])
     bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
-    long = lengths.sum() > limits.LONGEST * (time[-1] - time[0])
-    return bool(long or lengths[~bounded].sum() > limits.UNBOUNDED * lengths.sum())
+    long = lengths.sum() > LONGEST * (time[-1] - time[0])
+    return bool(long or lengths[~bounded].sum() > UNBOUNDED * lengths.sum())
 
 
 def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None) -> bool:
@@ -117,10 +156,10 @@ def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None
     if period is None or not external_torques:
         return False
     begins = np.array([p.begin_s for p in external_torques])
-    near = min(limits.SAME_PHASE * period, limits.SAME_PHASE_S)
+    near = min(SAME_PHASE * period, SAME_PHASE_S)
     alike = [any(np.abs(begins - (b + k * period)).min() < near for k in (-1, 1)) for b in begins]
     impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in external_torques]
-    return bool(np.average(alike, weights=impulses) >= limits.COMES_BACK)
+    return bool(np.average(alike, weights=impulses) >= COMES_BACK)
 
 
 def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:
@@ -130,23 +169,23 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
     known = float(model.systems[label].delays.get(model.plant_name, 0.0))
     delay = replace(
-        delay_parameter(known + limits.DELAY_START),
+        delay_parameter(known + DELAY_START),
         name="loop_delay",
-        scale=limits.DELAY_START,
+        scale=DELAY_START,
         lowest=known,
-        highest=known + limits.DELAY_ROOM,
+        highest=known + DELAY_ROOM,
         is_shape=True,
     )
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
         acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, fit.noise, stopping=Stopping(limits.FIRST_STEPS, updates=limits.UPDATES))
+        free = minimise(acting, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
-        again = Stopping(limits.FURTHER_STEPS, updates=limits.UPDATES)
+        again = Stopping(FURTHER_STEPS, updates=UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)
         moved = _edges_moved(free, label)
         if moved is not None:
-            better = minimise(moved, noise, stopping=Stopping(limits.FIRST_STEPS))
+            better = minimise(moved, noise, stopping=Stopping(FIRST_STEPS))
             free = better if better.chi_square < free.chi_square else free
         held = model.pushed(label, free.simulation(label).external_torques)
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
@@ -154,7 +193,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         return None
     worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    explains = worth > 0 and share >= limits.SHARE
+    explains = worth > 0 and share >= SHARE
     return FittedExternalTorques(fixed, free, label, worth, share) if explains else None
 
 
@@ -174,10 +213,10 @@ def _edges_moved(free: Fit, label: str) -> LoopModel | None:
         values[i] += change
         return model.torque(values)
 
-    tried = [(i, part * step) for i in edges for part in limits.EDGE_MOVES]
+    tried = [(i, part * step) for i in edges for part in EDGE_MOVES]
     tasks = [lambda i=i, c=c: shifted(i, c) for i, c in tried]
     torques = side_by_side(tasks, model.allowed_workers(free.values))
-    values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - limits.EDGE_GAIN)
+    values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - EDGE_GAIN)
     for (i, change), torque in zip(tried, torques, strict=True):
         rest = BaseProjection.of(np.delete(table, i, axis=1)).rest_of(((measured - torque) * weight).ravel())
         cost = float(rest @ rest)
@@ -192,7 +231,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     time, rate = experiment.reference.time, experiment.rate_hz
     step, size = experiment.reference.step, max(abs(p.torque) for p in external_torques)
     unit = model.parameters.torque_units[external_torques[0].joint - 1]
-    room = max(limits.EDGE_ROOM / rate, limits.EDGE_ROOM * step)
+    room = max(EDGE_ROOM / rate, EDGE_ROOM * step)
     found: list[FreeParameter] = []
     for i, external in enumerate(external_torques):
         key = f"{i}.torque"
@@ -203,7 +242,7 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
             at = float(getattr(external, name))
             if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
                 # Slopes over half a period: those at an instant change from one period to the next.
-                half = limits.EDGE_SLOPE * step / STEP
+                half = EDGE_SLOPE * step / STEP
                 found.append(
                     FreeParameter(
                         f"{shown}[{i + 1}]", "s", EXTERNAL_TORQUE, f"{i}.{name}", at, half, at - room, at + room,

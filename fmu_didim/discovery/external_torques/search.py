@@ -20,15 +20,34 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from fmu_didim.discovery.external_torques import thresholds as limits
+from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
 from fmu_didim.errors import SimulationError
 from fmu_didim.master import SampleOperator
-from fmu_didim.prediction.base_projection import BaseProjection
+from fmu_didim.prediction.base_projection import DEPENDENT, BaseProjection
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.noise import effective_fraction
-from fmu_didim.prediction.thresholds import DEPENDENT
 from fmu_didim.signals import Array
+
+MOST = 2 * MAXIMUM_WINDOWS
+"""[external torques] Looked for on a joint: twice as many as windows."""
+STEP_COST = 2.0
+"""[parameters] That one step counts as: instant and size."""
+INDEPENDENT = 0.05
+"""[1] Smallest fraction of the samples that counts as independent in the cost of a step."""
+WEAKEST = 0.02
+"""[1] Of the largest power of a shifted response: steps at the end of the log, which hardly show, count as that
+much."""
+SMALLEST_GAIN = 0.003
+"""[1] Fraction of the sum of squares that a step must explain to be looked at."""
+UNSETTLED = 0.2
+"""[1] Fraction of its largest value by which a response may be off its end, to count as settled."""
+NEAR = 5.0
+"""[samples] Of the log, beyond the time in which the loop settles, within which steps are taken for one."""
+UNPAIRED = 0.35
+"""[1] Fraction of a step up by which the step down may differ, so that both bound one external torque."""
+LEAST = 0.05
+"""[1] Fraction of the largest step below which a step only corrects the instant of another."""
 
 
 def step_response(fit: Fit, label: str, joint: int) -> Array | None:
@@ -94,12 +113,12 @@ def linear_external_torques(
         return None
     first = float(rest @ rest)
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
-    floor = limits.STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), limits.INDEPENDENT)
-    while len(chosen) < 2 * limits.MOST:
+    floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), INDEPENDENT)
+    while len(chosen) < 2 * MOST:
         along = _correlation(rest, shifted.response, shifted, time.size)
-        gain = along**2 / np.maximum(power, limits.WEAKEST * power.max())
+        gain = along**2 / np.maximum(power, WEAKEST * power.max())
         left = problem.rest([shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain)))])
-        if float(rest @ rest - left @ left) < max(floor, limits.SMALLEST_GAIN * first):
+        if float(rest @ rest - left @ left) < max(floor, SMALLEST_GAIN * first):
             break
         chosen.append(int(np.argmax(gain)))
         rest = left
@@ -107,14 +126,14 @@ def linear_external_torques(
         return None
     chosen.sort()
     step = experiment.reference.step
-    settled = np.abs(response - response[-1]) > limits.UNSETTLED * np.abs(response).max()
-    near = round(limits.NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
+    settled = np.abs(response - response[-1]) > UNSETTLED * np.abs(response).max()
+    near = round(NEAR / (experiment.rate_hz * step)) + int(np.flatnonzero(settled).max(initial=0))
     for again in (True, False):
         sizes = problem.sizes([shifted.column(k) * weight for k in chosen])
         if again:
             chosen = _merged(chosen, sizes, near)
     external_torques = _joined(time, chosen, sizes, joint, is_logged)
-    if not external_torques or len(external_torques) > limits.MOST:
+    if not external_torques or len(external_torques) > MOST:
         return None
     edges = [
         (shifted.column(round((p.begin_s - time[0]) / step)) - shifted.column(round((p.end_s - time[0]) / step)))
@@ -181,12 +200,12 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
     for i, tick in enumerate(ticks):
         group = groups[-1] if groups else []
         main = max((abs(sizes[k]), sizes[k]) for k in group)[1] if group else 0.0
-        alike = sizes[i] * main > 0 or min(abs(sizes[i]), abs(main)) < limits.UNPAIRED * max(abs(sizes[i]), abs(main))
+        alike = sizes[i] * main > 0 or min(abs(sizes[i]), abs(main)) < UNPAIRED * max(abs(sizes[i]), abs(main))
         if group and alike and tick - ticks[group[0]] <= near:
             group.append(i)
         else:
             groups.append([i])
-    least = limits.LEAST * float(np.abs(sizes).max())
+    least = LEAST * float(np.abs(sizes).max())
     kept = [group for group in groups if abs(sizes[group].sum()) > least]
     # The same impulse, to first order, as all of the group together.
     return [round(float(np.average(np.array(ticks)[group], weights=sizes[group]))) for group in kept]
@@ -215,13 +234,13 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
         begin = float(time[ticks[i]])
         after = float(time[ticks[i + 1]]) if i + 1 < len(ticks) else end
         pair = sizes[i : i + 2]
-        if level == 0 and pair.size == 2 and abs(pair.sum()) < limits.UNPAIRED * np.abs(pair).max():
+        if level == 0 and pair.size == 2 and abs(pair.sum()) < UNPAIRED * np.abs(pair).max():
             external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
         # A staircase, or an external torque that outlasts the data: what little is left at its end is none.
         level += float(sizes[i])
-        if abs(level) < limits.UNPAIRED * np.abs(sizes).max():
+        if abs(level) < UNPAIRED * np.abs(sizes).max():
             level = 0.0
         else:
             external_torques.append(ExternalTorque(joint, begin, after, level, is_logged))

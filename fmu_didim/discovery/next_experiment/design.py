@@ -19,7 +19,7 @@ from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignC
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
 from fmu_didim.discovery.next_experiment.separation import Pair, Table
-from fmu_didim.discovery.selection.thresholds import BIC
+from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.effects import EFFECTS, Effect
 from fmu_didim.errors import InputError
 from fmu_didim.excitation import Fourier

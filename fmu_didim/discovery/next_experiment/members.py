@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import Proposal, parameter_cost
-from fmu_didim.discovery.next_experiment import thresholds
+from fmu_didim.discovery.screening.catalogue import LARGEST_COLUMN
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.discovery.screening.thresholds import LARGEST_COLUMN
 from fmu_didim.effects import Effect, JointTorque, TorqueEffect
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.base_projection import BaseProjection
@@ -21,6 +20,21 @@ from fmu_didim.prediction.reference_start import reference_motion
 from fmu_didim.robot import RobotDescription, RobotModel
 from fmu_didim.robot.along import observed_along
 from fmu_didim.signals import Array, Trajectory
+
+GRID = 24
+"""[shapes] Tried of one effect before refinement."""
+SHAPE_STEP = 1e-3
+"""[1] Relative step of the differences by which the slopes of the base's shapes are found."""
+DISPLACEMENT = 1e-5
+"""[rad or m] Of a link, by which the change of its torque is found."""
+SMALLEST_DISPLACEMENT = 1e-12
+"""[rad or m] By which that is divided."""
+BASE_DEPENDENT = 1e-7
+"""[1] Singular value of columns of the base, relative to the largest, that tell nothing more."""
+BASE_IDLE = 1e-9
+"""[1] Length of a column of the base, relative to the longest, that is rounding."""
+TRAVELLED = (0.02, 0.98)
+"""[1] Quantiles of the positions between which effects have their place."""
 
 Follow = Callable[[Trajectory], tuple[Array, Array, Array]]
 """Reference -> q, dq, ddq (K, n) of the robot that follows it, one row a control period."""
@@ -32,7 +46,7 @@ def _joint_torque(motion: Motion, joint: int) -> JointTorque:
 
 def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displacement: Array) -> Array:
     """(K, n, 1) change of the torque of the links for a small displacement of one of them, a unit of it."""
-    size = thresholds.DISPLACEMENT / max(float(np.abs(displacement).max()), thresholds.SMALLEST_DISPLACEMENT)
+    size = DISPLACEMENT / max(float(np.abs(displacement).max()), SMALLEST_DISPLACEMENT)
     change = displacement * size
     moved = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     for table in moved:
@@ -88,7 +102,7 @@ class ProjectedMotion:
         self.sampled = motion_of(model, context.chi, time[self.ticks], q, dq, ddq, rows @ context.chi)
         columns = np.concatenate([rows[:, :, list(model.active)], *self._slopes()], axis=2)
         weight = context.noise.weight * np.sqrt(ticks.size / self.ticks.size)
-        self.base = BaseProjection.of(columns, weight, tolerance=thresholds.BASE_DEPENDENT, idle=thresholds.BASE_IDLE)
+        self.base = BaseProjection.of(columns, weight, tolerance=BASE_DEPENDENT, idle=BASE_IDLE)
 
     @cached_property
     def motion(self) -> Motion:
@@ -109,7 +123,7 @@ class ProjectedMotion:
         base, result = torque(model.shape_values), []
         for i, value in enumerate(model.shape_values):
             moved = model.shape_values.copy()
-            moved[i] += thresholds.SHAPE_STEP * (abs(value) or 1.0)
+            moved[i] += SHAPE_STEP * (abs(value) or 1.0)
             result.append(((torque(moved) - base) / (moved[i] - value))[:, :, None])
         return result
 
@@ -198,11 +212,11 @@ class AmbiguousEffect:
         search = dict(self.search)
         for name, s in self.search.items():
             if not s.logarithmic and units[name] in ("rad", "m"):
-                low, high = (float(v) for v in np.quantile(motion.q[:, self.joint], thresholds.TRAVELLED))
+                low, high = (float(v) for v in np.quantile(motion.q[:, self.joint], TRAVELLED))
                 search[name] = type(s)(low, high, s.count, s.logarithmic, s.cost)
         found = list(search_grid(search, self.shapes)) if search else []
-        if len(found) > thresholds.GRID:
-            found = [found[i] for i in np.linspace(0, len(found) - 1, thresholds.GRID).astype(int)]
+        if len(found) > GRID:
+            found = [found[i] for i in np.linspace(0, len(found) - 1, GRID).astype(int)]
         return [dict(self.shapes), *found[:: 2 if coarse else 1]]
 
     @property

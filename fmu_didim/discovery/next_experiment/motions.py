@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.reference_start import reference_motion
 from fmu_didim.signals import Array, Trajectory, trajectory
+
+WITHIN = 0.999
+"""[1] Fraction of the limits of a motion that is used."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,8 @@ class Leg:
 
 def straight(space: Space, here: Array, target: Array, pace: float, *, dwell_s: float = 0.0, ramp: bool = False) -> Leg:
     """The quickest move within the limits at a part ``pace`` of the speed."""
-    way, speed = np.abs(target - here), thresholds.WITHIN * pace * space.limits.speed
-    acceleration = thresholds.WITHIN * space.limits.acceleration
+    way, speed = np.abs(target - here), WITHIN * pace * space.limits.speed
+    acceleration = WITHIN * space.limits.acceleration
     if not ramp:
         move = max(
             float((QUINTIC_SPEED * way / speed).max()), float(np.sqrt(QUINTIC_ACCELERATION * way / acceleration).max())

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.next_experiment.motions import Leg, Space, sampled, straight
-from fmu_didim.discovery.next_experiment.thresholds import DRAWS, WITHIN
+from fmu_didim.discovery.next_experiment.motions import WITHIN, Leg, Space, sampled, straight
 from fmu_didim.excitation import Fourier, FourierJoint
 from fmu_didim.signals import Array, Trajectory
+
+DRAWS = 3
+"""[motions] Fourier series among the first candidates."""
 
 HARMONICS = 5
 LADDER_SPEEDS = 5

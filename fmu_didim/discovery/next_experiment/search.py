@@ -7,14 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
-from fmu_didim.discovery.next_experiment.programs import Candidate, candidates
+from fmu_didim.discovery.next_experiment.programs import DRAWS, Candidate, candidates
 from fmu_didim.discovery.next_experiment.separation import Pair, Table, amplitudes, separations
 from fmu_didim.excitation import Fourier
 from fmu_didim.robot import RobotModel
 from fmu_didim.signals import Array, Trajectory
+
+SAME = 1e-4
+"""[1] Members are the same to first order when less than this fraction of a signature is left on every motion."""
+MEAN_PART = 0.1
+"""[1] Weight of the mean separation beside the smallest one."""
+MOST_SAMPLES = 600
+"""[samples] That the search looks at; the result is computed with all."""
+EVALUATIONS = 30
+"""[motions] Tried to improve the best candidates."""
+FIRST_MOVE = 0.35
+"""[1] Of a design variable from 0 to 1, in the first simplex of that search;"""
+TURNED = 0.6
+"""[1] from this value of the variable on it goes down."""
+MOTION_SETTLED = 0.01
+"""[1] Change of design and of the logarithm of the score that ends it."""
+SMALLEST_SCORE = 1e-12
+"""[standard deviations] Of which that logarithm is taken."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +49,8 @@ class Search:
     duration_s: float | None = None
     follow: Follow | None = None
     seed: int = 0
-    draws: int = thresholds.DRAWS
-    evaluations: int = thresholds.EVALUATIONS
+    draws: int = DRAWS
+    evaluations: int = EVALUATIONS
 
 
 class MotionEvaluator:
@@ -68,9 +84,7 @@ class MotionEvaluator:
         reference = self.reference(motion)
         if not self.space.limits.keeps(reference):
             return {}
-        motion_projection = ProjectedMotion(
-            self.context, self.model, reference, most=thresholds.MOST_SAMPLES if quickly else None
-        )
+        motion_projection = ProjectedMotion(self.context, self.model, reference, most=MOST_SAMPLES if quickly else None)
         return separations(motion_projection, self.members, self.theta)
 
     def smallest(self, table: Table) -> float:
@@ -83,7 +97,7 @@ class MotionEvaluator:
         A member that hardly shows on any motion would else hide that another one is split well.
         """
         found = [table[p].distance if p in table else 0.0 for p in self.open]
-        return float(min(found) + thresholds.MEAN_PART * np.mean(found)) if found else 0.0
+        return float(min(found) + MEAN_PART * np.mean(found)) if found else 0.0
 
 
 def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
@@ -98,7 +112,7 @@ def same_pairs(tables: Sequence[Table]) -> set[Pair]:
     """Pairs of which nothing is left on any motion: the same to first order."""
     found = set(tables[0])
     for table in tables:
-        found -= {p for p, s in table.items() if s.distance**2 > thresholds.SAME**2 * s.alone}
+        found -= {p for p, s in table.items() if s.distance**2 > SAME**2 * s.alone}
     return {p for p in found if (p[1], p[0]) in found}
 
 
@@ -119,12 +133,12 @@ def improved(
             table = evaluator.table(candidate.build(u))
             if evaluator.score(table) > evaluator.score(kept[0][1]):
                 kept[0] = (u.copy(), table)
-            return -float(np.log(max(evaluator.score(table), thresholds.SMALLEST_SCORE)))
+            return -float(np.log(max(evaluator.score(table), SMALLEST_SCORE)))
 
         start, size = candidate.design, candidate.design.size
-        moves = np.where(start < thresholds.TURNED, thresholds.FIRST_MOVE, -thresholds.FIRST_MOVE)
+        moves = np.where(start < TURNED, FIRST_MOVE, -FIRST_MOVE)
         simplex = np.vstack([start, start + np.diag(moves)])
-        settled = {"xatol": thresholds.MOTION_SETTLED, "fatol": thresholds.MOTION_SETTLED}
+        settled = {"xatol": MOTION_SETTLED, "fatol": MOTION_SETTLED}
         options = {"maxfev": evaluations // len(best), "initial_simplex": simplex, **settled}
         minimize(cost, start, method="Nelder-Mead", bounds=[(0.0, 1.0)] * size, options=options)
         if evaluator.score(kept[0][1]) > evaluator.score(winner[2]):

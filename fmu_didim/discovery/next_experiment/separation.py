@@ -17,12 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import shape_limits
-from fmu_didim.discovery.next_experiment import thresholds
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
-from fmu_didim.discovery.selection.thresholds import DEPENDENT
+from fmu_didim.discovery.selection.contenders import DEPENDENT
 from fmu_didim.errors import InputError
 from fmu_didim.prediction.base_projection import BaseProjection
 from fmu_didim.signals import Array
+
+ABSORBED = 1e-6
+"""[1] Fraction of a column below which the base absorbs it whole."""
+REFINEMENTS = 6
+"""[evaluations] Of the golden-section search of a shape."""
+REFINED = 0.02
+"""[1] Relative accuracy at which that search ends."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ class _Columns:
                 size = np.linalg.norm(table, axis=0)
                 table = self._scene.base.rest_of(table)
                 # What the base absorbs to rounding explains nothing more.
-                table[:, np.linalg.norm(table, axis=0) <= thresholds.ABSORBED * size] = 0.0
+                table[:, np.linalg.norm(table, axis=0) <= ABSORBED * size] = 0.0
             self._made[key] = table
         return self._made[key]
 
@@ -148,7 +154,7 @@ class _Columns:
         def left(x: float) -> float:
             return float(np.sum(self._left({**shapes, name: float(np.exp(x))}, target) ** 2))
 
-        options = {"maxiter": thresholds.REFINEMENTS, "xatol": thresholds.REFINED}
+        options = {"maxiter": REFINEMENTS, "xatol": REFINED}
         found = minimize_scalar(left, bounds=bounds, method="bounded", options=options)
         if found.fun < size:
             return float(found.fun), {**shapes, name: float(np.exp(found.x))}

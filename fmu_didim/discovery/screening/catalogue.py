@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.discovery.watch import Watch
@@ -24,6 +23,35 @@ from fmu_didim.prediction.repetition import Beginning, change_of_torque
 from fmu_didim.prediction.sensitivity import by_variation, sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array, Variable
+
+GRID_LIMIT = 400
+"""[shapes] Tried of one effect at most; a finer grid is thinned."""
+REPEATS = 0.05
+"""[1] Two periods of the change that an effect makes are the same, for its signature, when they differ by less than
+this fraction of the root mean square of that change: elastic gears ring for a while."""
+TOGETHER = 32
+"""[shapes] Whose loads the closed loop answers in one go."""
+ABREAST = 16
+"""[candidates] Whose signatures are made side by side before the time is looked at."""
+SEEN = 0.1
+"""[1] Fraction of the largest column of an effect below which another one is of second order, such as a tilt out of
+the plane of an arm."""
+LARGEST_COLUMN = 1e12
+"""[SI] A larger column comes from states that the offline integration could not follow."""
+STIFFEST = 1e-12
+"""[SI] Smallest compliance that is turned into a stiffness."""
+TORQUE_TRIALS = (0.03, 0.2)
+"""[1] Sizes simulated of an effect that is a torque, as fractions of that of the joint."""
+TRIALS = (0.35, 0.75)
+"""[1] Places simulated of a parameter on a logarithmic range: a smaller and a larger one."""
+STIFFNESS_TRIALS = (0.35, 0.5, 0.65, 0.8)
+"""[1] More of them for a stiffness, with which the loop resonates."""
+LINEAR_TRIAL = 0.75
+"""[1] Place simulated on a range that is not logarithmic."""
+APART = 1e-9
+"""[SI] A trial this near to the neutral value is none."""
+SAME_SHAPE = 12
+"""[decimal places] In which shapes that are the same agree."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +76,7 @@ class Signature:
         """Start values of a fit, from the coefficients of the columns."""
         if self.inverse:
             stiffness = {
-                n: 1 / max(abs(float(c)), limits.STIFFEST) for n, c in zip(self.amplitudes, coefficients, strict=True)
+                n: 1 / max(abs(float(c)), STIFFEST) for n, c in zip(self.amplitudes, coefficients, strict=True)
             }
             return Proposal(self.effect_at, {**self.shapes, **stiffness})
         found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
@@ -81,8 +109,8 @@ class SignatureCatalogue:
             watch=watch, workers=fit.model.workers,
         )  # fmt: skip
         told, workers = watch.counted("signatures of candidate", len(candidates)), fit.model.workers
-        for first in range(0, len(candidates), limits.ABREAST):
-            together = candidates[first : first + limits.ABREAST]
+        for first in range(0, len(candidates), ABREAST):
+            together = candidates[first : first + ABREAST]
             if watch.is_over:
                 left += together
                 continue
@@ -121,11 +149,11 @@ class SignatureCatalogue:
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))
         tried = _thinned(effect, self.builder.search(effect_at), defaults)
-        for first in range(0, len(tried), limits.TOGETHER):
+        for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
-            for shapes in tried[first : first + limits.TOGETHER]:
+            for shapes in tried[first : first + TOGETHER]:
                 columns = [along.columns(made, shapes) for along in self._along]
-                if 0 < max(float(np.abs(c).max()) for c in columns) < limits.LARGEST_COLUMN:
+                if 0 < max(float(np.abs(c).max()) for c in columns) < LARGEST_COLUMN:
                     kept.append(shapes)
                     loads.append(columns)
             if kept:
@@ -142,7 +170,7 @@ class SignatureCatalogue:
         present = {v.name: v.start for v in fit.model.plant.parameters}
         amplitudes = [v.name for v in self.builder.parameters_of(effect_at)[0]]
         own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
-        size = limits.TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
+        size = TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
         model = self.builder.build(fit.model, [Proposal(effect_at, own, dict.fromkeys(amplitudes, size))])
         first = len(fit.model.free_parameters)
         places = [i for i in range(first, len(model.free_parameters)) if not model.free_parameters[i].is_shape]
@@ -191,7 +219,7 @@ class SignatureCatalogue:
         for first in range(0, len(columns), len(amplitudes)):
             together = columns[first : first + len(amplitudes)]
             sizes = np.array([np.linalg.norm(column) for column in together])
-            seen = np.flatnonzero(sizes > limits.SEEN * sizes.max())
+            seen = np.flatnonzero(sizes > SEEN * sizes.max())
             if seen.size:
                 names = tuple(amplitudes[i].name for i in seen)
                 table = np.stack([together[i] for i in seen], axis=2)
@@ -255,7 +283,7 @@ class SignatureCatalogue:
                         model.simulation(model.start, label),
                         torque[part],
                         self._beginnings[label],
-                        tolerance=limits.REPEATS,
+                        tolerance=REPEATS,
                     )
                     for label, part in rows.items()
                 ]
@@ -302,20 +330,20 @@ def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
     found = [middle]
     for name, s in search.items():
         found += [{**middle, **at} for at in search_grid({name: s}, {})]
-    distinct = {tuple(round(v, limits.SAME_SHAPE) for v in at.values()): at for at in found}
+    distinct = {tuple(round(v, SAME_SHAPE) for v in at.values()): at for at in found}
     return list(distinct.values())
 
 
 def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
     """Values of a parameter to try: a smaller and a larger one; more of a stiffness, with which the loop resonates."""
     if variable.unit in ("N.m", "N"):
-        values = [part * size for part in limits.TORQUE_TRIALS]
+        values = [part * size for part in TORQUE_TRIALS]
     elif search.logarithmic:
-        parts = limits.TRIALS if np.isfinite(neutral) else limits.STIFFNESS_TRIALS
+        parts = TRIALS if np.isfinite(neutral) else STIFFNESS_TRIALS
         values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
     else:
-        values = [search.lowest + limits.LINEAR_TRIAL * (search.highest - search.lowest)]
-    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > limits.APART]
+        values = [search.lowest + LINEAR_TRIAL * (search.highest - search.lowest)]
+    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > APART]
     return apart or [search.highest]
 
 
@@ -328,8 +356,8 @@ def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:
 
 def _thinned(effect: Effect, search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
     grid = [shapes for shapes in search_grid(search, defaults) if effect.allows(shapes)]
-    if len(grid) > limits.GRID_LIMIT:
-        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, limits.GRID_LIMIT).astype(int)]
+    if len(grid) > GRID_LIMIT:
+        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
     return grid
 
 

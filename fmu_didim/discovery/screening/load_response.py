@@ -19,13 +19,25 @@ from numpy.typing import NDArray
 from scipy import fft, sparse
 from scipy.linalg import toeplitz
 
-from fmu_didim.discovery.screening import thresholds as limits
 from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.external_torque import ExternalTorque
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_model import Simulation
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
+
+SPACING_S = 0.005
+"""[s] Largest spacing of the instants at which loads are looked at, unless the control period is longer."""
+MEMORY_S = 0.5
+"""[s] Time after which a lasting load is made up for."""
+MOST_TAPS = 200
+"""[taps] Of the answer to a load."""
+MOST_OF_LOG = 4
+"""[1] The answer is at most one part in so many of the log."""
+SIZE = 0.02
+"""[1] Of the random two-level test torque, as a fraction of the torque of the joint."""
+DWELL_S = (0.01, 0.2)
+"""[s] Range of the times between its changes."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +86,9 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     run = fit.simulation(label)
     model, reference = run.model, run.experiment.reference
     time, step = reference.time, reference.step
-    every = max(round(limits.SPACING_S / step), 1)
+    every = max(round(SPACING_S / step), 1)
     ticks = np.arange(0, time.size, every)
-    length = min(max(round(limits.MEMORY_S / (every * step)), 1), limits.MOST_TAPS, ticks.size // limits.MOST_OF_LOG)
+    length = min(max(round(MEMORY_S / (every * step)), 1), MOST_TAPS, ticks.size // MOST_OF_LOG)
     switched = _telegraph(ticks.size, every * step, np.random.default_rng(seed))
     table = toeplitz(switched, np.zeros(length))
     normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
@@ -95,7 +107,7 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
     """(K,) of 1 and -1, constant for times spread evenly over the decades of ``DWELL_S``."""
     signal, at, level = np.zeros(count), 0, 1.0
     while at < count:
-        stay = max(round(float(np.exp(rng.uniform(*np.log(limits.DWELL_S)))) / step), 1)
+        stay = max(round(float(np.exp(rng.uniform(*np.log(DWELL_S)))) / step), 1)
         signal[at : at + stay] = level
         at, level = at + stay, -level
     return signal
@@ -105,7 +117,7 @@ def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: 
     """What simulates the change (ticks, n) of the command by the two-level torque on a joint, for its unit size."""
 
     def simulated() -> Array:
-        size = limits.SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))
+        size = SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]

@@ -16,7 +16,6 @@ import numpy as np
 from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contest import Contender, Contest, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.discovery.watch import Watch
@@ -32,6 +31,38 @@ from fmu_didim.prediction.noise import effective_fraction
 from fmu_didim.prediction.sensitivity import sensitivity
 from fmu_didim.prediction.workers import side_by_side
 from fmu_didim.signals import Array
+
+SURVIVING = 5e-3
+"""[1] Fraction of a signature that must survive the projection; below, the base parameters absorb it whole."""
+IDLE = 1e-7
+"""[1] Fraction of the largest column of an effect below which another one is rounding."""
+DEPENDENT = 1e-8
+"""[1] Singular value of columns, relative to the largest, below which one tells nothing more."""
+SHORTLIST = 6
+"""[candidates] Fitted in the closed loop, beside the best of each class near them."""
+WORTH = 0.25
+"""[1] Fraction of the best gain of the screening below which a candidate is not fitted: it would have to explain four
+times what its signature says."""
+LEADING = 0.75
+"""[1] Fraction of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
+FURTHER = 3
+"""[shapes] Largest number of those further shapes."""
+REACH = 4.0
+"""[1] Times what its signature explains to first order, beside the base refitted, that a candidate in the torque
+balance may lower chi-square by: where that is not enough for the best so far, it is not fitted. As WORTH, but against
+what the best has really explained."""
+SIZES = (0.5, 1.0, 2.0)
+"""[1] Tried of an effect outside the torque balance, as multiples of what its signature says: gears rattle."""
+ABREAST = 4
+"""[candidates] Fitted against the same best so far: what is left early must not depend on which of them ends
+first."""
+STARTS = 2
+"""[starts] Number of those from which it is fitted."""
+SMALLER = (1.0, 0.3, 0.03)
+"""[1] Fractions of what is proposed from which a fit starts, one after the other, until one can be simulated."""
+LEAST = 5.0
+"""[chi-square] What a candidate must promise to lower chi-square by, for its fit to be carried to the end: less is no
+BIC difference of 10."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +100,7 @@ class Competition:
             effect_at = signature.effect_at
             size = float(np.linalg.norm(table))
             surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
-            if surviving < limits.SURVIVING:
+            if surviving < SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
             if effect_at not in costs:
@@ -85,12 +116,12 @@ class Competition:
         best = ordered[0]
         if self.builder.effect(best.effect_at).is_linear:
             return best
-        near = [s for s in ordered[1 : 1 + limits.FURTHER] if s.gain > limits.LEADING * best.gain]
+        near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
         return replace(best, others=tuple(near))
 
-    def shortlist(self, screened: Sequence[Screened], *, size: int = limits.SHORTLIST) -> list[Screened]:
+    def shortlist(self, screened: Sequence[Screened], *, size: int = SHORTLIST) -> list[Screened]:
         """The candidates worth a closed-loop fit: the best, the best of each class near them, a gear on all joints."""
-        worth = [s for s in screened if s.gain > max(limits.WORTH * screened[0].gain, 0.0)]
+        worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
         if not worth:
             return []
         chosen = worth[:size]
@@ -104,7 +135,7 @@ class Competition:
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
-    def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = limits.REACH) -> Contest:
+    def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = REACH) -> Contest:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
         cannot catch up with the best, or is not fitted when the time is up, is no contender. The best is the best
         plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
@@ -113,8 +144,8 @@ class Competition:
             reach: see ``REACH``.
         """
         fit, chosen = self.fit, self._largest_gap_first(chosen)
-        best = fit.chi_square - limits.LEAST
-        leading = limits.LEADING * max((s.gain for s in chosen), default=0.0)
+        best = fit.chi_square - LEAST
+        leading = LEADING * max((s.gain for s in chosen), default=0.0)
         told = watch.counted("fitting candidate", len(chosen))
 
         def one(candidate: Screened, best: float) -> Contender | Outcome:
@@ -145,8 +176,8 @@ class Competition:
             return result
 
         results, workers = list[Contender | Outcome](), fit.model.allowed_workers(fit.values)
-        for first in range(0, len(chosen), limits.ABREAST):
-            together = [partial(one, candidate, best) for candidate in chosen[first : first + limits.ABREAST]]
+        for first in range(0, len(chosen), ABREAST):
+            together = [partial(one, candidate, best) for candidate in chosen[first : first + ABREAST]]
             results += side_by_side(together, workers)
             fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
             best = min([best, *(c.fit.chi_square for c in fitted)])
@@ -202,7 +233,7 @@ class Competition:
         to first order, the best ones first."""
         tried: list[tuple[float, int, Proposal]] = []
         for screened in (candidate, *(candidate.others or ())):
-            for size in limits.SIZES:
+            for size in SIZES:
                 proposal = screened.signature.proposal(size * screened.coefficients)
                 model = self.builder.build(self.fit.model, [proposal])
                 low, high = model.limits
@@ -212,7 +243,7 @@ class Competition:
                     continue
                 cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
                 tried.append((cost, len(tried), proposal))
-        found = [proposal for _, _, proposal in sorted(tried)[: limits.STARTS]]
+        found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
         return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
     def contender(self, effect_at: EffectAtJoint, found: Fit) -> Contender:
@@ -259,7 +290,7 @@ class Competition:
         """
         builder, fit = self.builder, self.fit
         neutral = builder.effect(proposal.effect_at).neutral
-        for part in limits.SMALLER:
+        for part in SMALLER:
             values = dict(proposal.values)
             for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
                 off = neutral.get(name, 0.0)
@@ -303,7 +334,7 @@ def _coefficients(columns: Array, residual: Array) -> Array:
     """(m,) least squares of a residual (N n,) on columns (N n, m)."""
     if columns.shape[1] == 1:  # most are so, and a factorisation takes ten times as long
         return np.asarray(columns.T @ residual / np.sum(columns**2))
-    return np.asarray(np.linalg.lstsq(columns, residual, rcond=limits.DEPENDENT)[0], dtype=float)
+    return np.asarray(np.linalg.lstsq(columns, residual, rcond=DEPENDENT)[0], dtype=float)
 
 
 def _idle(columns: Array) -> int:
@@ -311,7 +342,7 @@ def _idle(columns: Array) -> int:
     if columns.shape[-1] == 1:
         return 0
     sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
-    return int(np.sum(sizes <= limits.IDLE * sizes.max(initial=0.0)))
+    return int(np.sum(sizes <= IDLE * sizes.max(initial=0.0)))
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:

@@ -8,12 +8,36 @@ from typing import Any
 
 from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
 from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, proposal_of
 from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.signals import Array
+
+ROUNDS = 5
+"""[effects] Largest number that is named."""
+BIC = 10.0
+"""[BIC] Difference from which a larger model is accepted, or one member of a set: 'very strong' evidence by Kass and
+Raftery, Journal of the American Statistical Association 90 (1995)."""
+SMALLEST_SIZE = 0.6
+"""[standard deviations] How much an effect must change the torque at least, in units of the noise of a joint, when it
+is switched off and nothing else changes: as much as the clutter that is planted on clean plants in the blind
+benchmark."""
+SMALLEST_GAIN = 0.2
+"""[standard deviations] What it must explain at least that nothing else in the model can, in the same units."""
+SMALLEST_SHARE = 0.05
+"""[1] And as a fraction of the gap."""
+SMALLEST_PART = 0.03
+"""[1] And as a fraction of the gap that the base model had on the joint where it explains most: a refinement of what
+was found is not another effect. On EMPS four further forms of friction and ripple explain less than 3 % each."""
+WORSE_JOINT = 1.02
+"""[1] Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse;
+the base parameters, fitted anew, may move others by a little."""
+HELD_OUT = 1.0
+"""[1] The interval of the held-out RMS ratio must lie below: else a model may be worse."""
+NEAR = 0.02
+"""[1] Fraction of the gain in BIC by which contenders may differ and still be ambiguous: no form is exact. Measured
+with the blind benchmark."""
 
 FAILS_HELD_OUT = "held-out RMS ratio"
 """How the objection begins that a contender does not help on the held-out data."""
@@ -37,12 +61,12 @@ class Options:
 
     forbid: frozenset[str] = frozenset()
     prefer: tuple[str, ...] = ()
-    rounds: int = limits.ROUNDS
-    threshold: float = limits.BIC
-    smallest_size: float = limits.SMALLEST_SIZE
-    smallest_gain: float = limits.SMALLEST_GAIN
-    smallest_share: float = limits.SMALLEST_SHARE
-    smallest_part: float = limits.SMALLEST_PART
+    rounds: int = ROUNDS
+    threshold: float = BIC
+    smallest_size: float = SMALLEST_SIZE
+    smallest_gain: float = SMALLEST_GAIN
+    smallest_share: float = SMALLEST_SHARE
+    smallest_part: float = SMALLEST_PART
     seed: int = 0
 
     def record(self) -> dict[str, Any]:
@@ -132,9 +156,9 @@ def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) ->
     if candidate.implausible:
         return candidate.implausible
     ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
-    if ratio is not None and ratio.high >= limits.HELD_OUT:
+    if ratio is not None and ratio.high >= HELD_OUT:
         return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
-    worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > limits.WORSE_JOINT]
+    worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > WORSE_JOINT]
     if worse:
         joint, one = worse[0]
         return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval begins at {one.low:.3f}"
@@ -153,7 +177,7 @@ def _simplest(near: Sequence[Contender], options: Options) -> Contender:
 def _nearness(winner: Contender, options: Options) -> float:
     """BIC difference within which contenders are ambiguous: no form is exact, so that a small fraction of a large gain
     decides nothing."""
-    return max(options.threshold, limits.NEAR * winner.delta_bic)
+    return max(options.threshold, NEAR * winner.delta_bic)
 
 
 def step_of(accepted: Contender, contenders: Sequence[Contender], competition: Competition, options: Options) -> Step:

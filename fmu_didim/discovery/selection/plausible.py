@@ -14,11 +14,14 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.effects import Effect
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import plain_name
 from fmu_didim.signals import Array
+
+ZERO = 0.05
+"""[1] Probability, by its covariance, with which an effect may be zero and still be named: that of a 95 %
+interval."""
 
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
@@ -40,7 +43,7 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     if why:
         return f"no machine has this: {why}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
-    if chance > limits.ZERO:
+    if chance > ZERO:
         text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
         return f"may be absent: {text} (p = {chance:.2g})"
     return ""

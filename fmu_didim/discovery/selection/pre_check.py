@@ -9,7 +9,6 @@ import numpy as np
 
 from fmu_didim.diagnosis.gap import held_out_ratio
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition
 from fmu_didim.discovery.selection.contest import Contender
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
@@ -19,6 +18,14 @@ from fmu_didim.errors import SimulationError
 from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.loop_description import EffectAtJoint
 from fmu_didim.prediction.workers import side_by_side
+
+FITTED = 4
+"""[trials] The best ones, whose joints are fitted."""
+PROMISING = 0.9
+"""[1] Fraction of the chi-square of the base model below which the best trial must come."""
+WORSE = 1.02
+"""[1] Held-out RMS ratio beyond which data that do not reach the value still speak against it; a little comes from
+the base parameters, which are fitted along."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Watch) -> tuple[Fit, list[Step]]:
@@ -45,10 +52,10 @@ def _checked(
     fit = competition.fit
     tried = _tried(name, check, competition)
     cost = float(np.sum((fit.residual * fit.noise.weight) ** 2))
-    if not tried or tried[0][0] > limits.PROMISING * cost:
+    if not tried or tried[0][0] > PROMISING * cost:
         return None
     found: list[Contender] = []
-    for effect_at in dict.fromkeys(a for _, a, _ in tried[: limits.FITTED]):
+    for effect_at in dict.fromkeys(a for _, a, _ in tried[:FITTED]):
         value = next(v for _, a, v in tried if a == effect_at)
         start = {check.parameter: value}
         fitted = competition.refit(Proposal(effect_at, start, start))
@@ -97,4 +104,4 @@ def _held_out_tells(candidate: Contender, competition: Competition, options: Opt
     if change >= options.smallest_size:
         return True
     ratio = held_out_ratio(competition.fit, candidate.fit, seed=options.seed)
-    return ratio is None or ratio.low > limits.WORSE
+    return ratio is None or ratio.low > WORSE

@@ -10,7 +10,6 @@ from functools import partial
 from fmu_didim.diagnosis.gap import delta_bic, explained
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition
 from fmu_didim.discovery.selection.contest import Contender, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
@@ -21,6 +20,9 @@ from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.free_parameter import LOG
 from fmu_didim.prediction.least_squares import Stopping, minimise
 from fmu_didim.prediction.loop_description import EffectAtJoint
+
+KEPT_GAIN = 0.5
+"""[1] Fraction of that which an effect must still explain when later ones are in the model."""
 
 
 class Ending(Enum):
@@ -180,7 +182,7 @@ def _backward(
             continue
         worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
-        if worth < options.threshold or size < limits.KEPT_GAIN * options.smallest_gain:
+        if worth < options.threshold or size < KEPT_GAIN * options.smallest_gain:
             watch.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]

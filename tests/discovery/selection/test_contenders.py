@@ -13,7 +13,6 @@ import pytest
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
-from fmu_didim.discovery.selection import thresholds as limits
 from fmu_didim.discovery.selection.contenders import Competition, _idle, proposal_of
 from fmu_didim.discovery.selection.contest import Outcome, Screened
 from fmu_didim.discovery.watch import Watch
@@ -508,7 +507,7 @@ def test_what_became_of_each_candidate_is_told() -> None:
 def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch, part: float, left: bool) -> None:
     """The best has explained 3^2 * 400 * 1.25 = 4500 of chi-square: another one must promise a quarter of it. Only in
     the torque balance is a signature the slope that promises."""
-    monkeypatch.setattr(limits, "ABREAST", 1)
+    monkeypatch.setattr("fmu_didim.discovery.selection.contenders.ABREAST", 1)
     slope = np.sqrt(part) * (OTHER + 0.5 * THIRD) + np.sqrt(1 - part) * np.sqrt(1.25) * FOURTH
     weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
     candidates = [
@@ -582,7 +581,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(
         return None if square == 600.0 else replace(before, chi_square=square)
 
     found: list[float] = []
-    monkeypatch.setattr(limits, "ABREAST", abreast)
+    monkeypatch.setattr("fmu_didim.discovery.selection.contenders.ABREAST", abreast)
     monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
         Competition, "contender",
