@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import refuse_confounded
 from fmu_didim.diagnosis.log_noise import known_noise
-from fmu_didim.diagnosis.motion_dependence import Dependence, dependence_of_fit
 from fmu_didim.identification.estimate import Estimate, Stage, Status
 from fmu_didim.prediction.accuracy import integration_change
 from fmu_didim.prediction.fit import Fit
@@ -68,11 +65,6 @@ class Minimum:
     remarks: tuple[str, ...] = ()
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
-
-    @cached_property
-    def dependence(self) -> tuple[Dependence, ...]:
-        """How the residual of each joint depends on the motion."""
-        return tuple(dependence_of_fit(self.fit, self.known.colours))
 
 
 def efficient_finish(
@@ -205,11 +197,10 @@ def torque_estimate(
         integration_error=minimum.integration_error.relative,
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
-        agreements=agreement(fit),
         colours=known.colours,
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
-        dependence=minimum.dependence,
+        fit=fit,
         roughness=minimum.roughness,
         rivals=minimum.rivals,
         remarks=minimum.remarks,

@@ -10,11 +10,12 @@ import numpy as np
 
 from fmu_didim.diagnosis.agreement import Agreement
 from fmu_didim.diagnosis.consistency import Consistency
-from fmu_didim.diagnosis.judgement import Judgement, diagnostic_result
+from fmu_didim.diagnosis.judgement import diagnostic_result
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.identification.estimate import Estimate, RefusedError, Status
+from fmu_didim.identification.judge import Checks
 from fmu_didim.identification.result import (
     AgreementResult,
     ColumnResult,
@@ -75,24 +76,24 @@ def result_document(
     estimate: Estimate,
     validations: Sequence[Validation],
     *,
-    judged: Judgement,
+    checks: Checks,
     description: str = "",
     case: str = "",
 ) -> ResultDocument:
     """The document of an estimate and its validations.
 
     Args:
-        judged: the judgement of it; case: file of the case, for the commands that reasons name.
+        checks: what they found of it; case: file of the case, for the commands that reasons name.
     """
-    model, notes = estimate.model, [str(remark) for remark in judged.remarks]
+    model, judgement = estimate.model, checks.judgement
+    notes = [str(remark) for remark in judgement.remarks]
     if model.parameters.has_regressor and not model.gives_acceleration:
         notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
-    found = estimate.agreements
     return ResultDocument(
         name=name,
         description=description,
-        verdict=judged.verdict,
-        reasons=judged.saved(case),
+        verdict=judgement.verdict,
+        reasons=judgement.saved(case),
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
         advice=estimate.advice or estimate.status.value,
         estimator=estimate.estimator,
@@ -112,12 +113,9 @@ def result_document(
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
-        noise=[
-            NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()})
-            for test in estimate.residual_tests
-        ],
+        noise=[NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()}) for test in checks.residual],
         torque_unit=list(model.parameters.torque_units),
-        experiments={v.label: _experiment(model, v, found.get(v.label)) for v in validations},
+        experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
         fitted_error_percent=_fitted_errors(validations),
         integration_error=float(estimate.integration_error),

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.diagnosis.agreement import Agreement
-from fmu_didim.diagnosis.motion_dependence import Dependence
-from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit
 from fmu_didim.errors import FmuDidimError, IdentificationError
+from fmu_didim.prediction.fit import Fit
 from fmu_didim.prediction.integration import Integration
 from fmu_didim.prediction.iteration import Iteration
 from fmu_didim.prediction.loop_model import LoopModel
@@ -65,8 +63,7 @@ class Estimate:
         colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
             torque log that the case states, or periods that repeat show; None where it is not known.
         noise_is_stated: whether it is the case that states it.
-        dependence: of the residual of each joint on the motion; none where it is not that of a simulated torque.
-        agreements: label -> how an experiment agrees with the others, where several were fitted.
+        fit: the point of the closed loop that it is; None where the residual is not that of a simulated torque.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
         rivals: parameter and its value at other minima that the data hardly tell from this one.
         remarks: what the user should know; advice: what to do, if more is known than the status.
@@ -91,8 +88,7 @@ class Estimate:
     colours: tuple[Colour, ...] = ()
     known_noise: Array | None = None
     noise_is_stated: bool = True
-    dependence: tuple[Dependence, ...] = ()
-    agreements: Mapping[str, Agreement] = field(default_factory=dict)
+    fit: Fit | None = None
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
     remarks: tuple[str, ...] = ()
@@ -123,11 +119,6 @@ class Estimate:
     def residual(self) -> Array:
         """(N, n) measured minus simulated torque."""
         return self.measured - self.simulated
-
-    @property
-    def residual_tests(self) -> tuple[ResidualTest, ...]:
-        """What the residual of each joint says of the model."""
-        return lack_of_fit(self.colours, self.known_noise, stated=self.noise_is_stated)
 
     @property
     def base_value(self) -> Array:

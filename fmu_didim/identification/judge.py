@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.agreement import Agreement
+from fmu_didim.diagnosis.agreement import Agreement, agreement
 from fmu_didim.diagnosis.data.checks import confirmed
 from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics
 from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnosis.motion_dependence import motion_diagnostics
+from fmu_didim.diagnosis.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.diagnosis.physical import physical_diagnostics
-from fmu_didim.diagnosis.residual import residual_diagnostics, slow_diagnostics
+from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.diagnosis.validation import Validation
 from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.errors import UnknownNameError
@@ -75,8 +75,27 @@ OTHER_MINIMUM = CATALOGUE(
 )  # fmt: skip
 
 
-def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Judgement:
-    """The judgement of an estimate.
+@dataclass(frozen=True)
+class Checks:
+    """What the checks of an estimate found.
+
+    Attributes:
+        judgement: of its values; residual: what the residual of each joint says of the model.
+        agreements: label -> how an experiment agrees with the others, where several were fitted.
+    """
+
+    judgement: Judgement
+    residual: tuple[ResidualTest, ...]
+    agreements: Mapping[str, Agreement]
+
+
+def residual_tests(estimate: Estimate) -> tuple[ResidualTest, ...]:
+    """What the residual of each joint says of the model."""
+    return lack_of_fit(estimate.colours, estimate.known_noise, stated=estimate.noise_is_stated)
+
+
+def checked(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Checks:
+    """Everything that can be checked of an estimate.
 
     Args:
         validations: of all experiments.
@@ -84,11 +103,13 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
     """
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
+    tests = residual_tests(estimate)
+    agreements = {} if estimate.fit is None else agreement(estimate.fit)
     found = [
         *confirmed(model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
-        *agreement_diagnostics(estimate.agreements.values()),
+        *agreement_diagnostics(agreements.values()),
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
@@ -96,9 +117,10 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
         ),
     ]  # fmt: skip
     found += physical_diagnostics(model, estimate.covariance)
-    found += residual_diagnostics(estimate.residual_tests)
-    found += motion_diagnostics(estimate.dependence)
-    found += slow_diagnostics(estimate.residual_tests, *_bands(model))
+    found += residual_diagnostics(tests)
+    if estimate.fit is not None:
+        found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))
+    found += slow_diagnostics(tests, *_bands(model))
     shift = float(np.max(estimate.integration_shift))
     if shift > VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
@@ -108,7 +130,7 @@ def judged(estimate: Estimate, validations: Sequence[Validation], *, before: Ite
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals
     ]
-    return judgement(found, settled=estimate.status is Status.CONVERGED)
+    return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), tests, agreements)
 
 
 def _bands(model: LoopModel) -> tuple[float, float]:

@@ -41,7 +41,8 @@ TRUNCATED = 0.1
 symmetric functions do not show."""
 
 SIMULATIONS = 1 + 1 + 2**2
-"""Independent errors of equal size, of the two sides and of twice the middle, in the square of a second difference."""
+"""[simulations] Independent errors of equal size, of the two sides and of twice the middle, in the square of a second
+difference."""
 FIRST_STEP = DIFFERENCE_STEPS.index(STEP)
 
 

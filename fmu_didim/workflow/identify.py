@@ -17,7 +17,7 @@ from fmu_didim.errors import FmuDidimError, IdentificationError, InputError, Sim
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.identification.document import consistency_result, refused_document, result_document
 from fmu_didim.identification.estimate import Estimate, RefusedError
-from fmu_didim.identification.judge import judged
+from fmu_didim.identification.judge import checked
 from fmu_didim.identification.provenance import provenance
 from fmu_didim.identification.result import RESULT_FILE, save_result
 from fmu_didim.prediction.loop_model import LoopModel
@@ -141,10 +141,10 @@ class _Refusal:
 
 def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Outcome:
     validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
-    judgement = judged(estimate, validations, before=before)
     document = result_document(
         case.name, estimate, validations,
-        judged=judgement, description=case.document.description, case=case.path.name,
+        checks=checked(estimate, validations, before=before), description=case.document.description,
+        case=case.path.name,
     )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
     return Outcome(document, estimate, tuple(validations))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.identification.judge import judged, limit_diagnostics
+from fmu_didim.identification.judge import checked, limit_diagnostics
 from fmu_didim.prediction.free_parameter import LONGEST_DELAY, delay_parameter
 from fmu_didim.prediction.roughness import Roughness
 from fmu_didim.robot import read_robot, write_robot
@@ -25,7 +25,7 @@ def outcome() -> Outcome:
 
 def again(outcome: Outcome, **changes: object) -> list[str]:
     estimate = replace(outcome.estimate, **changes)
-    found = judged(estimate, outcome.validations)
+    found = checked(estimate, outcome.validations).judgement
     return [d.code.name for d in found.reasons]
 
 
@@ -48,7 +48,7 @@ def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: f
 
 
 def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Outcome) -> None:
-    found = judged(replace(outcome.estimate, rivals=(("Ia6", 0.0068),)), outcome.validations)
+    found = checked(replace(outcome.estimate, rivals=(("Ia6", 0.0068),)), outcome.validations).judgement
     assert (found.verdict, [d.code.name for d in found.reasons]) == ("doubtful", ["another-minimum"])
     assert (found.reasons[0].place, found.reasons[0].value) == ("Ia6", 0.0068)
 

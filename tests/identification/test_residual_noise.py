@@ -14,6 +14,7 @@ from fmu_didim import identify, load_case, load_result
 from fmu_didim.diagnosis.residual import residual_diagnostics
 from fmu_didim.estimators import Clie, Didim, Estimator
 from fmu_didim.identification.estimate import Estimate
+from fmu_didim.identification.judge import residual_tests
 from tests.helpers import with_torque
 from tests.monte_carlo import context, half_coloured
 
@@ -38,7 +39,7 @@ def estimate(
 
 
 def codes(found: Estimate) -> list[str]:
-    return [diagnostic.code.name for diagnostic in residual_diagnostics(found.residual_tests)]
+    return [diagnostic.code.name for diagnostic in residual_diagnostics(residual_tests(found))]
 
 
 each_estimator = pytest.mark.parametrize(

@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from fmu_didim.case import Case, load_case
+from fmu_didim.diagnosis.agreement import agreement
 from fmu_didim.diagnosis.confounding import confounded
 from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.estimators import Clie, Didim
@@ -158,7 +159,9 @@ def test_experiments_that_agree_are_seldom_said_to_disagree(tmp_path: Path) -> N
         }
         found = case(tmp_path, experiments)
         assert found.model is not None
-        agreements = found.estimator.estimate(found.model).agreements
+        fit = found.estimator.estimate(found.model).fit
+        assert fit is not None
+        agreements = agreement(fit)
         assert all(part.agrees for part in agreements.values())
         p_values.append(agreements["one"].p_value)
     assert 0.25 < np.mean(p_values) < 0.75

@@ -13,7 +13,7 @@ from fmu_didim.diagnostics import PROBLEM, REMARK
 from fmu_didim.errors import FmuDidimError
 from fmu_didim.estimators import Didim
 from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.judge import judged
+from fmu_didim.identification.judge import checked
 from fmu_didim.prediction.loop_model import LoopModel
 
 SIGMA = 4.0
@@ -60,7 +60,7 @@ def answer(model: LoopModel, truth: Mapping[str, float]) -> Answer:
     except FmuDidimError:
         return Answer("refused", told)
     validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
-    judgement = judged(estimate, validations, before=before)
+    judgement = checked(estimate, validations, before=before).judgement
     codes = tuple(reason.code.name for reason in judgement.reasons)
     inside = _inside(estimate, truth)
     return Answer(judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations), sum(inside), len(inside))
