@@ -16,22 +16,22 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.cli.main.main import _parser
 from pydantic import BaseModel
 
 import fmu_didim
-from fmu_didim import docstrings
-from fmu_didim.campaigns.document import CampaignDocument
+from fmu_didim.base import docstrings
+from fmu_didim.base.diagnostics import Severity
+from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
-from fmu_didim.cli import _parser
+from fmu_didim.cli.examples import examples
 from fmu_didim.controllers import LAWS
-from fmu_didim.diagnostics import Severity
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.effects import DEFAULT_EFFECTS, EFFECTS, Effect, Parameter
+from fmu_didim.dynamics.effects import DEFAULT_EFFECTS, EFFECTS, Effect, Parameter
+from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.estimators import ESTIMATORS
-from fmu_didim.examples import examples
-from fmu_didim.identification.result import ResultDocument
-from fmu_didim.robot import RobotDescription
-from fmu_didim.workflow.codes import all_codes
+from fmu_didim.results.findings import FindingsDocument
+from fmu_didim.results.result import ResultDocument
+from fmu_didim.workflow.reference.codes import all_codes
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py from the package itself: change it there. -->"

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 
 HERE = Path(__file__).parent
 STEP_S, COUNT = 0.005, 401

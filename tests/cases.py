@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.robot import RobotModel, read_robot
 
 SCARA = Path("examples/scara/identify.yaml")
 TRUTH = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])

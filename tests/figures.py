@@ -16,7 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.version import __version__
+from fmu_didim.base.version import __version__
 
 FOLDER = Path(__file__).parents[1] / "docs" / "figures"
 PACKAGES = ("numpy", "scipy", "casadi")

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.block import Block
+from fmu_didim.base.documents import validate
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
 from fmu_didim.controllers import LAWS
-from fmu_didim.documents import validate
+from fmu_didim.cosim import System, closed_loop, sample_operator
+from fmu_didim.data.signals import Trajectory, Variable, trajectory
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.master import System, closed_loop, sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.free_parameter import base_free_parameters
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.parameters import Parameters
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.signals import Trajectory, Variable, trajectory
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.free_parameter import base_free_parameters
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import Parameters
 
 NEAR = 0.03
 """Standard deviations that two estimates of the same data may be apart, each integrated to 0.02 of them."""

@@ -29,13 +29,13 @@ import yaml
 from scipy import optimize, stats
 
 from fmu_didim.campaigns.campaign import study
-from fmu_didim.campaigns.truth import unit_noise
+from fmu_didim.campaigns.planning.truth import unit_noise
 from fmu_didim.case import load_case
+from fmu_didim.data.low_pass import LowPass
 from fmu_didim.estimators import Didim
-from fmu_didim.prediction.fit import point
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.weighting import NoiseOfResidual
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.model.loop_model import LoopModel
 from tests.figures import command_of, write_figures
 from tests.helpers import ROOT, with_torque
 

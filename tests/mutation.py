@@ -30,15 +30,15 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fmu_didim"
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 TESTS: dict[str, tuple[str, ...]] = {
-    "diagnosis/gap.py": ("diagnosis/test_gap_decisions.py", "discovery/selection/test_decide.py"),
+    "fit/gap.py": ("diagnosis/test_gap_decisions.py", "discovery/selection/test_decide.py"),
     "discovery/selection/decide.py": ("discovery/selection/test_decide.py",),
     "discovery/selection/rounds.py": ("discovery/selection/test_rounds_by_hand.py",),
-    "discovery/selection/contenders.py": ("discovery/selection/test_contenders.py",),
+    "discovery/selection/competition.py": ("discovery/selection/test_contenders.py",),
     "discovery/selection/pre_check.py": ("discovery/selection/test_pre_check_decisions.py",),
-    "prediction/least_squares.py": ("prediction/test_solver_decisions.py", "prediction/test_roughness.py"),
-    "prediction/equations.py": ("prediction/test_solver_decisions.py",),
-    "prediction/sensitivity.py": ("prediction/test_sensitivity_ways.py", "prediction/test_differences.py"),
-    "master/sampling.py": ("master/test_sampling_edges.py", "master/test_sampling.py"),
+    "fit/solver/least_squares.py": ("prediction/test_solver_decisions.py", "prediction/test_roughness.py"),
+    "fit/equations.py": ("prediction/test_solver_decisions.py",),
+    "fit/derivatives/sensitivity.py": ("prediction/test_sensitivity_ways.py", "prediction/test_differences.py"),
+    "cosim/sampling.py": ("master/test_sampling_edges.py", "master/test_sampling.py"),
     "statistics.py": ("test_statistics_edges.py", "test_statistics.py"),
 }
 """File of the package -> its fast tests, from the folder of tests on."""

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.base_parameters import BaseParameters, base_parameters
-from fmu_didim.errors import InputError
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.base.errors import InputError
+from fmu_didim.dynamics.base_parameters import BaseParameters, base_parameters
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from tests.helpers import ROOT, random_robot, scara
 
 # Geometry of the Staubli TX40: TUM-ICS/BIRDy, Utils/SymbolicModelData/RobotDescriptionFiles/TX40.m (MIT).

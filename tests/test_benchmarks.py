@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.components import ModelComponent
-from fmu_didim.effects import EFFECTS
-from fmu_didim.master import simulate
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.prediction import drive_torque
+from fmu_didim.cosim import simulate
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.prediction import drive_torque
 from tests.benchmarks import pinocchio_loop, scara, tx40, tx40_identification
 from tests.benchmarks.__main__ import BENCHMARKS, main, table
 from tests.benchmarks.cheap_fmus import Slaves, reference, system

@@ -13,14 +13,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim import cache, files
-from fmu_didim.cache import cache_directory, cached_folder
-from fmu_didim.campaigns.store import unwritable
-from fmu_didim.cli import main
-from fmu_didim.errors import InputError
-from fmu_didim.files import whole_file
-from fmu_didim.workflow import result_folder
+from fmu_didim.base import cache, files
+from fmu_didim.base.cache import cache_directory, cached_folder
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import whole_file
+from fmu_didim.campaigns.running.store import unwritable
+from fmu_didim.workflow.output import result_folder
 
 OWNERS = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no such owners and permissions")
 ROOT = Path(__file__).parents[1]
@@ -373,11 +373,11 @@ def test_a_folder_that_was_named_is_never_left(tmp_path: Path, monkeypatch: pyte
 AS_USER = """
 import os, sys
 from fmu_didim import cache, cli
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
 from pathlib import Path
 root, user, group, umask, code = sys.argv[1:]
 os.environ["FMU_DIDIM_CACHE"] = root
-import contextlib, io, fmu_didim.campaigns.seats
+import contextlib, io, fmu_didim.campaigns.running.fmu_slots
 with contextlib.redirect_stdout(io.StringIO()):  # imports what it needs: the other user may not reach the packages
     cli.main(["cache", "show"])
 def fill(folder):
@@ -431,7 +431,7 @@ def test_a_group_shares_a_cache(shared: Path, umask: str) -> None:
     write = "with cache.cache_file(Path(root) / 'probes' / 'x') as t: t.write_text('{}')"
     for user in (FIRST, SECOND):
         run_as(shared, user, write, umask=umask)
-        seat = "with fmu_didim.campaigns.seats.seats({Path('a.fmu'): 1}, lambda: False): print('sits')"
+        seat = "with fmu_didim.campaigns.running.fmu_slots.seats({Path('a.fmu'): 1}, lambda: False): print('sits')"
         assert run_as(shared, user, seat, umask=umask) == "sits\n"
     assert "entries removed" in run_as(shared, SECOND, CLEAR) and not list((shared / "loop").iterdir())
     run_as(shared, SECOND, FILL, umask=umask)

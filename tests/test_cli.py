@@ -9,11 +9,11 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
-from fmu_didim.identification.result import result_schema
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.results.result import result_schema
 from fmu_didim.ssp import read_ssp
-from fmu_didim.tables import read_trajectory
 
 
 def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,7 +144,7 @@ def test_fmu_info_and_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["identify", "--help"], ["export", "--help"]])
 def test_help_needs_no_heavy_import(arguments: list[str]) -> None:
     code = (
-        "import sys; from fmu_didim.cli import main\n"
+        "import sys; from fmu_didim.cli.main import main\n"
         f"try: main({arguments})\n"
         "except SystemExit: pass\n"
         "heavy = {'casadi', 'control', 'numpy', 'scipy', 'fmpy', 'plotly', 'pandas', 'pydantic', 'yaml', 'jinja2'}\n"

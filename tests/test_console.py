@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 from rich.console import Console
 
-from fmu_didim import console
-from fmu_didim.cli import main
-from fmu_didim.console import Display, show
-from fmu_didim.prediction.iteration import Iteration
+from fmu_didim.cli.console import Display, show
+from fmu_didim.cli.main import console
+from fmu_didim.fit.iteration import Iteration
 
 
 def terminal() -> tuple[Console, io.StringIO]:
@@ -165,7 +165,7 @@ def test_identify_in_a_terminal(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "fmu_didim.cli",
+        "fmu_didim.cli.main",
         "identify",
         "examples/scara/identify.yaml",
         "--out",

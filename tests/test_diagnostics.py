@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fmu_didim.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagnostic, by_weight
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagnostic, by_weight
 
 CODES = Catalogue()
 CAUSE = CODES("cause", DOUBT, rank=10, meaning="m", next_step="mend it")

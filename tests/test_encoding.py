@@ -42,7 +42,7 @@ def note(message, category, *place):
 
 warnings.showwarning = note
 warnings.simplefilter("always", EncodingWarning)
-from fmu_didim.cli import main
+from fmu_didim.cli.main import main
 for line in sys.stdin.read().splitlines():
     code = main(shlex.split(line))
     print(f"ENDED {code} {line}", file=sys.stderr)

@@ -10,13 +10,13 @@ from types import ModuleType
 
 import pytest
 
-from fmu_didim import units
+from fmu_didim.base.errors import InputError, LibraryError, loading
 from fmu_didim.components import load_fmu
 from fmu_didim.components.fmu import library
 from fmu_didim.components.fmu.versions import with_fmpy
-from fmu_didim.errors import InputError, LibraryError, loading
+from fmu_didim.data import units
+from fmu_didim.data.tables import read_table, read_trajectory
 from fmu_didim.export import build_fmu
-from fmu_didim.tables import read_table, read_trajectory
 from tests.helpers import scara_pd
 
 

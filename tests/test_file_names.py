@@ -10,12 +10,12 @@ import fmpy
 import pytest
 from fmpy.validation import validate_fmu
 
+from fmu_didim.base.files import file_name
 from fmu_didim.campaigns.campaign import campaign
 from fmu_didim.components import load_fmu
+from fmu_didim.cosim import Connection, System
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.files import file_name
-from fmu_didim.master import Connection, System
 from fmu_didim.ssp import write_ssp
 from tests.export.helpers import gain
 from tests.helpers import ROOT

@@ -11,9 +11,9 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from fmu_didim.controllers import read_controller
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.robot import RobotModel, read_robot
-from fmu_didim.tables import read_trajectory
 
 PLANTS = sorted(path.parent.name for path in Path(__file__).parent.parent.glob("fmus/*/robot.yaml"))
 CONTROLLERS = sorted(path.name for path in Path(__file__).parent.parent.glob("controllers/*.yaml"))

@@ -36,8 +36,8 @@ READS = f"""
 import json, os, resource, sys, zipfile
 from pathlib import Path
 from fmu_didim.components.fmu import info_lines, load_fmu, read_description
-from fmu_didim.documents import load_yaml
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.base.documents import load_yaml
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.ssp import read_ssp
 from tests.patience import Calls
 import fmpy, fmpy.model_description  # before the memory is limited

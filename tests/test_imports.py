@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fmu_didim.cli.main.main import main
 
 from fmu_didim import load_case
-from fmu_didim.cli import main
-from fmu_didim.effects import EFFECTS, find_effect
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.imports import NO_CODE, import_object
-from fmu_didim.robot import RobotDescription, read_robot, write_robot
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.imports import NO_CODE, import_object
+from fmu_didim.dynamics.effects import EFFECTS, find_effect
+from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
 from fmu_didim.workflow import discover
 from tests.cases import scara_case
 
@@ -159,7 +159,7 @@ def test_what_is_no_reference_is_refused(here: Path, named: str) -> None:
 
 
 EFFECT = """
-from fmu_didim.effects import Parameter, TorqueEffect
+from fmu_didim.dynamics.effects import Parameter, TorqueEffect
 
 
 class Root(TorqueEffect):

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from fmu_didim import __version__
-from fmu_didim.examples import INDEX, examples, write_example
+from fmu_didim.cli.examples import INDEX, examples, write_example
 from tests.helpers import ROOT
 
 pytest.importorskip(

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
-from fmu_didim import examples as shipped
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.terminal import quoted
 from fmu_didim.campaigns.campaign import campaign
-from fmu_didim.cli import main
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.examples import Written, example_names, examples, write_example
-from fmu_didim.terminal import quoted
+from fmu_didim.cli.examples import Written, example_names, examples, write_example
+from fmu_didim.cli.main import examples as shipped
 from fmu_didim.workflow.validate import mistakes
 from tests.conftest import ROOT
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
-from fmu_didim.tables import read_trajectory
-from fmu_didim.tables.level5 import contents
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.data.tables.level5 import contents
 from tests.patience import Calls
 
 

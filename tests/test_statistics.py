@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.errors import IdentificationError
-from fmu_didim.statistics import (
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.fit.statistics import (
     confidence_interval,
     correlation,
     covariance_white,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.errors import IdentificationError
-from fmu_didim.signals import Array
-from fmu_didim.statistics import (
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.statistics import (
     confidence_interval,
     correlation,
     least_squares,

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from fmu_didim import symbolic
+from fmu_didim.base import symbolic
 from tests.conftest import ROOT
 
 NAMES = ("jacobian", "forward", "reverse")

@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
-from fmu_didim.terminal import Encodable, Printable, json_shown, printable
+from fmu_didim.base.terminal import Encodable, Printable, json_shown, printable
 from tests.cases import scara_case
 from tests.patience import patience
 
@@ -24,7 +24,7 @@ CASE = str(ROOT / "examples/scara/identify.yaml")
 
 def command(*arguments: str, shell: str = "", **environment: str) -> subprocess.CompletedProcess[bytes]:
     """The command line in a process of its own; ``shell`` is what stands after it, or before it with ``{}``."""
-    line = f'"{sys.executable}" -c "import sys; from fmu_didim.cli import main; sys.exit(main())" '
+    line = f'"{sys.executable}" -c "import sys; from fmu_didim.cli.main import main; sys.exit(main())" '
     line += " ".join(f"'{argument}'" for argument in arguments)
     line = shell.format(line) if "{}" in shell else f"{line} {shell}"
     known = os.environ | {"PYTHONPATH": str(ROOT)} | environment
@@ -225,7 +225,7 @@ def test_a_name_that_the_shell_cannot_read_is_told_before_any_work(place: str, t
     Path(os.fsdecode(odd)).mkdir()
     environment = os.environb | {b"PYTHONPATH": os.fsencode(ROOT)} | ({b"HOME": odd} if place == "home" else {})
     argument = odd + b"/case.yaml" if place == "argument" else os.fsencode(CASE)
-    command = [os.fsencode(sys.executable), b"-m", b"fmu_didim.cli", b"identify", argument]
+    command = [os.fsencode(sys.executable), b"-m", b"fmu_didim.cli.main", b"identify", argument]
     cwd = odd if place == "folder" else os.fsencode(tmp_path)
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, check=False)
     told = done.stderr.decode("utf-8", "replace")

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from fmu_didim.base.constants import recorded
 from fmu_didim.discovery import run
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.identification import provenance
-from fmu_didim.thresholds import recorded
+from fmu_didim.results import provenance
 
 ROOT = Path(__file__).parent.parent / "fmu_didim"
 DECIDING = [

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.validation import validate
+from fmu_didim.checks.validation import validate
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 DELAYS = (0.0, 0.5, 1.0)

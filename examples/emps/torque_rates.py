@@ -16,11 +16,11 @@ import numpy as np
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.data import read_experiment
-from fmu_didim.diagnosis.validation import validate
+from fmu_didim.checks.validation import validate
+from fmu_didim.cosim import decimated_times, sample_operator
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.master import decimated_times, sample_operator
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 RATES_HZ = (1000.0, 100.0, 10.0, 4.0)

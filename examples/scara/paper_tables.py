@@ -13,8 +13,8 @@ import numpy as np
 
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.statistics import relative_deviation_percent
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.statistics import relative_deviation_percent
 
 HERE = Path(__file__).parent
 TRUTH = {"ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137}

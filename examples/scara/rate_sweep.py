@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import Case, load_case
-from fmu_didim.errors import FmuDidimError
 
 EXAMPLE = Path(__file__).with_name("identify_200hz.yaml")
 RATES_HZ = (200, 100, 50, 20, 10, 8, 6, 5, 4, 3, 2.5, 2, 1.5, 1, 0.7, 0.5)

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.robot import RobotDescription, read_robot, write_robot
+from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
 
 HERE = Path(__file__).parent
 ROBOT = HERE / "../../fmus/tx40/robot.yaml"

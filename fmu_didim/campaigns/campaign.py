@@ -12,19 +12,28 @@ from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.campaigns.execute import Task, Trial, execute
-from fmu_didim.campaigns.identity import code_digest
-from fmu_didim.campaigns.plan import Plan, Run
-from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.runner import Lane, Progress, Told, end_lanes, run_all, stop_lanes, task_of, try_tasks
-from fmu_didim.campaigns.store import FAILURES, Store
-from fmu_didim.campaigns.texts import duration
+from fmu_didim.base.documents import load_yaml, problems_error
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.files import file_name
+from fmu_didim.campaigns.planning.identity import code_digest
+from fmu_didim.campaigns.planning.plan import Plan, Run
+from fmu_didim.campaigns.reporting.results import Results
+from fmu_didim.campaigns.reporting.texts import duration
+from fmu_didim.campaigns.running.execute import Task, Trial, execute
+from fmu_didim.campaigns.running.runner import (
+    Lane,
+    Progress,
+    Told,
+    end_lanes,
+    run_all,
+    stop_lanes,
+    task_of,
+    try_tasks,
+)
+from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
-from fmu_didim.documents import load_yaml, problems_error
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.files import file_name
-from fmu_didim.workflow.result_folder import check_writable
+from fmu_didim.workflow.output.result_folder import check_writable
 
 _log = logging.getLogger(__name__)
 
@@ -198,7 +207,7 @@ class Campaign:
 def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
     """What runs are handed to, and how many of them it works on at once."""
     if scheduler is not None:
-        from fmu_didim.campaigns.cluster import cluster
+        from fmu_didim.campaigns.running.cluster import cluster
 
         with cluster(scheduler) as found:
             try:
@@ -221,7 +230,7 @@ def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Execut
 def campaign(
     source: Path | str | Mapping[str, Any], out: Path | str | None = None, *, folder: Path | str = "."
 ) -> Campaign:
-    """A campaign from its file or its content; see :class:`~fmu_didim.campaigns.document.CampaignDocument`.
+    """A campaign from its file or its content; see :class:`~fmu_didim.campaigns.planning.document.CampaignDocument`.
 
     Args:
         out: folder for its results; ``results/<folder of the file>-<its name>`` by default.

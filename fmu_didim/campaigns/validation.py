@@ -12,17 +12,17 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fmu_didim.campaigns.document import CampaignDocument, Noise, Options
-from fmu_didim.campaigns.execute import Task, Trial
-from fmu_didim.campaigns.fields import written
-from fmu_didim.campaigns.plan import Plan, Setting
-from fmu_didim.campaigns.seats import sources_of
-from fmu_didim.campaigns.truth import on_simulated
+from fmu_didim.base.documents import problems
+from fmu_didim.base.errors import InputError
+from fmu_didim.campaigns.planning.document import CampaignDocument, Noise, Options
+from fmu_didim.campaigns.planning.fields import written
+from fmu_didim.campaigns.planning.plan import Plan, Setting
+from fmu_didim.campaigns.planning.truth import on_simulated
+from fmu_didim.campaigns.running.execute import Task, Trial
+from fmu_didim.campaigns.running.fmu_slots import sources_of
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.controllers import read_controller
-from fmu_didim.documents import problems
-from fmu_didim.errors import InputError
-from fmu_didim.robot import read_robot
+from fmu_didim.dynamics.robot import read_robot
 
 TRIED = 64
 """[cases] Most cases that are loaded before the first run; further values are checked by their form only."""

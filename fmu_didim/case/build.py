@@ -11,6 +11,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from fmu_didim.base.documents import validate
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.files import is_file
 from fmu_didim.case.changes import CaseChanges, merged
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
@@ -25,18 +28,15 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
-from fmu_didim.documents import validate
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.cosim import System
+from fmu_didim.cosim.system import REFERENCE
+from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator
-from fmu_didim.files import is_file
-from fmu_didim.master import System
-from fmu_didim.master.system import REFERENCE
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.parameters import Parameters
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.signals import Trajectory
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import Parameters
 
 
 @dataclass(frozen=True, repr=False)

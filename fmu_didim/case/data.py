@@ -10,17 +10,17 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import is_file
 from fmu_didim.case.file_checks import check_reference_rate, check_time_unit, check_within, torque_of_command
 from fmu_didim.case.reference import resampled, with_derivatives
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
-from fmu_didim.diagnostics import Diagnostic
-from fmu_didim.errors import InputError
-from fmu_didim.excitation import Excitation
-from fmu_didim.files import is_file
-from fmu_didim.master import decimated_times, grid_places, sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.signals import Array, Trajectory
-from fmu_didim.tables import Selected, Table, TimeColumn, read_table, selected
+from fmu_didim.cosim import decimated_times, grid_places, sample_operator
+from fmu_didim.data.excitation import Excitation
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.tables import Selected, Table, TimeColumn, read_table, selected
+from fmu_didim.model.experiment import Experiment
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
 DATA_PREFIX = "data:"

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
+from fmu_didim.base.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.case.sources import (
     ComponentSource,
     ExperimentSource,
@@ -20,10 +21,9 @@ from fmu_didim.case.sources import (
     SignalFile,
     SystemSource,
 )
-from fmu_didim.documents import AlsoWritten, Positive, Strict, read_document
+from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.estimators import ESTIMATORS, Estimator
-from fmu_didim.master.system import REFERENCE
-from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
+from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.base.errors import InputError
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile
-from fmu_didim.diagnosis.data.log import REFERENCE_STEP
-from fmu_didim.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
-from fmu_didim.errors import InputError
-from fmu_didim.master import grid_places
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.checks.data.log import REFERENCE_STEP
+from fmu_didim.cosim import grid_places
+from fmu_didim.data.signals import Array, Trajectory
 
 REFERENCE_RATE = CATALOGUE(
     "reference-rate", PROBLEM, rank=0,

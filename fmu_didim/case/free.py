@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import IdentifiedParameter
-from fmu_didim.effects.drive_gain import DriveGain
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import System
-from fmu_didim.prediction.free_parameter import (
+from fmu_didim.cosim import System
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.model.free_parameter import (
     DELAY,
     LOG,
     PLANT,
@@ -21,7 +21,7 @@ from fmu_didim.prediction.free_parameter import (
     log_shift_parameter,
     of_experiment,
 )
-from fmu_didim.prediction.parameters import Parameters
+from fmu_didim.model.parameters import Parameters
 
 DRIVE = "drive"
 """Owner, in a case, of the gain of a drive."""

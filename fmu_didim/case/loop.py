@@ -8,16 +8,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.free import DRIVE, beside_the_plant
 from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.effects import EFFECTS
-from fmu_didim.effects.drive_gain import DriveGain
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import Connection, System, closed_loop, splice_effect
-from fmu_didim.master.system import REFERENCE
-from fmu_didim.robot import RobotDescription
+from fmu_didim.cosim import Connection, System, closed_loop, splice_effect
+from fmu_didim.cosim.system import REFERENCE
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.ssp import read_ssp
 
 _log = logging.getLogger(__name__)

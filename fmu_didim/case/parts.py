@@ -6,8 +6,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from fmu_didim.base_parameters import base_parameters
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.imports import import_object, run_code
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ComponentSource
 from fmu_didim.components import (
@@ -23,12 +23,12 @@ from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu, build_modelica
-from fmu_didim.imports import import_object, run_code
-from fmu_didim.prediction.free_parameter import PLANT
-from fmu_didim.prediction.parameters import NamedParameters, Parameters, RobotParameters
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.model.free_parameter import PLANT
+from fmu_didim.model.parameters import NamedParameters, Parameters, RobotParameters
 
 
 def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.errors import InputError
 from fmu_didim.case.file_checks import unevenness
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.errors import InputError
-from fmu_didim.master import grid_places
-from fmu_didim.signals import Array, Trajectory, Variable, derivative, white_noise
+from fmu_didim.cosim import grid_places
+from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
 
 FEWEST_ROWS = 8
 """[rows] Of a reference that can be differentiated or resampled."""

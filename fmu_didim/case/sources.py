@@ -8,14 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
 
-from fmu_didim.documents import AlsoWritten, Positive, Strict
-from fmu_didim.errors import InputError
-from fmu_didim.excitation import AnyExcitation
+from fmu_didim.base.documents import AlsoWritten, Positive, Strict
+from fmu_didim.base.errors import InputError
+from fmu_didim.cosim.sampling import Kind, Window
+from fmu_didim.cosim.system import LoopTreatment
+from fmu_didim.data.excitation import AnyExcitation
+from fmu_didim.data.tables import Column, CsvLayout, TimeColumn
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
-from fmu_didim.master.sampling import Kind, Window
-from fmu_didim.master.system import LoopTreatment
-from fmu_didim.prediction.experiment import Role
-from fmu_didim.tables import Column, CsvLayout, TimeColumn
+from fmu_didim.model.experiment import Role
 
 
 def _written(fmi: str) -> str:

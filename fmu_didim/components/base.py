@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import SimulationError, UnknownNameError
 from fmu_didim.components.native import Native
-from fmu_didim.errors import SimulationError, UnknownNameError
-from fmu_didim.signals import Array, Variable
+from fmu_didim.data.signals import Array, Variable
+from fmu_didim.dynamics.block import Block
 
 DIFFERENCE_STEP = 1e-5
 """Relative step of central differences: truncation and rounding are both of the order 1e-10."""

@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import Block
+from fmu_didim.base.symbolic import jacobian
 from fmu_didim.components.evaluator import Evaluator
-from fmu_didim.signals import Array
-from fmu_didim.symbolic import jacobian
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.block import Block
 
 
 def to_control(block: Block) -> Any:

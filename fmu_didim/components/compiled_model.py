@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fmu_didim.base.errors import BuildError
 from fmu_didim.components.fmu import load_fmu
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.errors import BuildError
 from fmu_didim.export import build_fmu
 
 

@@ -9,13 +9,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.base.errors import FmuDidimError, SimulationError
+from fmu_didim.base.imports import raised
 from fmu_didim.components.base import Component, Instance, SameObject, SampleClock, block_feedthrough, check_names
 from fmu_didim.components.block_control import state_space, to_control
 from fmu_didim.components.native import Native, NativeLinear
-from fmu_didim.errors import FmuDidimError, SimulationError
-from fmu_didim.imports import raised
-from fmu_didim.signals import Array, Variable
+from fmu_didim.data.signals import Array, Variable
+from fmu_didim.dynamics.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 
 StartFunction = Callable[[Array, Array], Array]
 DEFAULT_SUBSTEPS = 10

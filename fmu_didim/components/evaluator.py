@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 
 class Evaluator:

@@ -9,11 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough
 from fmu_didim.components.evaluator import Evaluator
-from fmu_didim.errors import SimulationError
-from fmu_didim.signals import Array, Variable
+from fmu_didim.data.signals import Array, Variable
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 
 
 @dataclass(frozen=True)

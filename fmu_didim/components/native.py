@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 FMI2, FMI3, LINEAR = 2, 3, 10
-"""Kinds of native parts; ``master/loop.c`` knows the same numbers."""
+"""Kinds of native parts; ``cosim/execution/loop.c`` knows the same numbers."""
 
 
 @dataclass(frozen=True)

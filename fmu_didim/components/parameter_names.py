@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.base import Component, check_names
 from fmu_didim.components.block_control import to_control
 from fmu_didim.components.control import ControlComponent
 from fmu_didim.components.fmu import FmuComponent
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.errors import InputError
-from fmu_didim.signals import Array, Variable
+from fmu_didim.data.signals import Array, Variable
+from fmu_didim.dynamics.block import Block
 
 Value = TypeVar("Value")
 WHERE = "parameter_names"

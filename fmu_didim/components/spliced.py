@@ -9,9 +9,9 @@ from typing import Any
 
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.effects import JointType
-from fmu_didim.effects.spliced import SplicedEffect
-from fmu_didim.signals import Variable
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.effects import JointType
+from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.control import ControlComponent
-from fmu_didim.errors import InputError
-from fmu_didim.signals import Variable
+from fmu_didim.data.signals import Variable
 
 
 def wrap_control(

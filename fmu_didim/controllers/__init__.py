@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from fmu_didim.block import Block
+from fmu_didim.base.documents import TO_FILL_IN, Lines, load_yaml, validate
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.controllers.base import ControlLaw
 from fmu_didim.controllers.cascade import CascadePPI
 from fmu_didim.controllers.computed_torque import ComputedTorque
 from fmu_didim.controllers.emps import Emps
 from fmu_didim.controllers.pd import PD
 from fmu_didim.controllers.pid import PID
-from fmu_didim.documents import TO_FILL_IN, Lines, load_yaml, validate
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.dynamics.block import Block
 
 LAWS: Mapping[str, type[ControlLaw]] = {
     "pd": PD,

@@ -16,10 +16,10 @@ from typing import Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
-from fmu_didim.block import Block
-from fmu_didim.documents import Positive, Strict
-from fmu_didim.effects import UNITS, JointType
-from fmu_didim.signals import Variable
+from fmu_didim.base.documents import Positive, Strict
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.effects import UNITS, JointType
 
 VelocityKind = Literal["measured", "backward_difference"]
 

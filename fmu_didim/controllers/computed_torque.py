@@ -6,10 +6,10 @@ from pathlib import Path
 
 import casadi as ca
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
-from fmu_didim.effects import UNITS
-from fmu_didim.errors import InputError
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.dynamics.effects import UNITS
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 
 
 class ComputedTorque(ControlLaw):

@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi as ca
 
 from fmu_didim.controllers.base import ControlLaw, Equations
-from fmu_didim.effects import UNITS
+from fmu_didim.dynamics.effects import UNITS
 
 
 class Emps(ControlLaw):

@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.log_noise import repeated_noise, residual_noise, without_events
-from fmu_didim.errors import IdentificationError, InputError, SimulationError
-from fmu_didim.identification.start import start_sequence, start_text, start_values
-from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Stopping, minimise
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.motion import joint_reference
-from fmu_didim.prediction.noise import Noise, pooled
+from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.estimators.start import start_sequence, start_text, start_values
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.log_noise import repeated_noise, residual_noise, without_events
+from fmu_didim.fit.noise.noise import Noise, pooled
+from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.motion import joint_reference
 
 SMOOTHING = (0.003, 0.05)
 """[1] Range of the smoothing velocity of Coulomb friction, as fractions of the largest speed of the joint; the value

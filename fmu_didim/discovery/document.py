@@ -8,11 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import Ratio, joint_gaps, total_gap
-from fmu_didim.diagnosis.localise import Region, force_windows
-from fmu_didim.diagnostics import Diagnostic
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.discovery.findings import (
+from fmu_didim.discovery.friction import friction_curves
+from fmu_didim.discovery.judge import answer_of, judged
+from fmu_didim.discovery.localise import Region, force_windows
+from fmu_didim.discovery.selection.decide import Step
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
+from fmu_didim.discovery.unfinished import unfinished_search
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import Ratio, joint_gaps, total_gap
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
+from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.results.findings import (
     ANSWER_TEXT,
     Answer,
     CandidateResult,
@@ -25,18 +37,6 @@ from fmu_didim.discovery.findings import (
     ValueFound,
     WindowResult,
 )
-from fmu_didim.discovery.friction import friction_curves
-from fmu_didim.discovery.judge import answer_of, judged
-from fmu_didim.discovery.selection.decide import Step
-from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.discovery.unfinished import unfinished_search
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.signals import Array
-from fmu_didim.statistics import confidence_interval, relative_error_percent
 
 Residuals = dict[str, tuple[Array, Array]]
 """Label of each experiment -> residuals (N, n) of the base and of the final model."""

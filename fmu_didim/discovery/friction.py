@@ -13,17 +13,17 @@ import casadi as ca
 import numpy as np
 from scipy import stats
 
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.discovery.findings import FrictionResult
-from fmu_didim.effects import UNITS, Surroundings, TorqueEffect
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import PLANT
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.table import simulated_table
-from fmu_didim.robot import RobotDescription
-from fmu_didim.robot.description import Joint
-from fmu_didim.signals import Array
-from fmu_didim.statistics import CONFIDENCE
+from fmu_didim.dynamics.effects import UNITS, Surroundings, TorqueEffect
+from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.dynamics.robot.description import Joint
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.statistics import CONFIDENCE
+from fmu_didim.model.free_parameter import PLANT
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.simulated_table import simulated_table
+from fmu_didim.results.findings import FrictionResult
 
 CURVE_POINTS = 161
 """[points] Of a friction curve on the page: a line without visible corners."""

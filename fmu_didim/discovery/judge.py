@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import joint_gaps
-from fmu_didim.diagnosis.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
-from fmu_didim.diagnosis.judgement import Judgement, judgement
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.discovery.findings import Answer
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
+from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.discovery.selection.rounds import Discovery
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.results.findings import Answer
 
 REMAINDER = 0.6
 """[standard deviations] Gap of a joint, in units of its noise, above which a model that found no more effects still

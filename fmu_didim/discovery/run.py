@@ -7,31 +7,31 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fmu_didim.diagnosis.gap import Ratio, held_out_ratio, joint_gaps
-from fmu_didim.diagnosis.localise import Region, regions_of_fit
-from fmu_didim.diagnosis.sampling_kind import other_sampling
-from fmu_didim.diagnostics import DOUBT, Diagnostic
-from fmu_didim.discovery.all_thresholds import DECIDING
+from fmu_didim.base.constants import recorded
+from fmu_didim.base.diagnostics import DOUBT, Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.sampling_kind import other_sampling
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
+from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.discovery.document import Circumstances, findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
-from fmu_didim.discovery.findings import FindingResult, FindingsDocument, WindowResult
 from fmu_didim.discovery.judge import has_external_torques
+from fmu_didim.discovery.localise import Region, regions_of_fit
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import EFFECTS, Effect
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.accuracy import integrated
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import RobotDescription
-from fmu_didim.signals import Array
-from fmu_didim.thresholds import recorded
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import Ratio, held_out_ratio, joint_gaps
+from fmu_didim.fit.solver.accuracy import integrated
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.results.findings import FindingResult, FindingsDocument, WindowResult
 
 FIRST_S = 0.25
 """[s] Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in

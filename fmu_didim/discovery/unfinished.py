@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from fmu_didim.diagnosis.judgement import diagnostic_result, judgement
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.discovery.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
-from fmu_didim.discovery.selection.contest import Outcome, Tried
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.imports import without_folder
+from fmu_didim.checks.judgement import diagnostic_result, judgement
+from fmu_didim.discovery.selection.candidates import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.imports import without_folder
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 
 SHOWN_UNTRIED = 4
 """[candidates] Named in the sentence; findings.json lists all of them."""

@@ -6,11 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
-from fmu_didim.errors import InputError
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import Trajectory
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.model.loop_model import LoopModel
 
 Progress = Callable[[Iteration], None]
 

@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import SimulationError
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import efficient_finish, torque_estimate
-from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
-from fmu_didim.identification.start import start_values, with_free_delay
-from fmu_didim.prediction.accuracy import with_fitting_substeps
-from fmu_didim.prediction.fit import point
-from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.weighting import NoiseOfResidual
+from fmu_didim.estimators.finish import efficient_finish, torque_estimate
+from fmu_didim.estimators.start import start_values, with_free_delay
+from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
+from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.model.loop_model import LoopModel
 
 ADVICE = (
     "Start nearer to the truth (start: {name: value}), check the sign, unit and clock of the torque, the controller, "

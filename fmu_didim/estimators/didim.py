@@ -6,7 +6,7 @@ the log did, and solves one linear least squares problem (eqs. 18 to 20 of the p
     chi_{k+1} = argmin | Y - W_s(chi_k) chi |
 
 The regressor of the simulated motion stands for the derivative of the simulated torque. The efficient
-finish (:mod:`fmu_didim.identification.conclude`) then replaces it by the true sensitivity, and frees what is no base
+finish (:mod:`fmu_didim.estimators.finish`) then replaces it by the true sensitivity, and frees what is no base
 parameter: gains of the controller, the delay, the clock of the log.
 """
 
@@ -19,25 +19,25 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.conclude import Minimum, efficient_finish, integration_error, torque_estimate
-from fmu_didim.identification.estimate import Estimate, RefusedError, Stage
-from fmu_didim.identification.path import Path
-from fmu_didim.identification.second_minimum import lowest
-from fmu_didim.identification.start import Start, start_sequence, start_text, start_values, with_free_delay
-from fmu_didim.prediction.accuracy import with_fitting_substeps
-from fmu_didim.prediction.fit import Fit, point
-from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
-from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem, tracking_problem
-from fmu_didim.prediction.iteration import History, Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.prediction import Prediction, predict
-from fmu_didim.prediction.probing import RegressorProbe
-from fmu_didim.prediction.uncertainty import Uncertainty
-from fmu_didim.prediction.weighting import NoiseOfResidual, weighted_solution, whitened
-from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_white, relative_error_percent
+from fmu_didim.estimators.descent import Path
+from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
+from fmu_didim.estimators.local_minima import lowest
+from fmu_didim.estimators.start import Start, start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
+from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
+from fmu_didim.fit.iteration import History, Iteration
+from fmu_didim.fit.noise.weighting import NoiseOfResidual, weighted_solution, whitened
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
+from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.fit.statistics import covariance_white, relative_error_percent
+from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.numerical_regressor import RegressorProbe
+from fmu_didim.model.prediction import Prediction, predict
 
 RISES = 2
 """[iterations] So many in a row that do not lower the error: DIDIM hands its best one to the finish."""

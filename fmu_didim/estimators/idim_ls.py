@@ -14,18 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Status
-from fmu_didim.prediction.guard import physical_problem
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.prediction import spread
-from fmu_didim.prediction.reference_start import observed_on
-from fmu_didim.prediction.uncertainty import Uncertainty, stretches, uncertainty
-from fmu_didim.prediction.weighting import noise_floor, weighted_solution, whitened
-from fmu_didim.signals import Array
-from fmu_didim.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
+from fmu_didim.estimators.reference_start import observed_on
+from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.noise.weighting import noise_floor, weighted_solution, whitened
+from fmu_didim.fit.solver.admissible import physical_problem
+from fmu_didim.fit.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
+from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.prediction import spread
 
 
 @dataclass(frozen=True)

@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fmu_didim.errors import SimulationError
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.identification.estimate import Estimate, RefusedError, Stage, Status
-from fmu_didim.identification.start import start_values
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.guard import mass_matrix_problem, physical_problem
-from fmu_didim.prediction.iteration import History, Iteration
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import TINY
-from fmu_didim.prediction.prediction import predict
-from fmu_didim.prediction.sensitivity import parameter_sizes
-from fmu_didim.prediction.uncertainty import Stretch, stretches, uncertainty
-from fmu_didim.signals import Array, Trajectory
-from fmu_didim.statistics import influence_efficient, relative_error_percent
+from fmu_didim.estimators.start import start_values
+from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
+from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
+from fmu_didim.fit.iteration import History, Iteration
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem
+from fmu_didim.fit.statistics import influence_efficient, relative_error_percent
+from fmu_didim.fit.uncertainty import Stretch, stretches, uncertainty
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.prediction import predict
 
 PENALTY = 1e3
 """Residual, in standard deviations, of parameters whose simulation fails: the trust region shrinks away."""

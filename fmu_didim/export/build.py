@@ -18,8 +18,8 @@ from importlib.resources import files
 from pathlib import Path
 from platform import libc_ver, machine, processor
 
-from fmu_didim.cache import COMPILER, own_folder
-from fmu_didim.errors import BuildError
+from fmu_didim.base.cache import COMPILER, own_folder
+from fmu_didim.base.errors import BuildError
 from fmu_didim.export.platforms import Platform, host_platform
 
 TIMEOUT = 1800.0
@@ -35,7 +35,7 @@ _FLAGS: dict[str, tuple[str, ...]] = {
 _NAMED = {"linux": "", "darwin": "-Wl,-install_name,@rpath/", "windows": ""}
 _WINDOWS_LIBRARIES = tuple(f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("math", "heap", "stdio", "string", "private"))
 """Windows' own C library, by the names under which it is linked."""
-_ATTENDED = Path(__file__).with_name("attended.py")
+_SUPERVISED = Path(__file__).with_name("supervised.py")
 _log = logging.getLogger(__name__)
 SECONDS, SECONDS_A_BYTE = 0.4, 8e-6
 """What compiling takes at least, and for each byte of the sources, on one common core: 0.4 s for a gain, 3 to 4 s for
@@ -220,7 +220,7 @@ def run_compiler(command: Sequence[str], *, what: str, cwd: Path | None = None) 
     where = shlex.join(command)
     try:
         with subprocess.Popen(
-            [sys.executable, "-I", "-S", "-X", "utf8", str(_ATTENDED), *command], cwd=cwd, env=environment,
+            [sys.executable, "-I", "-S", "-X", "utf8", str(_SUPERVISED), *command], cwd=cwd, env=environment,
             encoding="utf-8", errors="replace", stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             start_new_session=True,
         ) as process:  # fmt: skip

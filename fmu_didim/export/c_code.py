@@ -12,11 +12,11 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_didim.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SUBSTEP_TOLERANCE, Block
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.symbolic import forward
+from fmu_didim.dynamics.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SUBSTEP_TOLERANCE, Block
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
-from fmu_didim.symbolic import forward
 
 EQUATIONS_FILE = "block_equations.c"
 CONFIG_FILE = "block_config.h"

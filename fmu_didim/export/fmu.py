@@ -14,14 +14,14 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
-from fmu_didim.block import Block
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.files import file_name, whole_file
+from fmu_didim.base.version import __version__
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler, wrapper_source
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
 from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
-from fmu_didim.files import file_name, whole_file
-from fmu_didim.version import __version__
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
 
@@ -37,14 +37,14 @@ def build_fmu(
 
     A continuous block is integrated in co-simulation with ``substeps`` equal substeps in a communication
     step and the input held constant: by the linearly implicit method of
-    :mod:`fmu_didim.linearly_implicit` where the block knows its stiff part, else by the classical
+    :mod:`fmu_didim.dynamics.linearly_implicit` where the block knows its stiff part, else by the classical
     Runge-Kutta method of fourth order. By default their number follows
-    :func:`fmu_didim.block.choose_substeps` from the block's rate at the initial state. Outputs follow
+    :func:`fmu_didim.dynamics.block.choose_substeps` from the block's rate at the initial state. Outputs follow
     inputs and tunable parameters at once. A sampled block samples at t_start + n T: at such an instant
     its outputs follow its inputs at once, between them they are held. In model exchange those instants
     are time events.
 
-    The file is kept in the cache (:func:`fmu_didim.cache.cache_directory`) under the digest of
+    The file is kept in the cache (:func:`fmu_didim.base.cache.cache_directory`) under the digest of
     the block, the wrapper and the compiler. Several processes may build the same block at once.
 
     Args:

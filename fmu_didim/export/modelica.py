@@ -8,13 +8,13 @@ import zipfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from fmu_didim.cache import cached_folder
-from fmu_didim.errors import BuildError, InputError
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.errors import BuildError, InputError
+from fmu_didim.base.files import file_name
 from fmu_didim.export.fmu import add_member, copied
 from fmu_didim.export.platforms import host_platform
 from fmu_didim.export.sources import compile_sources, source_compiler
 from fmu_didim.export.versions import written_version
-from fmu_didim.files import file_name
 
 FMI = "2.0"
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 
 _SUFFIXES = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
 

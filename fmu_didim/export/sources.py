@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
-from fmu_didim.errors import BuildError
+from fmu_didim.base.errors import BuildError
 from fmu_didim.export.build import Compiler, find_compiler, run_compiler
 
 _REPLACED = {"-fvisibility=hidden": "-fvisibility=default", "-std=c99": "-std=gnu11", "-O3": "-O2", "-Wall": "-w"}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from fmu_didim.block import Block
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variables import layout
 
 Dependencies = dict[int, list[int]]

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as ET
 
-from fmu_didim.block import Block
-from fmu_didim.units import parse_unit
+from fmu_didim.data.units import parse_unit
+from fmu_didim.dynamics.block import Block
 
 
 def derivative_unit(unit: str) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fmu_didim.block import SUBSTEP_TOLERANCE, Block
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import SUBSTEP_TOLERANCE, Block
 from fmu_didim.export.units import derivative_unit
-from fmu_didim.signals import Variable
 
 SUBSTEPS_NAME = "substeps"
 SUBSTEPS_ATTRIBUTES = {

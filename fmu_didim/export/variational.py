@@ -1,7 +1,7 @@
 """A block with its derivatives by some parameters as compiled code: the variational equations.
 
 With z one of the parameters, a the hidden accelerations of a block and r(x, a, u, p) = 0 their balance
-(:class:`fmu_didim.block.Balance`)
+(:class:`fmu_didim.dynamics.block.Balance`)
 
     da/dz = -(dr/da)^-1 (r_x dx/dz + r_u du/dz + r_z),    d(dx/dt)/dz = f_x dx/dz + f_a da/dz + f_u du/dz + f_z
 
@@ -21,11 +21,11 @@ from pathlib import Path
 
 import casadi as ca
 
-from fmu_didim.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.symbolic import jacobian, reverse
+from fmu_didim.dynamics.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
+from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler, wrapper_source
-from fmu_didim.linearly_implicit import LinearlyImplicit
-from fmu_didim.symbolic import jacobian, reverse
 
 MAIN = "variational.c"
 LANES_MULTIPLE = 4

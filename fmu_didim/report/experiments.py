@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fmu_didim.identification.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
 from fmu_didim.report.numbers import MISSING, ParameterText, at, parameter_text, pretty_unit, rounding, significant
+from fmu_didim.results.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
 
 DELAY = "delay"
 """What a parameter is of that counts control periods."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.identification.result import ResultDocument
-from fmu_didim.report import discovery_words as words
-from fmu_didim.report.discovery_verdict import verdict_of
+from fmu_didim.report.discovery import words
+from fmu_didim.report.discovery.verdict import verdict_of
 from fmu_didim.report.experiments import error_rows, experiment_title, parameter_groups, shown_parameter
+from fmu_didim.report.html.templates import rendered
 from fmu_didim.report.numbers import MISSING, percentage
-from fmu_didim.report.templates import rendered
 from fmu_didim.report.verdict import verdict
+from fmu_didim.results.findings import FindingsDocument
+from fmu_didim.results.result import ResultDocument
 
 TEMPLATE = "notebook.html.j2"
 HEADS = ("parameter", "value", "σ", "unit", "95 % from", "to")

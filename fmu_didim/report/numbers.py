@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from fmu_didim.identification.result import ParameterResult, ResultDocument
+from fmu_didim.results.result import ParameterResult, ResultDocument
 
 T = TypeVar("T")
 MISSING = "–"

@@ -12,12 +12,13 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fmu_didim.discovery.findings import FINDINGS_FILE, load_findings
-from fmu_didim.identification.result import load_result
-from fmu_didim.report import discovery_charts, page
-from fmu_didim.report.charts import Chart, Panel, Series
-from fmu_didim.report.figures import COLOURS, DASHED
-from fmu_didim.report.torque_charts import history_chart
+from fmu_didim.report.discovery import charts as discovery_charts
+from fmu_didim.report.drawing.charts import Chart, Panel, Series
+from fmu_didim.report.drawing.figures import COLOURS, DASHED
+from fmu_didim.report.drawing.torque_charts import history_chart
+from fmu_didim.report.identification import page
+from fmu_didim.results.findings import FINDINGS_FILE, load_findings
+from fmu_didim.results.result import load_result
 
 PATTERN = "figure_*"
 """Names of the files."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fmu_didim.diagnosis.judgement import DiagnosticResult
-from fmu_didim.identification.result import ResultDocument
+from fmu_didim.checks.judgement import DiagnosticResult
 from fmu_didim.report.experiments import experiment_title
 from fmu_didim.report.numbers import iteration_count, percentage
+from fmu_didim.results.result import ResultDocument
 
 HEADS: dict[str, tuple[str, str]] = {
     "valid": ("good", "VALID"),

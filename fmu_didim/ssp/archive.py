@@ -15,10 +15,10 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
-from fmu_didim.cache import cached_folder, file_digest
+from fmu_didim.base.cache import cached_folder, file_digest
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import is_file
 from fmu_didim.components.fmu.archive import MAXIMUM_RATIO, RATIO_FROM
-from fmu_didim.errors import InputError
-from fmu_didim.files import is_file
 from fmu_didim.ssp.document import PREFIXES, STRUCTURE, VERSIONS
 
 _log = logging.getLogger(__name__)

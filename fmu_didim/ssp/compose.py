@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.components import FmuComponent, load_fmu
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
-from fmu_didim.errors import InputError
-from fmu_didim.master import Connection, System
-from fmu_didim.master.system import REFERENCE
+from fmu_didim.cosim import Connection, System
+from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.ssp.parse import fmu_facts
 from fmu_didim.ssp.transform import Affine, Unit, spliced
 

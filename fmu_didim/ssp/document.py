@@ -120,7 +120,7 @@ class Loop:
         delays: name -> delay of the inputs in samples.
         roles: (component, variable of the FMU) -> its name in the loop.
         jacobi: whether all components get the outputs of the last step.
-        every, substeps, after_step, algebraic_loops: as in :class:`fmu_didim.master.System`.
+        every, substeps, after_step, algebraic_loops: as in :class:`fmu_didim.cosim.System`.
         solvers: component in model exchange -> solver and its substeps, None for the default.
     """
 

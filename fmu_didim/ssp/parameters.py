@@ -6,8 +6,8 @@ import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import FmuComponent
-from fmu_didim.errors import InputError, UnknownNameError
 from fmu_didim.ssp.document import Binding, MappingEntry, Node, Place, Value
 from fmu_didim.ssp.parse import number
 from fmu_didim.ssp.transform import Affine, Unit, conversion

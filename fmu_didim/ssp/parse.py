@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.errors import InputError
+from fmu_didim.data.units import BASE_UNITS, UnitDefinition
 from fmu_didim.ssp.archive import Archive, check_root
 from fmu_didim.ssp.document import (
     FMU_TYPE,
@@ -34,7 +35,6 @@ from fmu_didim.ssp.document import (
     Wire,
 )
 from fmu_didim.ssp.transform import Affine, Unit
-from fmu_didim.units import BASE_UNITS, UnitDefinition
 
 MAXIMUM_DEPTH = 20
 PARAMETER_SET = "application/x-ssp-parameter-set"

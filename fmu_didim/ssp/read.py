@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast, get_args
 
+from fmu_didim.base.errors import FmuError, InputError, UnknownNameError
 from fmu_didim.components import Component, FmuComponent, load_fmu
-from fmu_didim.errors import FmuError, InputError, UnknownNameError
-from fmu_didim.master import Connection, System
-from fmu_didim.master.system import REFERENCE, LoopTreatment
-from fmu_didim.signals import Variable
+from fmu_didim.cosim import Connection, System
+from fmu_didim.cosim.system import REFERENCE, LoopTreatment
+from fmu_didim.data.signals import Variable
 from fmu_didim.ssp.archive import Archive, open_archive
 from fmu_didim.ssp.document import STRUCTURE, Loop, Node, Place, Structure, free_name
 from fmu_didim.ssp.parameters import Bindings

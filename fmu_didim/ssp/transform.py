@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError
 from fmu_didim.components import Component, ModelComponent
-from fmu_didim.errors import InputError
-from fmu_didim.signals import Variable
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import Block
 
 SPLICE = "linear_transformation"
 """Name of the block that :func:`splice` makes, by which the writer knows it again."""

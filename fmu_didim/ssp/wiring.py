@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.ssp.document import Connector, Element, Node, Place, Structure, Wire
 from fmu_didim.ssp.transform import Affine, Unit, conversion
 

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.files import file_name, whole_file
-from fmu_didim.master import System
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.files import file_name, whole_file
+from fmu_didim.cosim import System
 from fmu_didim.ssp.archive import parse_xml
 from fmu_didim.ssp.compose import Part, connections, parts
 from fmu_didim.ssp.document import STRUCTURE, free_name

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree as ET
 
+from fmu_didim.base.version import __version__
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
-from fmu_didim.master import System
+from fmu_didim.cosim import System
+from fmu_didim.data.units import BASE_UNITS
 from fmu_didim.ssp.compose import Part, Route
 from fmu_didim.ssp.document import FMU_TYPE, LOOP, LOOP_TYPE, SSC, SSD, SSV
 from fmu_didim.ssp.transform import Unit
-from fmu_didim.units import BASE_UNITS
-from fmu_didim.version import __version__
 
 
 def parameter_set(name: str, part: Part) -> str:

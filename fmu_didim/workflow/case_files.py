@@ -8,11 +8,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fmu_didim.cache import file_digest
+from fmu_didim.base.cache import file_digest
+from fmu_didim.base.imports import is_reference, located
 from fmu_didim.case import Case
 from fmu_didim.case.data import resolve
 from fmu_didim.case.sources import SignalFile
-from fmu_didim.imports import is_reference, located
 
 NO_OPTIONS: Mapping[str, object] = {}
 

@@ -9,23 +9,24 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
+from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
-from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
-from fmu_didim.diagnosis.data.prospect import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
-from fmu_didim.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
-from fmu_didim.errors import FmuDidimError, SimulationError
-from fmu_didim.identification.start import start_sequence, start_text, start_values, with_free_delay
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.checks.data.expected_accuracy import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
+from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.plant import check_acting, start_diagnostics
+from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.report.experiments import titled
+from fmu_didim.report.identification.expected_accuracy import prospect_lines
+from fmu_didim.report.identification.table import wrapped
 from fmu_didim.report.numbers import loop_lines, significant
-from fmu_didim.report.prospect import prospect_lines
-from fmu_didim.report.table import wrapped
-from fmu_didim.statistics import relative_error_percent
 from fmu_didim.workflow.data import case_diagnostics
-from fmu_didim.workflow.loop import described_loop
+from fmu_didim.workflow.output.loop import described_loop
 
 NO_START = CATALOGUE(
     "no-start", PROBLEM, rank=40,
@@ -75,6 +76,18 @@ class Checked:
     def found(self, severity: Severity) -> tuple[Diagnostic, ...]:
         """What was found of one severity."""
         return tuple(d for d in self.diagnostics if d.code.severity is severity)
+
+    def saved(self, case: str = "") -> dict[str, Any]:
+        """The diagnostics as JSON shows them.
+
+        Args:
+            case: file of the case, for the commands that they name.
+        """
+        diagnostics = [
+            {"severity": d.code.severity.value, **diagnostic_result(d, case).model_dump(mode="json")}
+            for d in self.diagnostics
+        ]
+        return {"ready": self.ok, "diagnostics": diagnostics}
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{severity.value}s: {len(self.found(severity))}" for severity in Severity)

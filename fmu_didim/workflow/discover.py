@@ -7,21 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.base.diagnostics import refuse_problems
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.imports import located
 from fmu_didim.case import Case
-from fmu_didim.diagnostics import refuse_problems
-from fmu_didim.discovery.findings import FINDINGS_FILE, FindingsDocument, save_findings
 from fmu_didim.discovery.next_experiment.design import design_experiment
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import effect_catalogue
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.identification.provenance import provenance
-from fmu_didim.imports import located
-from fmu_didim.prediction.workers import one_blas_thread
-from fmu_didim.robot import RobotDescription, RobotModel
-from fmu_didim.workflow.augmented_files import (
+from fmu_didim.dynamics.effects import effect_catalogue
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.model.workers import one_blas_thread
+from fmu_didim.results.findings import FINDINGS_FILE, FindingsDocument, save_findings
+from fmu_didim.results.provenance import provenance
+from fmu_didim.workflow.case_files import case_files, repeating
+from fmu_didim.workflow.data import case_diagnostics
+from fmu_didim.workflow.output.augmented_files import (
     CASE_FILE,
     ROBOT_FILE,
     SYSTEM_FILE,
@@ -29,10 +31,8 @@ from fmu_didim.workflow.augmented_files import (
     write_augmented,
     write_signals,
 )
-from fmu_didim.workflow.case_files import case_files, repeating
-from fmu_didim.workflow.data import case_diagnostics
-from fmu_didim.workflow.discovered import Discovered
-from fmu_didim.workflow.result_folder import ResultFolder, checked_case
+from fmu_didim.workflow.output.discovered import Discovered
+from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
 
 NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
@@ -106,7 +106,7 @@ def discover(
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``discover``."""
-    from fmu_didim.report.discovery_page import DISCOVERY_FILE
+    from fmu_didim.report.discovery.page import DISCOVERY_FILE
 
     fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
     patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "*.fmu", "reference_next.csv")
@@ -165,7 +165,7 @@ class _Run:
 
     def _written(self, found: Found, new: Path, home: Path) -> FindingsDocument:
         """Everything written to a folder whose files will lie in ``home``, and the document that names it."""
-        from fmu_didim.report.discovery_page import write_discovery_report
+        from fmu_didim.report.discovery.page import write_discovery_report
 
         files = write_signals(found, new)
         notes = list(found.document.notes)

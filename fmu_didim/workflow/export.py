@@ -1,18 +1,54 @@
-"""The verb ``export``: the loop of a case as an SSP archive."""
+"""The verb ``export``: a description as an FMU, the loop of a case as an SSP archive."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.base.documents import load_yaml
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
-from fmu_didim.errors import InputError
-from fmu_didim.identification.result import ResultDocument, load_result
-from fmu_didim.identification.start import with_free_delay
+from fmu_didim.controllers import read_controller
+from fmu_didim.dynamics.robot import RobotModel, read_robot
+from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.export import build_fmu, build_modelica
+from fmu_didim.export.versions import DEFAULT_VERSION
+from fmu_didim.results.result import ResultDocument, load_result
 from fmu_didim.ssp import write_ssp
-from fmu_didim.workflow.outcome import Outcome
+from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result_folder import check_writable, told_unwritable
 from fmu_didim.workflow.simulate import model_without_data, named_values
+
+
+def export_fmu(
+    description: Path, directory: Path, *, fmi_version: str | None = None, platforms: Sequence[str] | None = None
+) -> Path:
+    """Build the FMU of a robot description, a controller description or a Modelica file.
+
+    Args:
+        directory: for the FMU.
+        fmi_version: of the standard, :data:`~fmu_didim.export.versions.DEFAULT_VERSION` by default.
+        platforms: machines to build for, this one by default.
+
+    Returns:
+        The path of the FMU.
+
+    Raises:
+        InputError: the description is wrong, or the folder cannot be written.
+    """
+    if description.suffix == ".mo":
+        if fmi_version is not None or platforms is not None:
+            raise InputError(
+                "The FMU of a Modelica file is of FMI 2.0 and for this machine.", where=str(description),
+                next_step="Leave out --fmi and --platform.",
+            )  # fmt: skip
+        return build_modelica(description, directory=directory)
+    is_controller = "law" in load_yaml(description)
+    block = read_controller(description) if is_controller else RobotModel(read_robot(description)).block()
+    check_writable(directory)
+    with told_unwritable(directory):
+        return build_fmu(block, directory=directory, fmi_version=fmi_version or DEFAULT_VERSION, platforms=platforms)
 
 
 def export_ssp(

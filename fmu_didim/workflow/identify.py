@@ -8,27 +8,27 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
+from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.case import Case
-from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
-from fmu_didim.diagnosis.consistency import Consistency, check_consistency, plant_diagnostics
-from fmu_didim.diagnosis.validation import validate
-from fmu_didim.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
-from fmu_didim.errors import FmuDidimError, IdentificationError, InputError, SimulationError
+from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.checks.identification import checked
+from fmu_didim.checks.plant import check_acting, start_diagnostics
+from fmu_didim.checks.validation import validate
+from fmu_didim.dynamics.robot import write_robot
 from fmu_didim.estimators import Progress, no_progress
-from fmu_didim.identification.document import consistency_result, refused_document, result_document
-from fmu_didim.identification.estimate import Estimate, RefusedError
-from fmu_didim.identification.judge import checked
-from fmu_didim.identification.provenance import provenance
-from fmu_didim.identification.result import RESULT_FILE, save_result
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.workers import one_blas_thread
-from fmu_didim.robot import write_robot
+from fmu_didim.fit.estimate import Estimate, RefusedError
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.workers import one_blas_thread
+from fmu_didim.results.document import consistency_result, refused_document, result_document
+from fmu_didim.results.provenance import provenance
+from fmu_didim.results.result import RESULT_FILE, save_result
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.check import has_own_plant
 from fmu_didim.workflow.data import case_diagnostics
-from fmu_didim.workflow.loop import described_loop
-from fmu_didim.workflow.outcome import Outcome
-from fmu_didim.workflow.result_folder import ResultFolder, checked_case
+from fmu_didim.workflow.output.loop import described_loop
+from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
 
 ROBOT_FILE = "robot_identified.yaml"
 OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
-    from fmu_didim.report.page import REPORT_FILE
+    from fmu_didim.report.identification.page import REPORT_FILE
 
     patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
     fixed = (REPORT_FILE, ROBOT_FILE)
@@ -64,7 +64,7 @@ def identify(
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
         figures: whether each chart of the page is written there as PNG and SVG, too (``figure_*``), for a paper.
-        progress: called with each :class:`~fmu_didim.prediction.iteration.Iteration`.
+        progress: called with each :class:`~fmu_didim.fit.iteration.Iteration`.
         show: called with the outcome before anything is written.
 
     Raises:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.table import simulated_table
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.simulated_table import simulated_table
 
 
 def simulate(

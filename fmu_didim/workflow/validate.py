@@ -9,14 +9,14 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from fmu_didim.base.documents import TO_FILL_IN, load_yaml
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import load_case, read_case
 from fmu_didim.case.data import read_signals
 from fmu_didim.case.sources import ExperimentSource, SignalFile
 from fmu_didim.controllers import read_law
-from fmu_didim.documents import TO_FILL_IN, load_yaml
-from fmu_didim.effects import UNITS
-from fmu_didim.errors import FmuDidimError
-from fmu_didim.robot import RobotDescription, read_robot
+from fmu_didim.dynamics.effects import UNITS
+from fmu_didim.dynamics.robot import RobotDescription, read_robot
 
 NOT_YAML = (".fmu", ".ssp", ".mo")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import fmpy
 
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
 from fmu_didim.export import compile_shared_library
 
 HERE = Path(__file__).parent

@@ -11,11 +11,11 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import Block
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import compile_shared_library
 from fmu_didim.export.build import find_compiler
-from fmu_didim.signals import Trajectory
 
 HERE = Path(__file__).parent / "c"
 _DOUBLES = ctypes.POINTER(ctypes.c_double)

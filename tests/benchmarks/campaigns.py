@@ -13,12 +13,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from fmu_didim.campaigns.campaign import Campaign, study
-from fmu_didim.campaigns.execute import Task, begin, prepared
-from fmu_didim.campaigns.page import write_campaign_report
-from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.runner import Lane, Progress, task_of
-from fmu_didim.campaigns.status import status_of
-from fmu_didim.campaigns.store import Journal, Store
+from fmu_didim.campaigns.reporting.page import write_campaign_report
+from fmu_didim.campaigns.reporting.results import Results
+from fmu_didim.campaigns.reporting.status import status_of
+from fmu_didim.campaigns.running.execute import Task, begin, prepared
+from fmu_didim.campaigns.running.runner import Lane, Progress, task_of
+from fmu_didim.campaigns.running.store import Journal, Store
 from fmu_didim.workflow import identify
 from tests.benchmarks.figure import Figure, Settings
 from tests.benchmarks.scara import case

@@ -12,11 +12,11 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
-from fmu_didim.block import Block
 from fmu_didim.components import load_fmu
+from fmu_didim.cosim import Connection, System
+from fmu_didim.data.signals import Trajectory, Variable, trajectory
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.master import Connection, System
-from fmu_didim.signals import Trajectory, Variable, trajectory
 from tests.benchmarks.c_program import build, doubles
 
 STEP_S = 0.001

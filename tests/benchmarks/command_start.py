@@ -12,7 +12,7 @@ from tests.benchmarks.figure import Figure, Settings, interleaved
 def run(settings: Settings) -> list[Figure]:
     """Wall time against ``python -c pass``, both in fresh processes."""
     found = [p for name in ("fmu-didim", "fmu-didim.exe") if (p := Path(sys.executable).parent / name).is_file()]
-    command = [str(found[0])] if found else [sys.executable, "-c", "from fmu_didim.cli import main; main()"]
+    command = [str(found[0])] if found else [sys.executable, "-c", "from fmu_didim.cli.main import main; main()"]
 
     def call(arguments: list[str]) -> None:
         subprocess.run(arguments, check=True, capture_output=True)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
 
-from fmu_didim.components.varied import VariedComponent
+from fmu_didim.components.derivatives import VariedComponent
+from fmu_didim.cosim import KeptRecordings, Recording, System, simulate
 from fmu_didim.estimators import Estimator
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.master import KeptRecordings, Recording, System, simulate
-from fmu_didim.prediction import loop_model
-from fmu_didim.prediction.loop_model import LoopModel, Simulation
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model import loop_model
+from fmu_didim.model.loop_model import LoopModel, Simulation
 
 
 @dataclass(frozen=True)

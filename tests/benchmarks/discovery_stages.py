@@ -77,7 +77,7 @@ def staged(case: Path, *, forbid: Sequence[str] = ()) -> tuple[dict[str, Stage],
 
 def run(settings: Settings) -> list[Figure]:
     """Three figures a case: its time, the part of the signatures, and what those of each effect simulate."""
-    from fmu_didim.effects import EFFECTS
+    from fmu_didim.dynamics.effects import EFFECTS
 
     forbid = [name for name, effect in EFFECTS.items() if not effect.is_linear] if settings.quick else []
     figures = []

@@ -49,9 +49,9 @@ def _measure() -> dict[str, float]:
     begin = time.perf_counter()
     import fmu_didim.export.build as build
     import fmu_didim.export.fmu as export
-    import fmu_didim.prediction.loop_model as loop_model
+    import fmu_didim.model.loop_model as loop_model
     import fmu_didim.report as report
-    import fmu_didim.workflow.result_folder as result_folder
+    import fmu_didim.workflow.output.result_folder as result_folder
 
     workflow = importlib.import_module("fmu_didim.workflow.identify")  # not the verb of the same name
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 
-from fmu_didim.master import simulate
+from fmu_didim.cosim import simulate
 from tests.benchmarks.cheap_fmus import Slaves, reference, system
 from tests.benchmarks.figure import Figure, Settings, interleaved
 from tests.benchmarks.other_masters import Batch, ecos, libcosim

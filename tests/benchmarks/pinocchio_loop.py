@@ -11,8 +11,8 @@ try:
 except ImportError:
     pinocchio = None  # the benchmarks say so
 
-from fmu_didim.robot import RobotDescription
-from fmu_didim.signals import Trajectory
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.robot import RobotDescription
 
 
 def rigid_model(robot: RobotDescription) -> pinocchio.Model:

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from fmu_didim.block import choose_substeps
 from fmu_didim.case import Case, load_case
 from fmu_didim.controllers import read_controller
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.dynamics.block import choose_substeps
+from fmu_didim.dynamics.robot import RobotModel, read_robot
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks.c_program import ClosedLoop
 from tests.helpers import ROOT
 

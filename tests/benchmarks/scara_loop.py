@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fmu_didim.master import Recording, simulate
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.cosim import Recording, simulate
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks import scara
 from tests.benchmarks.figure import Figure, Settings, interleaved
 

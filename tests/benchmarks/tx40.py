@@ -8,9 +8,9 @@ import numpy as np
 import yaml
 
 from fmu_didim.controllers import read_controller
-from fmu_didim.excitation import Fourier, FourierJoint
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.signals import Trajectory
+from fmu_didim.data.excitation import Fourier, FourierJoint
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from tests.benchmarks.c_program import ClosedLoop
 from tests.helpers import ROOT
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.signals import Trajectory
+from fmu_didim.data.signals import Trajectory
 from tests.benchmarks import pinocchio_loop, tx40
 from tests.benchmarks.counting import Simulated, afresh, simulated
 from tests.benchmarks.figure import Figure, Settings

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fmu_didim.case import load_case
+from fmu_didim.cosim import simulate
 from fmu_didim.estimators import Estimator
-from fmu_didim.master import simulate
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks import tx40
 from tests.benchmarks.c_program import doubles
 from tests.benchmarks.figure import Figure, Settings, interleaved

@@ -11,9 +11,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.campaign import campaign
-from fmu_didim.campaigns.runner import Progress
-from fmu_didim.errors import InputError
+from fmu_didim.campaigns.running.runner import Progress
 from tests.blind.translate import CASE_FILE, translate
 
 Discover = Callable[[Path, Path], Mapping[str, Any]]

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
 from fmu_didim.workflow import simulate
 from tests.blind.__main__ import main
 from tests.blind.campaign import PAIRS, make_campaign

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
 
 CASE_FILE = "case.yaml"
 _INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")

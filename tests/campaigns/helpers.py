@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.campaigns.campaign import Campaign, study
-from fmu_didim.campaigns.document import CampaignDocument
-from fmu_didim.campaigns.plan import Plan
+from fmu_didim.campaigns.planning.document import CampaignDocument
+from fmu_didim.campaigns.planning.plan import Plan
 from tests.helpers import ROOT
 
 CASE = ROOT / "examples/scara/identify_200hz.yaml"

@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 from fmu_didim.campaigns.campaign import campaign
-from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.store import Store
+from fmu_didim.campaigns.reporting.results import Results
+from fmu_didim.campaigns.running.store import Store
 from tests.campaigns.test_resume import CONTENT, begun, table
 from tests.conftest import package
 from tests.helpers import ROOT
@@ -113,8 +113,8 @@ def test_a_worker_killed_then_the_scheduler(local: pd.DataFrame, tmp_path: Path)
 
 @pytest.mark.gate
 def test_no_scheduler_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fmu_didim.campaigns import cluster
-    from fmu_didim.errors import InputError
+    from fmu_didim.base.errors import InputError
+    from fmu_didim.campaigns.running import cluster
 
     monkeypatch.setattr(cluster.limits, "SCHEDULER_S", patience(2))
     with pytest.raises(InputError, match="No scheduler answers there"):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim.campaigns import identity
-from fmu_didim.campaigns.fields import changed, label
-from fmu_didim.campaigns.plan import Plan
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.campaigns.planning import identity
+from fmu_didim.campaigns.planning.fields import changed, label
+from fmu_didim.campaigns.planning.plan import Plan
 from tests.campaigns.helpers import CASE, LAWS, plan_of
 from tests.cases import scara_case
 
@@ -146,7 +146,7 @@ def test_files_belong_to_a_run_wherever_they_lie(tmp_path: Path) -> None:
 def test_another_code_is_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
     before = plan_of(**BASE)
     designs = {run.data for run in before.runs}
-    monkeypatch.setattr("fmu_didim.campaigns.plan.code_digest", lambda: "another")
+    monkeypatch.setattr("fmu_didim.campaigns.planning.plan.code_digest", lambda: "another")
     after = plan_of(**BASE)
     assert not {run.id for run in before.runs} & {run.id for run in after.runs}
     assert {run.data for run in after.runs} == designs  # the noise is the same: versions can be compared
@@ -178,7 +178,7 @@ def test_code_outside_the_tree_is_a_file_of_the_run(tmp_path: Path) -> None:
     first = identity.References().canonical({"source": "own.py:controller"}, tmp_path)
     own.write_text("controller = 2\n")
     assert identity.References().canonical({"source": "own.py:controller"}, tmp_path) != first
-    assert identity.References().canonical("fmu_didim.units:pretty", tmp_path)[1] == identity.file_digest(
+    assert identity.References().canonical("fmu_didim.data.units:pretty", tmp_path)[1] == identity.file_digest(
         identity.PACKAGE / "units.py"
     )
 

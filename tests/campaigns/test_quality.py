@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from fmu_didim.campaigns.quality import by_parameter, proportion_interval
-from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.store import Journal, Store
+from fmu_didim.campaigns.reporting.quality import by_parameter, proportion_interval
+from fmu_didim.campaigns.reporting.results import Results
+from fmu_didim.campaigns.running.store import Journal, Store
 from tests.campaigns.helpers import plan_of
 
 

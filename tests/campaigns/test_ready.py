@@ -10,12 +10,12 @@ import jsonschema
 import pandas as pd
 import pytest
 
+from fmu_didim.base.documents import load_yaml
 from fmu_didim.campaigns.campaign import campaign
-from fmu_didim.campaigns.document import CampaignDocument
-from fmu_didim.campaigns.results import Results
+from fmu_didim.campaigns.planning.document import CampaignDocument
+from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case.data import DATA_VARIABLE
-from fmu_didim.documents import load_yaml
 from tests.conftest import EMPS_FILES, needs_emps
 from tests.helpers import ROOT
 

@@ -19,10 +19,10 @@ import pytest
 import yaml
 from pyarrow import parquet
 
-from fmu_didim import files
+from fmu_didim.base import files
 from fmu_didim.campaigns.campaign import campaign
-from fmu_didim.campaigns.results import Results
-from fmu_didim.campaigns.store import ROW, Journal, Store, read_lines
+from fmu_didim.campaigns.reporting.results import Results
+from fmu_didim.campaigns.running.store import ROW, Journal, Store, read_lines
 from tests.campaigns.helpers import CASE
 from tests.helpers import ROOT
 from tests.patience import patience, wait_until
@@ -36,7 +36,7 @@ CONTENT = {
 def begun(file: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
     """A runner in a process of its own."""
     options = options or ("--workers", "2")
-    command = [sys.executable, "-m", "fmu_didim.cli", "campaign", "run", str(file), "--out", str(out), *options]
+    command = [sys.executable, "-m", "fmu_didim.cli.main", "campaign", "run", str(file), "--out", str(out), *options]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
@@ -153,7 +153,7 @@ def test_which_of_two_rows_counts(rows: list[dict[str, Any]], kept: int, tmp_pat
 
 
 def test_a_long_journal_becomes_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fmu_didim.campaigns.store.PART_ROWS", 3)
+    monkeypatch.setattr("fmu_didim.campaigns.running.store.PART_ROWS", 3)
     journal = Journal(tmp_path)
     for number in range(7):
         journal.write(row(str(number), parameters=[{"name": "p", "value": 0.1 + number}], reasons=["late"]))
@@ -170,7 +170,7 @@ def test_a_long_journal_becomes_a_part(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.fixture
 def sealed_while_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
     """A folder with three rows, whose journal becomes a part."""
-    monkeypatch.setattr("fmu_didim.campaigns.store.PART_ROWS", 3)
+    monkeypatch.setattr("fmu_didim.campaigns.running.store.PART_ROWS", 3)
     monkeypatch.setattr(files.time, "sleep", lambda pause: None)
     return Store(tmp_path)
 

@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.campaigns import runner
+from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.campaign import Campaign, campaign, opened
-from fmu_didim.campaigns.page import write_campaign_report
-from fmu_didim.campaigns.runner import Progress
-from fmu_didim.campaigns.store import Journal, Store
-from fmu_didim.cli import main
-from fmu_didim.errors import InputError
+from fmu_didim.campaigns.reporting.page import write_campaign_report
+from fmu_didim.campaigns.running import runner
+from fmu_didim.campaigns.running.runner import Progress
+from fmu_didim.campaigns.running.store import Journal, Store
 from fmu_didim.workflow import identify
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import CASE, sledge_case, small
@@ -88,7 +88,7 @@ def test_a_larger_campaign_runs_what_is_new(done: Campaign, tmp_path: Path) -> N
 
 def test_another_version_or_file_does_not_mix(done: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(done.results().to_frame()) == 6
-    monkeypatch.setattr("fmu_didim.campaigns.plan.code_digest", lambda: "another")
+    monkeypatch.setattr("fmu_didim.campaigns.planning.plan.code_digest", lambda: "another")
     monkeypatch.setattr("fmu_didim.campaigns.campaign.code_digest", lambda: "another")
     with pytest.raises(InputError, match="the code has changed"):
         opened(done.out)
@@ -186,7 +186,7 @@ def test_few_runs_use_an_fmu_at_the_same_time(
         "name": "licences", "case": sledge_case("licences_2.fmu"), "noise": {"relative": 0.01}, "seeds": 4,
         "limits": {"instances": instances},
     }  # fmt: skip
-    monkeypatch.setattr("fmu_didim.campaigns.runner.CHUNK_RUNS", 1)
+    monkeypatch.setattr("fmu_didim.campaigns.running.runner.CHUNK_RUNS", 1)
     rows = campaign(content, tmp_path / "run", folder=tmp_path).run(workers=3).to_frame(parameters=False)
     assert len(rows) == 4
     assert set(rows["status"]) - {"answered"} == statuses

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
+from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.case import load_case
-from fmu_didim.cli import main
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
+from fmu_didim.data.signals import trajectory, write_csv
+from fmu_didim.data.tables import read_trajectory
 from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_lines
-from fmu_didim.signals import trajectory, write_csv
-from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import check, discover, identify, simulate
 from tests.cases import SCARA, scara_case
 from tests.conftest import ROOT

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case.build import load_case
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.cosim import Recording, simulate
 from fmu_didim.export import build_fmu
-from fmu_didim.master import Recording, simulate
 from tests.awkward.build import by
 from tests.helpers import ROOT
 

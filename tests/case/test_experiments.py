@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import load_case
-from fmu_didim.errors import FmuDidimError, InputError
 from tests.cases import plant_case, scara_case
 
 EXAMPLE = Path("examples/scara/two_payloads.yaml")

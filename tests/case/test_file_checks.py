@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.case import load_case
-from fmu_didim.diagnostics import DiagnosedError
-from fmu_didim.signals import Trajectory, trajectory
+from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.workflow.data import case_diagnostics
 from tests.cases import SCARA
 from tests.helpers import reference

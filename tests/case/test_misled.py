@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, DiagnosedError
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.build import Case
-from fmu_didim.diagnostics import DOUBT, PROBLEM, DiagnosedError
-from fmu_didim.errors import InputError
 from fmu_didim.workflow.data import case_diagnostics
 from tests.cases import SCARA
 

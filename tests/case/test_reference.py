@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.case import load_case
 from fmu_didim.case.reference import resampled, with_derivatives
-from fmu_didim.diagnostics import DiagnosedError
-from fmu_didim.signals import Trajectory, trajectory
+from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.workflow.data import case_diagnostics
 from tests.cases import SCARA
 from tests.helpers import PERIOD, reference

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import FmuError, InputError, SimulationError, UnknownNameError
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, to_control, wrap_control
-from fmu_didim.errors import FmuError, InputError, SimulationError, UnknownNameError
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
 from tests.helpers import PERIOD, advance, begin, component, drive, scara, scara_cascade, scara_pd, sledge

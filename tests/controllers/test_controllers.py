@@ -12,10 +12,10 @@ import control
 import numpy as np
 import pytest
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import to_control
 from fmu_didim.controllers import LAWS, read_controller
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.dynamics.block import Block
 from tests.helpers import KINDS, PERIOD, ROOT, component, drive, law_block
 
 SAMPLES = 50

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps, rms_ratio, total_gap
-from fmu_didim.prediction.noise import effective_fraction
+from fmu_didim.fit.gap import delta_bic, explained, joint_gaps, rms_ratio, total_gap
+from fmu_didim.fit.noise.noise import effective_fraction
 from tests.discovery.helpers import coloured, known_noise
 
 SIGMA = np.array([0.3, 0.02])

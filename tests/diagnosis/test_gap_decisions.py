@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.gap import delta_bic, explained, joint_gaps, part_of_first, rms_ratio, total_gap
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.document import values_found
-from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.signals import Array
-from fmu_didim.statistics import confidence_interval
+from fmu_didim.fit.gap import delta_bic, explained, joint_gaps, part_of_first, rms_ratio, total_gap
+from fmu_didim.fit.statistics import confidence_interval
+from fmu_didim.model.free_parameter import FreeParameter
 from tests.discovery.by_hand import SIGNS, TableModel, fit_of, noise, residual
 
 TWO = noise([1.0, 2.0])

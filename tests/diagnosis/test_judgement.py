@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.held_out import Residual, held_out_diagnostics, worse_than_fitted
-from fmu_didim.diagnosis.judgement import diagnostic_result, judgement
-from fmu_didim.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagnostic
-from fmu_didim.workflow.exit_codes import EXIT_CODES
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagnostic
+from fmu_didim.checks.held_out import Residual, held_out_diagnostics, worse_than_fitted
+from fmu_didim.checks.judgement import diagnostic_result, judgement
+from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 
 CODES = Catalogue()
 STOP = CODES("stop", PROBLEM, rank=1, meaning="m", next_step="mend CASE.yaml")

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.localise import BINS, Region, Window, force_windows, regions
-from fmu_didim.prediction.motion import Motion
+from fmu_didim.discovery.localise import BINS, Region, Window, force_windows, regions
+from fmu_didim.model.motion import Motion
 from tests.discovery.helpers import RATE, coloured, known_noise, sines
 
 SIGMA = np.array([0.3, 0.02])

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.motion_dependence import (
+from fmu_didim.checks.motion_dependence import (
     TORQUE_RATE,
     Dependence,
     dependence,
@@ -21,11 +22,10 @@ from fmu_didim.diagnosis.motion_dependence import (
     motion_dependence,
     motion_diagnostics,
 )
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import point
-from fmu_didim.prediction.loop_model import Simulation
-from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.weighting import NoiseOfResidual
+from fmu_didim.data.low_pass import LowPass
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.model.loop_model import Simulation
 from tests.helpers import model_of, with_torque
 
 RNG = np.random.default_rng

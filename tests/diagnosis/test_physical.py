@@ -8,10 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fmu_didim.base_parameters import BaseParameters, base_parameters
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.feasibility import nearest_physical
-from fmu_didim.diagnosis.physical import (
+from fmu_didim.checks.physical import (
     far_from_physical,
     indefinite,
     joint_range,
@@ -19,10 +17,12 @@ from fmu_didim.diagnosis.physical import (
     physical_diagnostics,
     worst_position,
 )
-from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.robot.description import Joint
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.base_parameters import BaseParameters, base_parameters
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.description import Joint
+from fmu_didim.fit.feasibility import nearest_physical
+from fmu_didim.model.parameters import RobotParameters
 from tests.helpers import ROOT
 
 ROBOTS = ("scara", "arm2r", "tx40")

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import load_case
+from fmu_didim.checks.consistency import Consistency, check_consistency
+from fmu_didim.checks.plant import check_acting, start_diagnostics
 from fmu_didim.components import FmuComponent, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.diagnosis.acting import check_acting, start_diagnostics
-from fmu_didim.diagnosis.consistency import Consistency, check_consistency
-from fmu_didim.errors import InputError, SimulationError, UnknownNameError
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.estimate import RefusedError
-from fmu_didim.identification.result import load_result
+from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.report import result_table, write_report
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.results.result import load_result
 from fmu_didim.workflow import identify, simulate
 from tests.awkward.build import awkward_fmu
 from tests.cases import SCARA, plant_case, scara_case
@@ -105,7 +105,7 @@ def test_fmu_of_the_same_robot_agrees(tmp_path: Path, options: dict[str, Any]) -
 def test_python_control_plant_agrees(tmp_path: Path) -> None:
     path = scara_case(tmp_path, plant={"kind": "control", "source": "mine.py:plant"})
     (tmp_path / "mine.py").write_text(
-        "from fmu_didim import read_robot, to_control\nfrom fmu_didim.robot import RobotModel\n"
+        "from fmu_didim import read_robot, to_control\nfrom fmu_didim.dynamics.robot import RobotModel\n"
         f"plant = to_control(RobotModel(read_robot({str(ROBOT.resolve())!r})).block())\n",
         encoding="utf-8",
     )

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fmu_didim.diagnosis.log_noise import known_noise
-from fmu_didim.diagnosis.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
-from fmu_didim.diagnostics import Severity
-from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.uncertainty import Colour
+from fmu_didim.base.diagnostics import Severity
+from fmu_didim.checks.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.data.low_pass import LowPass
+from fmu_didim.fit.log_noise import known_noise
+from fmu_didim.fit.uncertainty import Colour
 from tests.diagnosis.data.right import right
 
 WHITE = Colour(1, 50.0, 4.0, 4.0, np.zeros(0), 0.02, 0.4, 500.0)

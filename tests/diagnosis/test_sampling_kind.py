@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.sampling_kind import Way, other_sampling
+from fmu_didim.checks.sampling_kind import Way, other_sampling
+from fmu_didim.cosim import SampleOperator, sample_operator
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.effects import EFFECTS
-from fmu_didim.master import SampleOperator, sample_operator
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import read_robot
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.robot import read_robot
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from tests.discovery.helpers import arm_model, data, known_noise, with_torque
 
 SIGMA = (0.02, 0.01)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from fmu_didim.diagnosis.agreement import Agreement, _judged, agreement
-from fmu_didim.diagnosis.confounding import confounded, refuse_confounded
-from fmu_didim.errors import IdentificationError
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.checks.agreement import Agreement, _judged, agreement
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.confounding import confounded, refuse_confounded
 
 
 def pair(angle: float, *further: Any) -> Array:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.discovery.selection.contest import Contender
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
 
 SAMPLES = 400
 SIGNS = np.where(np.arange(SAMPLES) % 2 == 0, 1.0, -1.0)

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 import yaml
 
-from fmu_didim.block import Block
+from fmu_didim.data.signals import Variable, trajectory, write_csv
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.signals import Variable, trajectory, write_csv
 
 J, D, KP, KI = 0.02, 0.03, 1.2, 15.0
 """Inertia in kg.m2, damping in N.m.s/rad, gains of the speed controller."""

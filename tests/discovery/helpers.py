@@ -13,15 +13,15 @@ import yaml
 from scipy.signal import lfilter
 
 from fmu_didim.case import load_case
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
 from fmu_didim.discovery.base_model import prepare
-from fmu_didim.effects import JointType, Surroundings, TorqueEffect
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.signals import Trajectory, Variable, trajectory, write_csv
+from fmu_didim.dynamics.effects import JointType, Surroundings, TorqueEffect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.external_torque import ExternalTorque
+from fmu_didim.model.loop_model import LoopModel
 from tests.blind.campaign import Order, make_order
 from tests.blind.translate import translate
 

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import load_fmu
-from fmu_didim.discovery.findings import FindingsDocument, findings_schema, load_findings
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.export import fmu, variational
-from fmu_didim.robot import read_robot
-from fmu_didim.tables import read_trajectory
+from fmu_didim.results.findings import FindingsDocument, findings_schema, load_findings
 from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import TRUTH, arm_case
 

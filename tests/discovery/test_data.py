@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
+from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.data.log import SAMPLES_MISSING
-from fmu_didim.diagnosis.data.runs import VALIDATION_WITHOUT_TORQUE
-from fmu_didim.diagnosis.data.timing import CLOCK_LATE
-from fmu_didim.diagnostics import DiagnosedError, Diagnostic
+from fmu_didim.checks.data.log import SAMPLES_MISSING
+from fmu_didim.checks.data.runs import VALIDATION_WITHOUT_TORQUE
+from fmu_didim.checks.data.timing import CLOCK_LATE
+from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery import run
-from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import discover
 
 SCARA = Path("examples/scara/identify.yaml")

@@ -10,7 +10,7 @@ from scipy.io import loadmat
 
 from fmu_didim.case.data import data_folder
 from fmu_didim.discovery.external_torques.fit import find_external_torques
-from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow.discover import discover
 from tests.conftest import needs_emps
 from tests.discovery.helpers import base_of

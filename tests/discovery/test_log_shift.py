@@ -12,12 +12,12 @@ import yaml
 
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.prediction.free_parameter import LOG
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.robot import read_robot
+from fmu_didim.dynamics.robot import read_robot
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.model.free_parameter import LOG
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import RATE, arm_case
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fmu_didim.components import load_fmu
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.effects import (
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.effects import (
     EFFECTS,
     UNITS,
     JointType,
@@ -22,11 +22,11 @@ from fmu_didim.effects import (
     Surroundings,
     TorqueEffect,
 )
-from fmu_didim.effects.first_order import FirstOrder
-from fmu_didim.effects.steps import direction, smoothing_velocity
-from fmu_didim.prediction.motion import motion_of
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.signals import Variable
+from fmu_didim.dynamics.effects.first_order import FirstOrder
+from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.model.motion import motion_of
+from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case, arm_document, sines
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.effects import EFFECTS, TorqueEffect
+from fmu_didim.dynamics.effects import EFFECTS, TorqueEffect
+from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover
 
 EXAMPLE = Path("examples/tx40")

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.discovery.selection.contest import Outcome, Tried
+from fmu_didim.base.errors import InputError
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.selection.candidates import Outcome, Tried
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import ended_before, unfinished_search
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.errors import InputError
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import table_fit
 from tests.report.test_discovery import document
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fmu_didim.discovery.watch import SAID_EVERY_S, Watch, seconds_left
+from fmu_didim.discovery.progress import SAID_EVERY_S, Watch, seconds_left
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import pytest
 from pydantic import BaseModel
 
 from fmu_didim.case.sources import TorqueFile
-from fmu_didim.effects import EFFECTS
-from fmu_didim.identification.start import KINDS
-from fmu_didim.robot.description import Joint, RobotDescription
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.robot.description import Joint, RobotDescription
+from fmu_didim.estimators.start import KINDS
 from tests.conftest import ROOT
 
 MOST_CLICKS = 2

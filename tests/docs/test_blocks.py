@@ -26,14 +26,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import _parser
 from pydantic import BaseModel, TypeAdapter
 
-from fmu_didim.campaigns.document import CampaignDocument
+from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ComponentSource, ExperimentSource
-from fmu_didim.cli import _parser
 from fmu_didim.controllers import LAWS
-from fmu_didim.robot import RobotDescription
+from fmu_didim.dynamics.robot import RobotDescription
 from tests.conftest import ROOT
 from tests.workflow import test_init
 
@@ -141,7 +141,7 @@ def programs(folder: Path) -> Path:
     """A folder for the path with what an installation has there, and with the commands of a queue."""
     folder.mkdir()
     texts = {"sbatch": SBATCH, "scancel": SCANCEL}
-    for name, module in (("fmu-didim", "fmu_didim.cli"), ("dask", "dask.__main__")):
+    for name, module in (("fmu-didim", "fmu_didim.cli.main"), ("dask", "dask.__main__")):
         # As pip writes it: a script, so that the working folder is not on Python's import path.
         (folder / f"run_{name}.py").write_text(STARTER.format(module))
         texts[name] = f'#!/bin/sh\nexec "{sys.executable}" "{folder}/run_{name}.py" "$@"\n'

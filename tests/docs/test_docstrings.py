@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.campaigns.document import CampaignDocument
+from fmu_didim.base.docstrings import about, entries, key_texts, section
+from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
-from fmu_didim.discovery.findings import findings_schema
-from fmu_didim.docstrings import about, entries, key_texts, section
-from fmu_didim.identification.result import result_schema
-from fmu_didim.workflow.schema import SCHEMAS
+from fmu_didim.results.findings import findings_schema
+from fmu_didim.results.result import result_schema
+from fmu_didim.workflow.reference.schema import SCHEMAS
 from tests.conftest import ROOT
 
 SCHEMAS_OF_ALL: dict[str, Callable[[], dict[str, Any]]] = {

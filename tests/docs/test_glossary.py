@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import pytest
 
 import fmu_didim
-from fmu_didim.diagnosis.judgement import Verdict
-from fmu_didim.discovery.findings import FindingsDocument
-from fmu_didim.identification.result import ResultDocument
+from fmu_didim.checks.judgement import Verdict
+from fmu_didim.results.findings import FindingsDocument
+from fmu_didim.results.result import ResultDocument
 from tests.conftest import ROOT
 from tests.docs.test_inline_keys import parts
 

@@ -15,8 +15,8 @@ import jsonschema
 import pytest
 import yaml
 
-from fmu_didim.campaigns.document import CampaignDocument, Span
-from fmu_didim.workflow.schema import SCHEMAS
+from fmu_didim.campaigns.planning.document import CampaignDocument, Span
+from fmu_didim.workflow.reference.schema import SCHEMAS
 from tests.docs.test_blocks import BLOCK, GENERATED, PAGES
 
 KEY = re.compile(r"[a-z_]\w*: ")

@@ -14,22 +14,22 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import fmu_didim
-from fmu_didim.base_parameters import base_parameters
+from fmu_didim.base.documents import validate
+from fmu_didim.base.errors import InputError
 from fmu_didim.components import ModelComponent, load_fmu
-from fmu_didim.documents import validate
-from fmu_didim.effects import EFFECTS, UNITS, JointTorque, Surroundings, TorqueEffect
-from fmu_didim.errors import InputError
+from fmu_didim.data.signals import Variable
+from fmu_didim.data.units import parse_unit
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.effects import EFFECTS, UNITS, JointTorque, Surroundings, TorqueEffect
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.description import write_robot
+from fmu_didim.dynamics.robot.observed_states import observed_along
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.estimate import Status
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.prediction import predict
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.robot.along import observed_along
-from fmu_didim.robot.description import write_robot
-from fmu_didim.signals import Variable
-from fmu_didim.units import parse_unit
+from fmu_didim.fit.estimate import Status
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.model.prediction import predict
 from tests.helpers import PERIOD, component, drive, law_block, loop, model_on, reference, with_torque
 
 TORQUE = sorted(name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect))

@@ -13,23 +13,23 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 import fmu_didim
-from fmu_didim.base_parameters import base_parameters
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.spliced import spliced_component
-from fmu_didim.effects import EFFECTS, Effect, NonlinearEffect, SplicedEffect, StructureEffect
-from fmu_didim.errors import InputError
+from fmu_didim.cosim import Connection, System, logged_torque, simulate, splice_effect
+from fmu_didim.data.signals import Trajectory, trajectory, write_csv
+from fmu_didim.data.units import parse_unit
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.effects import EFFECTS, Effect, NonlinearEffect, SplicedEffect, StructureEffect
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.description import write_robot
+from fmu_didim.dynamics.robot.tilt import horizontal_axes
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.estimate import Status
-from fmu_didim.master import Connection, System, logged_torque, simulate, splice_effect
-from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.robot.description import write_robot
-from fmu_didim.robot.tilt import horizontal_axes
-from fmu_didim.signals import Trajectory, trajectory, write_csv
-from fmu_didim.units import parse_unit
+from fmu_didim.fit.estimate import Status
+from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow import identify
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, model_on, reference, scara, scara_pd, with_torque
 

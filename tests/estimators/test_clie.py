@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import load_case
-from fmu_didim.errors import FmuDidimError, InputError
 from fmu_didim.estimators import Clie, Didim
-from fmu_didim.identification.conclude import _advice
-from fmu_didim.identification.estimate import RefusedError, Status
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import NO_STEP
+from fmu_didim.estimators.finish import _advice
+from fmu_didim.fit.estimate import RefusedError, Status
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.solver.least_squares import NO_STEP
 from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of

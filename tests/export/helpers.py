@@ -7,8 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import Block
-from fmu_didim.signals import Variable
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import Block
 
 PERIOD = 0.005
 PARAMETERS = {"J": 0.1, "Fv": 0.2, "Fc": 0.3, "k": 2.0, "q_start": 0.5, "dq_start": -0.2}

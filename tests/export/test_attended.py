@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fmu_didim.errors import BuildError
+from fmu_didim.base.errors import BuildError
 from fmu_didim.export import attended, build
 from tests.patience import is_running, patience, wait_until
 

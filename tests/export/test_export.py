@@ -19,12 +19,12 @@ from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, choose_substeps
-from fmu_didim.cache import COMPILER, own_folder
-from fmu_didim.errors import BuildError, InputError
+from fmu_didim.base.cache import COMPILER, own_folder
+from fmu_didim.base.errors import BuildError, InputError
+from fmu_didim.data.signals import Variable
+from fmu_didim.data.units import parse_unit
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, choose_substeps
 from fmu_didim.export import build_fmu, compile_shared_library, generate_c, layout
-from fmu_didim.signals import Variable
-from fmu_didim.units import parse_unit
 from tests.export.helpers import PARAMETERS, PERIOD, Sampled, controller, gain, measured, pendulum, torque
 from tests.patience import patience
 

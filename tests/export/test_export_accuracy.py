@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError
 from fmu_didim.components import load_fmu
-from fmu_didim.errors import InputError
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
 from tests.export.helpers import controller, pendulum

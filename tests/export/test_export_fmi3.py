@@ -17,11 +17,11 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.validation import validate_fmu
 
-from fmu_didim.block import MAXIMUM_SUBSTEPS, Block
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block
 from fmu_didim.export import build_fmu, layout
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.signals import Variable
 from tests.export.helpers import PARAMETERS, PERIOD, Sampled, controller, gain, measured, pendulum, torque
 
 BLOCKS: dict[str, Callable[[], Block]] = {"pendulum": pendulum, "controller": controller, "gain": gain}

@@ -11,13 +11,13 @@ import fmpy
 import pytest
 from fmpy.validation import validate_fmu
 
-from fmu_didim.block import Block
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu, compile_shared_library, generate_c
 from fmu_didim.export.build import find_compiler
 from fmu_didim.export.c_code import generate_config
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.signals import Variable
 from tests.export.helpers import gain
 
 NAMES = ("joint 1 <q> & 'torque' \"raw\" 50%s", "Drehmoment_ä", "モーメント", "😀??=\\n", "a.b[1,2].der(x)", " x ")

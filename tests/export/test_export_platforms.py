@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from fmpy.validation import validate_fmu
 
-from fmu_didim.errors import BuildError, InputError
+from fmu_didim.base.errors import BuildError, InputError
 from fmu_didim.export import build_fmu
 from fmu_didim.export.build import find_compiler
 from fmu_didim.export.platforms import PLATFORMS, Platform, host_platform, select_platforms

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
+from fmu_didim.base.errors import BuildError, InputError
 from fmu_didim.components import load_fmu
-from fmu_didim.errors import BuildError, InputError
 from fmu_didim.export import build_modelica, modelica
 from tests.conftest import package
 from tests.helpers import ROOT, drive

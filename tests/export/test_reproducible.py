@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fmu_didim.block import Block
-from fmu_didim.cache import COMPILER, own_folder
+from fmu_didim.base.cache import COMPILER, own_folder
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu, build_modelica
 from fmu_didim.export.platforms import PLATFORMS
 from tests.export.helpers import gain, pendulum

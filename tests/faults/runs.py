@@ -25,10 +25,10 @@ ENDS = {0, 1, 3, 4}
 """Exit codes of runs that end by themselves; a crash has another."""
 _TIMES = re.compile(r"\d{4}-\d\d-\d\dT[\d:.+]+")
 LIMITED = """import resource, sys
-from fmu_didim.cli import main
+from fmu_didim.cli.main import main
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
 sys.exit(main(sys.argv[2:]))"""
-PLAIN = "import sys; from fmu_didim.cli import main; sys.exit(main())"
+PLAIN = "import sys; from fmu_didim.cli.main import main; sys.exit(main())"
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim import __version__
-from fmu_didim.cache import file_digest
+from fmu_didim.base.cache import file_digest
 from tests.figures import command_of, table, today, write_figures
 from tests.foreign.look import FAILS, REFUSED, RUNS, look
 

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu import FmuProbe, load_fmu, probe_fmu, read_description
-from fmu_didim.components.fmu.probe import HALF_STEP
-from fmu_didim.components.fmu.questions import SAME
-from fmu_didim.errors import FmuDidimError
-from fmu_didim.master import simulate
-from fmu_didim.signals import trajectory
+from fmu_didim.components.fmu.inspection.probe import HALF_STEP
+from fmu_didim.components.fmu.reuse.trials import SAME
+from fmu_didim.cosim import simulate
+from fmu_didim.data.signals import trajectory
 from fmu_didim.ssp import read_ssp
 from tests.helpers import ROOT
 

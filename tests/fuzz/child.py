@@ -12,7 +12,7 @@ import traceback
 import warnings
 from pathlib import Path
 
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.base.errors import FmuDidimError
 from tests.fuzz.targets import KINDS, forget, make
 
 MEMORY = 2 * 2**30

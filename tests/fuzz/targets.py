@@ -18,15 +18,15 @@ import numpy as np
 import yaml
 from scipy.io import savemat
 
-from fmu_didim.base_parameters import base_parameters
 from fmu_didim.case import load_case
 from fmu_didim.case.build import Case
 from fmu_didim.components.fmu import info_lines, load_fmu, read_description
 from fmu_didim.controllers import read_controller
-from fmu_didim.master.running import CHECK_INTERVAL
-from fmu_didim.robot import RobotModel, read_robot
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.ssp import read_ssp
-from fmu_didim.tables import read_trajectory
 from fmu_didim.workflow import export_ssp, simulate
 from tests.awkward import build
 from tests.fuzz import mutate

@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.validation import validate
+from fmu_didim.checks.validation import validate
 from fmu_didim.estimators import Didim, OutputError
-from fmu_didim.identification.estimate import Estimate, Status
+from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.workflow import identify
 from tests.conftest import needs_emps
 from tests.helpers import with_delay

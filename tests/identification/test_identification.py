@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
 from fmu_didim.components import ModelComponent
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import InputError, UnknownNameError
+from fmu_didim.data.low_pass import LowPass
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import Estimate, RefusedError, Status
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.low_pass import LowPass
-from fmu_didim.prediction.prediction import predict
-from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.estimate import Estimate, RefusedError, Status
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.prediction import predict
 from tests.helpers import NEAR, with_component, with_delay, with_torque
 
 PAPER_TABLE_1 = {
@@ -229,8 +229,8 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
 
 def test_integration_that_stays_too_coarse_is_told(cases: dict[int, Case], monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_at(cases, 10)
-    monkeypatch.setattr("fmu_didim.identification.conclude.MAXIMUM_REFINEMENTS", 1)
-    monkeypatch.setattr("fmu_didim.identification.conclude.INTEGRATION_SHIFT", 1e-9)
+    monkeypatch.setattr("fmu_didim.estimators.finish.MAXIMUM_REFINEMENTS", 1)
+    monkeypatch.setattr("fmu_didim.estimators.finish.INTEGRATION_SHIFT", 1e-9)
     estimate = Didim().estimate(model)
     assert any("would still move a value" in remark for remark in estimate.remarks)
     np.testing.assert_array_equal(estimate.simulated, replace_steps(model, estimate).torque(estimate.value))

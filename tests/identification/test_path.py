@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.identification.path import Path
+from fmu_didim.estimators.descent import Path
 
 NAN = float("nan")
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fmu_didim import identify, load_case, load_result
-from fmu_didim.diagnosis.residual import residual_diagnostics
+from fmu_didim.checks.identification import residual_tests
+from fmu_didim.checks.residual import residual_diagnostics
 from fmu_didim.estimators import Clie, Didim, Estimator
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.judge import residual_tests
+from fmu_didim.fit.estimate import Estimate
 from tests.helpers import with_torque
 from tests.monte_carlo import context, half_coloured
 

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
-from fmu_didim.diagnosis.agreement import agreement
-from fmu_didim.diagnosis.confounding import confounded
-from fmu_didim.errors import FmuDidimError, InputError, UnknownNameError
+from fmu_didim.checks.agreement import agreement
 from fmu_didim.estimators import Clie, Didim
-from fmu_didim.identification.estimate import Estimate, Status
-from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.weighting import whitened
+from fmu_didim.fit.confounding import confounded
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.estimate import Estimate, Status
+from fmu_didim.fit.noise.weighting import whitened
 from fmu_didim.workflow import identify
 
 Array = np.ndarray

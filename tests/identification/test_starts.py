@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
+from fmu_didim.estimators import local_minima
 from fmu_didim.estimators.didim import Didim
-from fmu_didim.identification import second_minimum
-from fmu_didim.identification.conclude import Minimum, integration_error
-from fmu_didim.identification.second_minimum import Valley, folded_inertias, lowest
-from fmu_didim.identification.start import start_sequence, start_values
-from fmu_didim.prediction.fit import point
-from fmu_didim.prediction.fit_uncertainty import fit_uncertainty
-from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.reference_start import from_reference
-from fmu_didim.prediction.weighting import NoiseOfResidual
-from fmu_didim.statistics import relative_error_percent
+from fmu_didim.estimators.finish import Minimum, integration_error
+from fmu_didim.estimators.local_minima import Valley, folded_inertias, lowest
+from fmu_didim.estimators.reference_start import from_reference
+from fmu_didim.estimators.start import start_sequence, start_values
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks import tx40
 from tests.diagnosis.data.right import loaded
 from tests.helpers import ROOT
@@ -143,7 +143,7 @@ def test_a_minimum_that_is_nearly_as_low_is_a_rival(folder: Path, monkeypatch: p
     place = model.index("Ia6")
     for worse, told in ((10.7, True), (10.9, False)):
         valley = Valley(place, 0.5, fit.chi_square + worse)
-        monkeypatch.setattr(second_minimum, "valleys", lambda _, valley=valley: [valley])
+        monkeypatch.setattr(local_minima, "valleys", lambda _, valley=valley: [valley])
         found = lowest(minimum, finish=fail)
         assert found.rivals == ((("Ia6", pytest.approx(0.5 * fit.values[place])),) if told else ())
 

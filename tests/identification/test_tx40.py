@@ -10,12 +10,12 @@ import pytest
 import yaml
 from fmpy.validation import validate_fmu
 
-from fmu_didim.base_parameters import base_parameters
 from fmu_didim.case import load_case
 from fmu_didim.controllers import read_controller
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.estimate import Status
-from fmu_didim.robot import RobotModel
+from fmu_didim.fit.estimate import Status
 from fmu_didim.workflow import simulate
 from tests.benchmarks import tx40
 from tests.benchmarks.pinocchio_loop import PinocchioLoop

@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.cache import cache_directory
+from fmu_didim.base.cache import cache_directory
+from fmu_didim.base.errors import DivergedError, FmuError, InputError, SimulationError
 from fmu_didim.components import FmuComponent, Instance, load_fmu, wrap_control
-from fmu_didim.components.fmu import proof
-from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.errors import DivergedError, FmuError, InputError, SimulationError
+from fmu_didim.components.fmu.isolation import trust
+from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
+from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
+from fmu_didim.cosim.execution import separate_process
+from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.export import build_fmu
-from fmu_didim.master import Connection, InstancePool, Recording, System, apart, simulate
-from fmu_didim.signals import Trajectory, trajectory
 from tests.awkward.build import awkward_fmu
 from tests.components.fmu.helpers import H, slave_outputs
 from tests.discovery.drive import drive
@@ -40,7 +41,7 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("awkward", "loop", "zig"):
         (tmp_path / "cache" / name).symlink_to(cache_directory() / name)
     monkeypatch.setenv("FMU_DIDIM_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(proof, "_marks", {})
+    monkeypatch.setattr(trust, "_marks", {})
 
 
 def along(values: np.ndarray = U) -> Trajectory:
@@ -92,7 +93,7 @@ def test_a_proof_is_taken_back_when_a_process_died(tmp_path: Path, caplog: pytes
     simulate(loop_of(made), along())  # it runs in this process, which lives
     assert not made.runs_apart()
     subprocess.run([sys.executable, "-c", code, str(made.path), "0"], check=True)
-    proof._marks.clear()
+    trust._marks.clear()
     assert made.runs_apart()
     assert "ended abruptly" in caplog.text
     simulate(loop_of(made), along())
@@ -229,12 +230,12 @@ def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "HANG_IN_STEP"), time_limit_s=patience(100.0))
-    begun = apart.Worker.__init__
+    begun = separate_process.Worker.__init__
 
-    def init(self: apart.Worker, where: str, limit: float) -> None:
+    def init(self: separate_process.Worker, where: str, limit: float) -> None:
         begun(self, where, limit)
         threading.Timer(3.0, self._process.kill).start()
 
-    monkeypatch.setattr(apart.Worker, "__init__", init)
+    monkeypatch.setattr(separate_process.Worker, "__init__", init)
     with pytest.raises(FmuError, match="SIGKILL"):
         simulate(loop_of(made), along())

@@ -13,14 +13,14 @@ import control
 import numpy as np
 import pytest
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError, SimulationError
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.errors import DivergedError, FmuDidimError, InputError, SimulationError
+from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
+from fmu_didim.data.signals import Trajectory, trajectory
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.master import Connection, InstancePool, Recording, System, simulate
-from fmu_didim.signals import Trajectory, trajectory
 from tests.awkward.build import awkward_fmu
 from tests.helpers import PERIOD, Mock, loop, on_reference, ports, reference, scara, scara_cascade, scara_pd, sledge
 

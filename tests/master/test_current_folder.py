@@ -7,7 +7,7 @@ import threading
 from pathlib import Path
 
 from fmu_didim.components.fmu.library import CURRENT_FOLDER
-from fmu_didim.master.simulation import _same_folder
+from fmu_didim.cosim.simulation import _same_folder
 
 
 def test_a_run_does_not_take_the_folder_of_a_library_that_another_thread_loads_for_its_own(tmp_path: Path) -> None:

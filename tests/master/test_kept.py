@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.master import KeptRecordings, Recording
-from fmu_didim.prediction import loop_model
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.cosim import KeptRecordings, Recording
+from fmu_didim.model import loop_model
+from fmu_didim.model.external_torque import ExternalTorque
+from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import model_of
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from fmu_didim.base.errors import DivergedError, InputError, SimulationError, UnknownNameError
 from fmu_didim.components import ModelComponent
-from fmu_didim.errors import DivergedError, InputError, SimulationError, UnknownNameError
-from fmu_didim.master import Connection, Recording, System, closed_loop, simulate
-from fmu_didim.robot import RobotModel
-from fmu_didim.signals import Trajectory, trajectory
+from fmu_didim.cosim import Connection, Recording, System, closed_loop, simulate
+from fmu_didim.data.signals import Trajectory, trajectory
+from fmu_didim.dynamics.robot import RobotModel
 from tests.helpers import (
     KINDS,
     PERIOD,

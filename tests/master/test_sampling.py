@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.errors import InputError
-from fmu_didim.master import decimated_times, grid_places, sample_operator
-from fmu_didim.master.sampling import JITTER, Kind, SampleOperator, Window
+from fmu_didim.base.errors import InputError
+from fmu_didim.cosim import decimated_times, grid_places, sample_operator
+from fmu_didim.cosim.sampling import JITTER, Kind, SampleOperator, Window
 
 START, STEP, COUNT = 0.3, 0.005, 200
 STAIRS = np.random.default_rng(1).normal(size=COUNT)

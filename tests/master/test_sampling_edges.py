@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.errors import InputError
-from fmu_didim.master.sampling import Kind, SampleOperator, Window, decimated_times, grid_places, sample_operator
+from fmu_didim.base.errors import InputError
+from fmu_didim.cosim.sampling import Kind, SampleOperator, Window, decimated_times, grid_places, sample_operator
 
 STAIRS = np.cos(np.arange(8.0))
 

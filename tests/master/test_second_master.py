@@ -9,10 +9,10 @@ import pytest
 
 from fmu_didim.components import FmuComponent, load_fmu
 from fmu_didim.controllers import read_controller
+from fmu_didim.cosim import closed_loop, simulate
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.master import closed_loop, simulate
-from fmu_didim.robot import RobotModel, read_robot
-from fmu_didim.signals import Trajectory
 from tests.conftest import package
 from tests.helpers import reference as smooth_reference
 

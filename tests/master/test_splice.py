@@ -9,27 +9,29 @@ import control
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component, ModelComponent, wrap_control
 from fmu_didim.components.spliced import spliced_component
-from fmu_didim.effects.actuator_lag import ActuatorLag
-from fmu_didim.effects.controller_gain import ControllerGain
-from fmu_didim.effects.dead_zone import DeadZone
-from fmu_didim.effects.delay import Delay
-from fmu_didim.effects.drive_gain import DriveGain
-from fmu_didim.effects.encoder_eccentricity import EncoderEccentricity
-from fmu_didim.effects.torque_saturation import TorqueSaturation
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.master import (
+from fmu_didim.cosim import (
     Connection,
     Recording,
     System,
     logged_torque,
     simulate,
-    splice,
     splice_effect,
     splice_output,
 )
-from fmu_didim.signals import trajectory
+from fmu_didim.cosim import (
+    insertion as splice,
+)
+from fmu_didim.data.signals import trajectory
+from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
+from fmu_didim.dynamics.effects.controller_gain import ControllerGain
+from fmu_didim.dynamics.effects.dead_zone import DeadZone
+from fmu_didim.dynamics.effects.delay import Delay
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
+from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
 from tests.helpers import PERIOD, Mock, component, loop, ports, reference, scara, scara_pd, sledge
 
 MOTION = reference(1.5)

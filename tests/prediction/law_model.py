@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.prediction.free_parameter import PLANT, FreeParameter
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import Simulation
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import Simulation
 
 Law = Callable[[Mapping[str, float], str], Array]
 """Values by name, label of an experiment -> torque (N, n)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.prediction.base_projection import BLOCK, BaseProjection
+from fmu_didim.fit.base_projection import BLOCK, BaseProjection
 
 
 @pytest.mark.parametrize("count", [0, 1, BLOCK, 2 * BLOCK + 3])

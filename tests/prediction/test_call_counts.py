@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.master import InstancePool, simulate
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import trajectory
+from fmu_didim.cosim import InstancePool, simulate
+from fmu_didim.data.signals import trajectory
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks.counting import simulated
 from tests.helpers import model_of
 

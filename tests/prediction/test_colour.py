@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from fmu_didim.prediction.colour import (
+from fmu_didim.fit.noise.autoregression import (
     autocorrelation,
     autoregression,
     innovations,

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.documents import validate
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, FmuComponent, ModelComponent, block_as_control, load_fmu
-from fmu_didim.documents import validate
-from fmu_didim.effects import EFFECTS
+from fmu_didim.cosim import System, simulate, splice_effect
+from fmu_didim.cosim.derivatives import with_derivatives
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.estimators.start import with_free_delay
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.start import with_free_delay
-from fmu_didim.master import System, simulate, splice_effect
-from fmu_didim.master.variation import with_derivatives
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.robot import RobotDescription, RobotModel
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.model.loop_model import LoopModel
 from tests.benchmarks.counting import simulated
 from tests.cases import TRUTH
 from tests.helpers import (

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.differences import DIFFERENCE_STEPS, Ladder, Step, Steps
-from fmu_didim.prediction.sensitivity import sensitivity, smallest_singular_value
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import DIFFERENCE_STEPS, Ladder, Step, Steps
+from fmu_didim.fit.derivatives.sensitivity import sensitivity, smallest_singular_value
 from tests.prediction.law_model import LawModel, free
 
 COUNT = 400

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.components import ModelComponent
 from fmu_didim.discovery.base_model import with_nuisances
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.accuracy import integrated, with_fitting_substeps
-from fmu_didim.prediction.differences import STEP
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import Stopping, minimise
-from fmu_didim.prediction.loop_model import LoopModel, Simulation
-from fmu_didim.prediction.repetition import repetition
-from fmu_didim.prediction.sensitivity import sensitivity
+from fmu_didim.fit.derivatives.differences import STEP
+from fmu_didim.fit.derivatives.repetition import repetition
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.loop_model import LoopModel, Simulation
 from tests.discovery.helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
 
 SIGMA = 0.1

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim.errors import DivergedError
-from fmu_didim.identification.conclude import Minimum, efficient_finish
-from fmu_didim.prediction import least_squares
-from fmu_didim.prediction.fit import Fit, point
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import STALE, Stopping, minimise
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.sensitivity import sensitivity
-from fmu_didim.prediction.weighting import NoiseOfResidual
+from fmu_didim.base.errors import DivergedError
+from fmu_didim.estimators.finish import Minimum, efficient_finish
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver import least_squares
+from fmu_didim.fit.solver.least_squares import STALE, Stopping, minimise
+from fmu_didim.model.loop_model import LoopModel
 from tests.cases import scara_case
 from tests.helpers import model_of
 

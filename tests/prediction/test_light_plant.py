@@ -9,14 +9,14 @@ import control
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import load_case
 from fmu_didim.components.user_control import wrap_control
-from fmu_didim.errors import SimulationError
-from fmu_didim.master import Connection
-from fmu_didim.prediction.light_plant import implied_motion, light_plant
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.reference_start import whole_reference
-from fmu_didim.signals import Array
+from fmu_didim.cosim import Connection
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.inverse_simulation import implied_motion, light_plant
+from fmu_didim.estimators.reference_start import whole_reference
+from fmu_didim.model.loop_model import LoopModel
 from tests.cases import TRUTH
 
 CONTROLLERS = Path("controllers").resolve()

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.data.checks import data_diagnostics
-from fmu_didim.diagnosis.log_noise import friction_columns
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Trajectory, trajectory, write_csv
+from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.base_model import prepare
-from fmu_didim.errors import InputError
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.noise import (
+from fmu_didim.fit.log_noise import friction_columns
+from fmu_didim.fit.noise.noise import (
     LARGEST_CORRELATION,
     Noise,
     motion_frequency,
@@ -21,8 +23,6 @@ from fmu_didim.prediction.noise import (
     noise_from_residual,
     period_in_ticks,
 )
-from fmu_didim.signals import Trajectory, trajectory, write_csv
-from fmu_didim.tables import read_trajectory
 from tests.discovery.helpers import RATE, arm_model, coloured, data, sines, with_torque
 
 SAMPLES = 500

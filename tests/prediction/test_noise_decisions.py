@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.noise import (
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Array, Trajectory, trajectory
+from fmu_didim.fit.derivatives.repetition import repetition
+from fmu_didim.fit.noise.noise import (
     Noise,
     effective_fraction,
     motion_frequency,
@@ -19,8 +21,6 @@ from fmu_didim.prediction.noise import (
     period_in_ticks,
     pooled,
 )
-from fmu_didim.prediction.repetition import repetition
-from fmu_didim.signals import Array, Trajectory, trajectory
 from tests.discovery.by_hand import noise
 
 

@@ -18,14 +18,14 @@ import yaml
 from scipy.optimize import least_squares
 
 from fmu_didim.case import load_case
-from fmu_didim.identification.judge import JITTER, SECOND_STEP
-from fmu_didim.prediction.differences import Step
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import Stopping, _Solver, minimise
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.roughness import roughness, smoother_after_step
-from fmu_didim.prediction.weighting import KnownNoise
-from fmu_didim.signals import Array
+from fmu_didim.checks.identification import JITTER, SECOND_STEP
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import Step
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.weighting import KnownNoise
+from fmu_didim.fit.solver.least_squares import Stopping, _Solver, minimise
+from fmu_didim.fit.solver.numerical_noise import roughness, smoother_after_step
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import sledge_case
 from tests.prediction.law_model import LawModel

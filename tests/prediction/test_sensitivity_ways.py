@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.components.varied import derivative_name
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import repetition as periods
-from fmu_didim.prediction import sensitivity as ways
-from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
-from fmu_didim.prediction.free_parameter import BASE, DELAY, LOG, PLANT
-from fmu_didim.prediction.sensitivity import parameter_sizes, sensitivity
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.components.derivatives import derivative_name
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives import repetition as periods
+from fmu_didim.fit.derivatives import sensitivity as ways
+from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
+from fmu_didim.model.external_torque import EXTERNAL_TORQUE
+from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
 from tests.prediction.law_model import LawModel, LawSimulation, free
 
 T = np.linspace(0, 1, 5)[:, None]

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction import accuracy, least_squares
-from fmu_didim.prediction.accuracy import integrated
-from fmu_didim.prediction.differences import Step as Difference
-from fmu_didim.prediction.equations import Equations
-from fmu_didim.prediction.fit import Fit, point
-from fmu_didim.prediction.iteration import Iteration
-from fmu_didim.prediction.least_squares import Stopping, _Found, _Solver, _State, _Step, minimise
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.weighting import KnownNoise, Weighting
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import Step as Difference
+from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.weighting import KnownNoise, Weighting
+from fmu_didim.fit.solver import accuracy, least_squares
+from fmu_didim.fit.solver.accuracy import integrated
+from fmu_didim.fit.solver.least_squares import Stopping, _Found, _Solver, _State, _Step, minimise
 from tests.prediction.law_model import GUARDED, LawModel, free
 
 UNIT = Noise(np.ones(1), np.zeros(1), "periods")

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 
-from fmu_didim.prediction.uncertainty import Uncertainty, chi_square_bounds, stretches, uncertainty
-from fmu_didim.statistics import influence_efficient, influence_of_instruments, noise_deviation
+from fmu_didim.fit.statistics import influence_efficient, influence_of_instruments, noise_deviation
+from fmu_didim.fit.uncertainty import Uncertainty, chi_square_bounds, stretches, uncertainty
 from tests.monte_carlo import half_coloured
 from tests.prediction.test_colour import by_impulse_response
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.errors import IdentificationError
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.weighting import JointTriangles, joint_deviation
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.fit.noise.weighting import JointTriangles, joint_deviation
+from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import model_of, with_torque
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fmu_didim.cache import file_digest
+from fmu_didim.base.cache import file_digest
 from fmu_didim.case import Case
 from fmu_didim.workflow.case_files import case_files
 from tests.blind.campaign import PAIRS, make_campaign

@@ -14,9 +14,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal
 
+from fmu_didim.base.version import __version__
 from fmu_didim.case import Case, load_case
-from fmu_didim.prediction.workers import default_workers
-from fmu_didim.version import __version__
+from fmu_didim.model.workers import default_workers
 from fmu_didim.workflow import discover, identify
 from tests.blind.translate import translate
 from tests.helpers import ROOT

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.version import __version__
+from fmu_didim.base.version import __version__
 from tests.blind.__main__ import main as make
 from tests.helpers import ROOT
 from tests.regression import cases, record

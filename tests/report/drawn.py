@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 
 def charts(page: str) -> dict[str, Any]:

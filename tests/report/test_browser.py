@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.campaigns.page import write_campaign_report
+from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.report import write_report
-from fmu_didim.report.discovery_page import write_discovery_report
+from fmu_didim.report.discovery.page import write_discovery_report
 from tests.campaigns import test_quality
 from tests.campaigns.helpers import LAWS
 from tests.conftest import package

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fmu_didim.report.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
-from fmu_didim.report.diagram import Wire, loop_diagram, wires
-from fmu_didim.report.figures import plotly_figure
-from fmu_didim.report.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
-from fmu_didim.report.tables import matrix
-from fmu_didim.report.torque_charts import Simulated, torque_chart
+from fmu_didim.report.drawing.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
+from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
+from fmu_didim.report.drawing.figures import plotly_figure
+from fmu_didim.report.drawing.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
+from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+from fmu_didim.report.identification.tables import matrix
 from tests.report.drawn import charts, line
 
 RANDOM = np.random.default_rng(3)

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.judgement import DiagnosticResult
-from fmu_didim.discovery.findings import FindingsDocument, ValueFound, load_findings, save_findings
-from fmu_didim.errors import InputError
-from fmu_didim.report.discovery_page import DISCOVERY_FILE, gap_bars, write_discovery_report
-from fmu_didim.report.discovery_regions import strongest_regions
-from fmu_didim.report.discovery_table import discovery_table
-from fmu_didim.report.discovery_words import value_line, value_text
-from fmu_didim.report.residual_charts import binned
-from fmu_didim.signals import Array, trajectory, write_csv
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.judgement import DiagnosticResult
+from fmu_didim.data.signals import Array, trajectory, write_csv
+from fmu_didim.report.discovery.page import DISCOVERY_FILE, gap_bars, write_discovery_report
+from fmu_didim.report.discovery.regions import strongest_regions
+from fmu_didim.report.discovery.table import discovery_table
+from fmu_didim.report.discovery.words import value_line, value_text
+from fmu_didim.report.drawing.residual_charts import binned
+from fmu_didim.results.findings import FindingsDocument, ValueFound, load_findings, save_findings
 from tests.report.drawn import charts, line
 
 VERDICTS = {

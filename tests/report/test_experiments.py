@@ -9,10 +9,10 @@ import jsonschema
 import pytest
 
 from fmu_didim import Outcome, ResultDocument, identify, load_case
-from fmu_didim.identification.result import result_schema
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.experiments import error_rows, parameter_groups, shown_unit
 from fmu_didim.report.verdict import verdict
+from fmu_didim.results.result import result_schema
 from tests.workflow.three_experiments import three_experiments
 
 FREE = {"delay": {"of": "delay"}, "gain": {"of": "controller", "parameter": "Kp2"}, "late": {"of": "log"}}

@@ -16,9 +16,9 @@ import pytest
 from plotly.graph_objects import Figure
 
 from fmu_didim.report import write_report
-from fmu_didim.report.discovery_page import write_discovery_report
-from fmu_didim.report.figures import SENDS_DATA, plotly_figure
-from fmu_didim.report.torque_charts import Simulated, torque_chart
+from fmu_didim.report.discovery.page import write_discovery_report
+from fmu_didim.report.drawing.figures import SENDS_DATA, plotly_figure
+from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
 from tests.conftest import CHROMIUM, needs_chromium
 from tests.patience import patience
 from tests.report import test_discovery, test_report

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from fmu_didim import campaign, discover, identify
-from fmu_didim.campaigns.page import write_campaign_report
+from fmu_didim.campaigns.reporting.page import write_campaign_report
 from tests.conftest import ROOT, needs_emps
 from tests.report.test_browser import VIEWS, check_paper, check_view
 

@@ -9,10 +9,14 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.judgement import DiagnosticResult
-from fmu_didim.diagnosis.validation import Validation
-from fmu_didim.errors import InputError
-from fmu_didim.identification.result import (
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.judgement import DiagnosticResult
+from fmu_didim.checks.validation import Validation
+from fmu_didim.report import result_table, write_report
+from fmu_didim.report.drawing.charts import decimated
+from fmu_didim.report.notebook import result_html
+from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
+from fmu_didim.results.result import (
     ColumnResult,
     ConsistencyResult,
     ErrorResult,
@@ -23,10 +27,6 @@ from fmu_didim.identification.result import (
     StageResult,
     save_result,
 )
-from fmu_didim.report import result_table, write_report
-from fmu_didim.report.charts import decimated
-from fmu_didim.report.notebook import result_html
-from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
 
 ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
     "estimation": ErrorResult(total=4.831, per_joint=[4.831]),

@@ -10,12 +10,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from fmu_didim.block import Block
+from fmu_didim.base.documents import validate
 from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
-from fmu_didim.documents import validate
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.equations import Equations
 from fmu_didim.export import build_fmu
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.robot.equations import Equations
 from tests.helpers import ROOT
 
 

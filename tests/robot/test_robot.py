@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.export import compile_shared_library
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
 
 try:
     import pinocchio
@@ -170,7 +170,7 @@ def test_not_positive_definite_inertia_is_seen() -> None:
 
 
 def test_a_wrong_description_lists_all_its_problems() -> None:
-    from fmu_didim.documents import validate
+    from fmu_didim.base.documents import validate
 
     content = dict(
         name="2bad",

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from fmu_didim.robot import vectorised
-from fmu_didim.robot.vectorised import Vectorised
+from fmu_didim.dynamics.robot import vectorised
+from fmu_didim.dynamics.robot.vectorised import Vectorised
 
 COUNT = 40
 RNG = np.random.default_rng(5)

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.io import savemat
 
-from fmu_didim.tables import read_trajectory
-from fmu_didim.tables.read import READERS
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.data.tables.read import READERS
 
 pytestmark = pytest.mark.smoke
 T = np.arange(40) * 0.005

@@ -10,10 +10,10 @@ import yaml
 
 from fmu_didim import identify, load_case, simulate, study
 from fmu_didim.components import Component, load_fmu
+from fmu_didim.data.signals import write_csv
 from fmu_didim.estimators import ESTIMATORS
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.signals import write_csv
 from tests.helpers import KINDS, PERIOD, ROOT, component, drive, scara_cascade, scara_pd
 
 pytestmark = pytest.mark.smoke

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fmu_didim.cli.main.main import _parser, main
 
 from fmu_didim import __version__
-from fmu_didim.cache import KINDS
-from fmu_didim.cli import _parser, main
-from fmu_didim.tables import read_trajectory
+from fmu_didim.base.cache import KINDS
+from fmu_didim.data.tables import read_trajectory
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT
 
@@ -219,6 +219,6 @@ def test_every_verb_is_tried() -> None:
 
 
 def test_the_command_starts_in_a_process_of_its_own(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "fmu_didim.cli", "--version"]
+    command = [sys.executable, "-m", "fmu_didim.cli.main", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["fmu-didim", __version__]

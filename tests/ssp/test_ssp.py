@@ -19,17 +19,17 @@ import yaml
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 import fmu_didim
-from fmu_didim.block import Block
+from fmu_didim.base.errors import FmuDidimError, FmuError, InputError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, FmuComponent, load_fmu, rename
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import FmuDidimError, FmuError, InputError, UnknownNameError
+from fmu_didim.cosim import Connection, System, simulate
+from fmu_didim.data.signals import Trajectory, trajectory
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.master import Connection, System, simulate
-from fmu_didim.prediction import sensitivity
+from fmu_didim.fit.derivatives import sensitivity
 from fmu_didim.report.numbers import loop_lines
-from fmu_didim.signals import Trajectory, trajectory
 from fmu_didim.ssp import read_ssp, write_ssp
 from fmu_didim.ssp.transform import Unit, conversion
 from fmu_didim.workflow import export_ssp, identify

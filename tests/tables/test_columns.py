@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
-from fmu_didim.errors import InputError
-from fmu_didim.tables import Column, Selected, Table, TimeColumn, selected
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.tables import Column, Selected, Table, TimeColumn, selected
 
 ARM, AXIS = ("N.m", "N.m"), ("N",)
 ROWS = np.array([1.0, 2.0, -4.0])

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
-from fmu_didim.errors import InputError
-from fmu_didim.tables import CsvLayout, read_table, read_trajectory
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.tables import CsvLayout, read_table, read_trajectory
 from tests.conftest import package
 
 NO_HEADER = "no header line, so that its columns are numbered from 1"

@@ -14,9 +14,9 @@ import numpy as np
 from fmu_didim.case import load_case
 from fmu_didim.components import Component
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot import RobotModel, read_robot, write_robot
+from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from tests.diagnosis.data import right as data
 from tests.diagnosis.data.right import CASES, loaded, with_experiment, with_log
 from tests.diagnosis.data.test_wrong_inputs import TIMING, WRONG, late

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 
-from fmu_didim.prediction.low_pass import LowPass
+from fmu_didim.data.low_pass import LowPass
 from tests.diagnosis.data.right import CASES, loaded
 from tests.verdict.__main__ import VALID
 from tests.verdict.catalogue import right

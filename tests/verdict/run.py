@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.diagnosis.data.checks import data_diagnostics
-from fmu_didim.diagnosis.validation import Validation, validate
-from fmu_didim.diagnostics import PROBLEM, REMARK
-from fmu_didim.errors import FmuDidimError
+from fmu_didim.base.diagnostics import PROBLEM, REMARK
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.identification import checked
+from fmu_didim.checks.validation import Validation, validate
 from fmu_didim.estimators import Didim
-from fmu_didim.identification.estimate import Estimate
-from fmu_didim.identification.judge import checked
-from fmu_didim.prediction.loop_model import LoopModel
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model.loop_model import LoopModel
 
 SIGMA = 4.0
 """Standard deviations beyond which a true value must not lie where the verdict is valid."""

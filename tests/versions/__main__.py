@@ -20,7 +20,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fmu_didim.version import __version__
+from fmu_didim.base.version import __version__
 from tests.versions import suite, wheels
 from tests.versions.environments import (
     CONSTRAINTS,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
 from fmu_didim import (
     Checked,
@@ -21,9 +22,8 @@ from fmu_didim import (
     read_robot,
     trajectory,
 )
-from fmu_didim.cli import main
-from fmu_didim.diagnostics import DOUBT, PROBLEM, DiagnosedError
-from fmu_didim.workflow.codes import all_codes
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, DiagnosedError
+from fmu_didim.workflow.reference.codes import all_codes
 from tests.workflow.three_experiments import three_experiments
 
 CASE = "examples/scara/identify.yaml"

@@ -6,12 +6,12 @@ import json
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
-from fmu_didim.effects import EFFECTS
-from fmu_didim.errors import UnknownNameError
-from fmu_didim.report.plot import HEIGHT, WIDTH, text_plot
-from fmu_didim.workflow.effects import EffectEntry, effect_plot, effect_text, effects_text
+from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.report.drawing.plot import HEIGHT, WIDTH, text_plot
+from fmu_didim.workflow.reference.effects import EffectEntry, effect_plot, effect_text, effects_text
 
 
 @pytest.mark.parametrize("name", EFFECTS)

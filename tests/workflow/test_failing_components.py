@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
 from fmu_didim import check, discover, identify, load_result, simulate
-from fmu_didim.cli import main
+from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.components import load_fmu
-from fmu_didim.errors import FmuDidimError, SimulationError
+from fmu_didim.cosim import simulate as run_loop
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.export import build_fmu
-from fmu_didim.identification.estimate import RefusedError
-from fmu_didim.master import simulate as run_loop
-from fmu_didim.master.pool import InstancePool
-from fmu_didim.signals import trajectory, write_csv
+from fmu_didim.fit.estimate import RefusedError
 from tests.awkward.build import awkward_fmu
 from tests.helpers import component, loop, reference, scara, scara_pd
 from tests.patience import patience

@@ -12,15 +12,15 @@ import jsonschema
 import numpy as np
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.data import data_folder
-from fmu_didim.cli import main
-from fmu_didim.errors import InputError
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case
-from fmu_didim.workflow.schema import SCHEMAS, schema
+from fmu_didim.workflow.reference.schema import SCHEMAS, schema
 from tests.blind.simulator.make import make_plant, write_cases
 from tests.cases import SCARA
 from tests.conftest import ROOT, needs_emps, package

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
-from fmu_didim.cli import main
 from fmu_didim.components.fmu.description import FmuDescription, FmuVariable
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import InputError
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.robot import RobotModel, read_robot
 from fmu_didim.workflow.init import start_case
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, mappings, reading
 from tests.awkward.build import awkward_fmu

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from fmu_didim.cli.main.main import main
 
 from fmu_didim.case import load_case
-from fmu_didim.cli import main
-from fmu_didim.signals import trajectory
+from fmu_didim.data.signals import trajectory
 from fmu_didim.workflow.case_files import repeating
 from tests.conftest import ROOT
 from tests.docs.test_blocks import programs

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fmu_didim.cli.main.main import main
 
-from fmu_didim import cache, discover, identify, load_findings, load_result
-from fmu_didim.cli import main
-from fmu_didim.errors import FmuDidimError, InputError
+from fmu_didim import discover, identify, load_findings, load_result
+from fmu_didim.base import cache
+from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.workflow.discover import result_folder
-from fmu_didim.workflow.result_folder import ResultFolder, check_writable
+from fmu_didim.workflow.output.result_folder import ResultFolder, check_writable
 from tests.cases import SCARA, scara_case
 from tests.discovery.helpers import arm_case
 
@@ -252,7 +253,7 @@ def test_a_refused_run_removes_what_an_earlier_one_left(tmp_path: Path) -> None:
 
 LIMITED = """
 import resource, sys
-from fmu_didim.cli import main
+from fmu_didim.cli.main import main
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
 sys.exit(main(sys.argv[2:]))
 """
@@ -285,7 +286,7 @@ def test_discovery_is_shown_and_the_answer_so_far_stays(tmp_path: Path, monkeypa
     def full(*arguments: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("fmu_didim.report.discovery_page.write_discovery_report", full)
+    monkeypatch.setattr("fmu_didim.report.discovery.page.write_discovery_report", full)
     shown: list[str] = []
     with pytest.raises(InputError, match="No space left"):
         discover(case, out, time_limit=1e-3, show=lambda found: shown.append(found.summary()))

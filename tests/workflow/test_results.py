@@ -22,9 +22,9 @@ from fmu_didim import (
     simulate,
     validate,
 )
-from fmu_didim.errors import UnknownNameError
+from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.report import result_table
-from fmu_didim.report.discovery_table import discovery_table
+from fmu_didim.report.discovery.table import discovery_table
 from tests.workflow.three_experiments import PAYLOAD, three_experiments
 
 ARM = Path("examples/arm2r")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import read_case
 from fmu_didim.controllers import read_controller
-from fmu_didim.errors import InputError
-from fmu_didim.robot import read_robot
+from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.workflow.validate import mistakes
 
 CASE = """\

@@ -4,9 +4,9 @@
 """
 
 from fmu_didim.components.fmu.component import FmuComponent
-from fmu_didim.components.fmu.info import info_lines
+from fmu_didim.components.fmu.inspection.info import info_lines
+from fmu_didim.components.fmu.inspection.probe import FmuProbe, probe_fmu
 from fmu_didim.components.fmu.load import load_fmu
-from fmu_didim.components.fmu.probe import FmuProbe, probe_fmu
 from fmu_didim.components.fmu.reading import read_description
 
 __all__ = ["FmuComponent", "FmuProbe", "info_lines", "load_fmu", "probe_fmu", "read_description"]

@@ -12,9 +12,9 @@ import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 
-from fmu_didim.cache import OF_NAMES, cached_folder, file_digest
-from fmu_didim.errors import FmuError
-from fmu_didim.files import is_file
+from fmu_didim.base.cache import OF_NAMES, cached_folder, file_digest
+from fmu_didim.base.errors import FmuError
+from fmu_didim.base.files import is_file
 
 DESCRIPTION = "modelDescription.xml"
 MAXIMUM_MEMBERS = 50_000

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import FmuError, SimulationError
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
-from fmu_didim.errors import FmuError, SimulationError
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 MAXIMUM_ITERATIONS = 1000

@@ -6,18 +6,18 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fmu_didim.block import Block
 from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
-from fmu_didim.components.fmu.isolate import IsolatedInstance
+from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
+from fmu_didim.components.fmu.isolation.trust import is_proven, runs_here
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.proof import is_proven, runs_here
-from fmu_didim.components.fmu.rerun import OWN_TOOL, find_rerun, known_rerun, tell_isolation
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun, tell_isolation
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PROCESS, STATE, FmuSettings, Rerun
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME
-from fmu_didim.signals import Variable
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from functools import cached_property
 from itertools import product
 from pathlib import Path
 
-from fmu_didim.errors import FmuError
-from fmu_didim.units import UnitDefinition
+from fmu_didim.base.errors import FmuError
+from fmu_didim.data.units import UnitDefinition
 
 CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "co-simulation", "model-exchange", "scheduled-execution"
 REAL_TYPES = ("Real", "Float64")

@@ -12,13 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from fmu_didim.base.errors import FmuError, SimulationError
 from fmu_didim.components.base import SampleClock
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS
 from fmu_didim.components.fmu.description import CO_SIMULATION, ClockVariable, FmuDescription, Interface
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, CoSimulationInstance, ended, no_progress
 from fmu_didim.components.fmu.settings import FmuSettings
 from fmu_didim.components.native import Native
-from fmu_didim.errors import FmuError, SimulationError
 
 
 def input_clocks(fmu: FmuDescription) -> tuple[ClockVariable, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import FmuError, SimulationError
 from fmu_didim.components.base import Component
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedError, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
@@ -16,8 +17,7 @@ from fmu_didim.components.fmu.ports import MixedCall, are_plain
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import Native, NativeFmu
-from fmu_didim.errors import FmuError, SimulationError
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 READ_BACK = 1e-6
 """[1] Relative difference between a value that was set and what is read back, above which the FMU has not taken it:

@@ -11,15 +11,15 @@ import threading
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.errors import BuildError, FmuError, LibraryError
+from fmu_didim.base.files import is_file
 from fmu_didim.components.fmu import wine
 from fmu_didim.components.fmu.archive import DESCRIPTION, check_description
 from fmu_didim.components.fmu.binding import Function, Library
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.components.fmu.versions.base import FmiVersion
-from fmu_didim.errors import BuildError, FmuError, LibraryError
 from fmu_didim.export import compile_sources, source_compiler
-from fmu_didim.files import is_file
 
 
 def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Path:

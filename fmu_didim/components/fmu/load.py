@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from fmu_didim.base.errors import FmuError, InputError
 from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.description import (
     CO_SIMULATION,
@@ -18,13 +19,12 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.rerun import OWN_TOOL
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
-from fmu_didim.errors import FmuError, InputError
+from fmu_didim.data.signals import Variable
 from fmu_didim.export.variables import TOLERANCE_NAME
-from fmu_didim.signals import Variable
 
 SOLVERS = ("rk4", "cvode")
 

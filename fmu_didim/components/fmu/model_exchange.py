@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance, ended
 from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
-from fmu_didim.errors import SimulationError
 
 CVODE_TOLERANCE = 1e-8
 """Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""

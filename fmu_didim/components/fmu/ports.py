@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.fmu.binding import Binding
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
-from fmu_didim.errors import SimulationError
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 INTEGER_TOLERANCE = 1e-9
 """A number farther than this from an integer is none."""

@@ -10,12 +10,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import INTEGER_TYPES, REAL_TYPES, FmuDescription, Interface
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.fmu.versions.base import FmiVersion
-from fmu_didim.errors import InputError
-from fmu_didim.signals import Variable
+from fmu_didim.data.signals import Variable
 
 DEFAULT_SUBSTEPS = 10
 """Substeps of RK4 in a communication step, in model exchange."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fmu_didim.units import Exponents, UnitDefinition, parse_unit
+from fmu_didim.data.units import Exponents, UnitDefinition, parse_unit
 
 _NAMES = (
     "rad", "rad/s", "rad/s2", "m", "m/s", "m/s2", "m2", "s", "Hz", "kg", "kg.m", "kg.m2", "N", "N.m", "N/m", "N.s/m",

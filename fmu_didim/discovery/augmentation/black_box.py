@@ -19,9 +19,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.spliced import spliced_component
-from fmu_didim.effects import (
+from fmu_didim.cosim import Connection, System
+from fmu_didim.data.signals import Array, Variable
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.effects import (
     NOMINAL_ACCELERATION,
     NOMINAL_SPEED,
     PAYLOAD,
@@ -32,13 +35,10 @@ from fmu_didim.effects import (
     Surroundings,
     TorqueEffect,
 )
-from fmu_didim.effects.joint import JointUnits
-from fmu_didim.effects.spliced import SplicedEffect
-from fmu_didim.errors import SimulationError
-from fmu_didim.master import Connection, System
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.robot.rate import EXPLICIT
-from fmu_didim.signals import Array, Variable
+from fmu_didim.dynamics.effects.joint import JointUnits
+from fmu_didim.dynamics.effects.spliced import SplicedEffect
+from fmu_didim.dynamics.robot.rate import EXPLICIT
+from fmu_didim.model.loop_model import LoopModel
 
 SUBDIVISIONS = (4, 16)
 """[ticks] In a control period that are tried: with one, the torque comes half a period late."""

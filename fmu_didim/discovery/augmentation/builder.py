@@ -13,9 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.block import Block
+from fmu_didim.base.errors import InputError
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.cosim import System, splice_effect
+from fmu_didim.data.signals import Variable
 from fmu_didim.discovery.augmentation.black_box import (
     START_POSITION,
     START_TIME,
@@ -26,17 +28,15 @@ from fmu_didim.discovery.augmentation.black_box import (
     torque_part,
 )
 from fmu_didim.discovery.augmentation.ranges import travelled
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
-from fmu_didim.errors import InputError
-from fmu_didim.master import System, splice_effect
-from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.motion import joint_reference
-from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.robot import RobotDescription, RobotModel
-from fmu_didim.signals import Variable
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.motion import joint_reference
+from fmu_didim.model.workers import side_by_side
 
 LIKELY_SIZE = 0.1
 """[1] Of the steepest effects, with which that is tried, as a fraction of the torque."""

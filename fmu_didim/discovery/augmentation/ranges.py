@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.effects import Search
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.motion import joint_reference
+from fmu_didim.dynamics.effects import Search
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.motion import joint_reference
 
 WINDOW_EDGES = 24
 """[instants] Edges of a force window that are tried."""

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.document import gap_pair, values_found
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
-from fmu_didim.discovery.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
-from fmu_didim.effects import EFFECTS, Effect
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.statistics import confidence_interval
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.statistics import confidence_interval
+from fmu_didim.model.external_torque import EXTERNAL_TORQUE
+from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.results.findings import FindingResult, GapPair, Rival, ValueFound, WindowResult
 
 LISTED = 3
 """[external torques] Up to which all are listed as parameters; the windows list them in any case."""

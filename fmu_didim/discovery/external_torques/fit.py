@@ -15,19 +15,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import delta_bic, explained
-from fmu_didim.diagnosis.log_noise import motion_period, noise_beside_fit
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.base_projection import BaseProjection
-from fmu_didim.prediction.differences import STEP
-from fmu_didim.prediction.external_torque import EXTERNAL_TORQUE, ExternalTorque
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import FreeParameter, delay_parameter
-from fmu_didim.prediction.least_squares import Stopping, minimise
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.signals import Array
+from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.derivatives.differences import STEP
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import delta_bic, explained
+from fmu_didim.fit.log_noise import motion_period, noise_beside_fit
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque
+from fmu_didim.model.free_parameter import FreeParameter, delay_parameter
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.workers import side_by_side
 
 LINEAR_SHARE = 0.5
 """[1] Fraction of the gap that external torques must explain to first order, whose times are those of control

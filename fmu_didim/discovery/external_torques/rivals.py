@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Screened
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import Effect
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.discovery.selection.candidates import Screened
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.dynamics.effects import Effect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_description import EffectAtJoint
 
 
 def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:

@@ -20,14 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from fmu_didim.diagnosis.localise import MAXIMUM_WINDOWS
-from fmu_didim.errors import SimulationError
-from fmu_didim.master import SampleOperator
-from fmu_didim.prediction.base_projection import DEPENDENT, BaseProjection
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.noise import effective_fraction
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.cosim import SampleOperator
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.localise import MAXIMUM_WINDOWS
+from fmu_didim.fit.base_projection import DEPENDENT, BaseProjection
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import effective_fraction
+from fmu_didim.model.external_torque import ExternalTorque
 
 MOST = 2 * MAXIMUM_WINDOWS
 """[external torques] Looked for on a joint: twice as many as windows."""

@@ -14,20 +14,20 @@ from pathlib import Path
 
 import yaml
 
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.imports import without_folder
+from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.signals import Array, Trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
 from fmu_didim.discovery.next_experiment.separation import Pair, Table
 from fmu_didim.discovery.selection.decide import BIC
-from fmu_didim.effects import EFFECTS, Effect
-from fmu_didim.errors import InputError
-from fmu_didim.excitation import Fourier
-from fmu_didim.imports import without_folder
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.robot import RobotDescription, RobotModel
-from fmu_didim.signals import Array, Trajectory, write_csv
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.model.loop_description import EffectAtJoint
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.errors import InputError
-from fmu_didim.prediction.reference_start import reference_motion
-from fmu_didim.signals import Array, Trajectory, trajectory
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array, Trajectory, trajectory
+from fmu_didim.estimators.reference_start import reference_motion
 
 WITHIN = 0.999
 """[1] Fraction of the limits of a motion that is used."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.data.excitation import Fourier, FourierJoint
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.next_experiment.motions import WITHIN, Leg, Space, sampled, straight
-from fmu_didim.excitation import Fourier, FourierJoint
-from fmu_didim.signals import Array, Trajectory
 
 DRAWS = 3
 """[motions] Fourier series among the first candidates."""

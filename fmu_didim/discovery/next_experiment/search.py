@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import DRAWS, Candidate, candidates
 from fmu_didim.discovery.next_experiment.separation import Pair, Table, amplitudes, separations
-from fmu_didim.excitation import Fourier
-from fmu_didim.robot import RobotModel
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.dynamics.robot import RobotModel
 
 SAME = 1e-4
 """[1] Members are the same to first order when less than this fraction of a signature is left on every motion."""

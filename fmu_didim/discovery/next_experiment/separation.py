@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import shape_limits
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
-from fmu_didim.discovery.selection.contenders import DEPENDENT
-from fmu_didim.errors import InputError
-from fmu_didim.prediction.base_projection import BaseProjection
-from fmu_didim.signals import Array
+from fmu_didim.discovery.selection.competition import DEPENDENT
+from fmu_didim.fit.base_projection import BaseProjection
 
 ABSORBED = 1e-6
 """[1] Fraction of a column below which the base absorbs it whole."""

@@ -9,20 +9,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array, Variable
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import Effect, Search, TorqueEffect
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import joint_parameter
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.motion import Motion, simulated_motion
-from fmu_didim.prediction.repetition import Beginning, change_of_torque
-from fmu_didim.prediction.sensitivity import by_variation, sensitivity
-from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.signals import Array, Variable
+from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
+from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
+from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.free_parameter import joint_parameter
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.motion import Motion, simulated_motion
+from fmu_didim.model.workers import side_by_side
 
 GRID_LIMIT = 400
 """[shapes] Tried of one effect at most; a finer grid is thinned."""

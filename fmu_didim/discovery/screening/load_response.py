@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy import fft, sparse
 from scipy.linalg import toeplitz
 
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_model import Simulation
-from fmu_didim.prediction.workers import side_by_side
-from fmu_didim.signals import Array
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.external_torque import ExternalTorque
+from fmu_didim.model.loop_model import Simulation
+from fmu_didim.model.workers import side_by_side
 
 SPACING_S = 0.005
 """[s] Largest spacing of the instants at which loads are looked at, unless the control period is longer."""

@@ -13,11 +13,11 @@ from itertools import product
 import casadi as ca
 import numpy as np
 
-from fmu_didim.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect
-from fmu_didim.prediction.motion import Motion
-from fmu_didim.robot.along import states_along
-from fmu_didim.robot.vectorised import Vectorised
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect
+from fmu_didim.dynamics.robot.observed_states import states_along
+from fmu_didim.dynamics.robot.vectorised import Vectorised
+from fmu_didim.model.motion import Motion
 
 
 def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:

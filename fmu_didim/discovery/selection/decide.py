@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fmu_didim.diagnosis.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.selection.contenders import Competition, proposal_of
-from fmu_didim.discovery.selection.contest import Contender
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.signals import Array
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
+from fmu_didim.model.loop_description import EffectAtJoint
 
 ROUNDS = 5
 """[effects] Largest number that is named."""
@@ -79,7 +79,7 @@ class Step:
     """One effect that was added.
 
     Attributes:
-        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.contenders.Contender`.
+        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.competition.Contender`.
         ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
             other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.

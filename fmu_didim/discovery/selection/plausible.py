@@ -14,10 +14,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from fmu_didim.effects import Effect
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import plain_name
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects import Effect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.free_parameter import plain_name
 
 ZERO = 0.05
 """[1] Probability, by its covariance, with which an effect may be zero and still be named: that of a 95 %

@@ -7,17 +7,17 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.diagnosis.gap import held_out_ratio
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Contender
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import PreCheck
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.workers import side_by_side
+from fmu_didim.dynamics.effects import PreCheck
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import held_out_ratio
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.workers import side_by_side
 
 FITTED = 4
 """[trials] The best ones, whose joints are fitted."""

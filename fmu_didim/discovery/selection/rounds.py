@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 
-from fmu_didim.diagnosis.gap import delta_bic, explained
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Contender, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.candidates import Contender, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import LOG
-from fmu_didim.prediction.least_squares import Stopping, minimise
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import delta_bic, explained
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.free_parameter import LOG
+from fmu_didim.model.loop_description import EffectAtJoint
 
 KEPT_GAIN = 0.5
 """[1] Fraction of that which an effect must still explain when later ones are in the model."""

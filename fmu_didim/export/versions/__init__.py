@@ -1,6 +1,6 @@
 """The versions of FMI that can be written, one per file, and the table of them."""
 
-from fmu_didim.errors import InputError
+from fmu_didim.base.errors import InputError
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.versions.fmi2 import FMI_2
 from fmu_didim.export.versions.fmi3 import FMI_3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fmu_didim.block import Block
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export.platforms import Platform
 
 

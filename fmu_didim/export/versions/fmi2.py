@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from fmu_didim.block import Block
+from fmu_didim.base.files import file_name
+from fmu_didim.dynamics.block import Block
 from fmu_didim.export.platforms import Platform
 from fmu_didim.export.structure import model_structure
 from fmu_didim.export.units import add_units
 from fmu_didim.export.variables import SUBSTEPS_ATTRIBUTES, TOLERANCE_ATTRIBUTES, exported_variables, layout
 from fmu_didim.export.versions.base import WrittenVersion
 from fmu_didim.export.xml_file import add_defaults, document, stated
-from fmu_didim.files import file_name
 
 _MAIN = "fmi2.c"
 

@@ -330,7 +330,7 @@ static int core_finish_initialization(Core *core) {
     return refresh_rate(core);
 }
 
-/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_substeps` of fmu_didim/block.py. Its error stays below
+/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_substeps` of fmu_didim/dynamics/block.py. Its error stays below
  * BLOCK_TOLERANCE, and twice the substeps divide it by BLOCK_REFINEMENT. */
 static int choose_substeps(Core *core, double step, int *substeps) {
     CoreState *s = &core->state;
@@ -352,7 +352,7 @@ static int choose_substeps(Core *core, double step, int *substeps) {
 }
 
 #if BLOCK_IMPLICIT
-/* Equal substeps of the linearly implicit method of fmu_didim/linearly_implicit.py, constant input. */
+/* Equal substeps of the linearly implicit method of fmu_didim/dynamics/linearly_implicit.py, constant input. */
 static int integrate(Core *core, double step) {
     double *x = core->state.values + STATE_FIRST, *memory = core->state.memory;
     int substeps;

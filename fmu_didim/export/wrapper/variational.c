@@ -62,7 +62,7 @@ static void update(Instance *s, const double *x, const Lane *dx, double *result,
 }
 #endif
 
-/* The rule of choose_substeps in fmu_didim/block.py; 0: too stiff. */
+/* The rule of choose_substeps in fmu_didim/dynamics/block.py; 0: too stiff. */
 static int substeps_for(const Instance *s, double step) {
     if (s->substeps > 0) return s->substeps;
     const double wanted = step * s->rate / SUBSTEP_RATE;
@@ -72,7 +72,7 @@ static int substeps_for(const Instance *s, double step) {
 }
 
 #if IMPLICIT
-/* Equal substeps of the linearly implicit method of fmu_didim/linearly_implicit.py. */
+/* Equal substeps of the linearly implicit method of fmu_didim/dynamics/linearly_implicit.py. */
 static int integrate(Instance *s, double step) {
     const int count = substeps_for(s, step);
     if (count == 0) return ERROR;

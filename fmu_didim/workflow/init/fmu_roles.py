@@ -13,9 +13,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+from fmu_didim.base.documents import TO_FILL_IN
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu.description import FmuDescription
-from fmu_didim.documents import TO_FILL_IN
-from fmu_didim.errors import InputError
 from fmu_didim.workflow.init.roles import Guess, Role, Side, guess
 
 FmuRole = Literal["plant", "controller"]

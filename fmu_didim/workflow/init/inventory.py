@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from fmu_didim.base.documents import load_yaml
+from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.documents import load_yaml
-from fmu_didim.errors import InputError
+from fmu_didim.data.tables import READERS, Table, TimeColumn, read_table
+from fmu_didim.data.tables.clock import instants
+from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
-from fmu_didim.robot import RobotDescription, read_robot
-from fmu_didim.tables import READERS, Table, TimeColumn, read_table
-from fmu_didim.tables.clock import instants
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
 from fmu_didim.workflow.init.roles import Guess, guesses, time_column
 

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fmu_didim.errors import InputError
-from fmu_didim.tables import Table, TimeColumn
-from fmu_didim.tables.clock import clock_column
-from fmu_didim.tables.table import split_unit
-from fmu_didim.units import known_unit
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.tables import Table, TimeColumn
+from fmu_didim.data.tables.clock import clock_column
+from fmu_didim.data.tables.table import split_unit
+from fmu_didim.data.units import known_unit
 
 Role = Literal["q", "dq", "ddq", "tau", "current", "command", "other"]
 Side = Literal["reference", "measured", ""]

@@ -13,15 +13,15 @@ from typing import Any
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fmu_didim.base.documents import TO_FILL_IN, Lines
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.data import DATA_PREFIX, data_folder
 from fmu_didim.controllers import LAWS
-from fmu_didim.documents import TO_FILL_IN, Lines
-from fmu_didim.errors import InputError, UnknownNameError
-from fmu_didim.units import known_unit
+from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
 from fmu_didim.workflow.init.inventory import DataFile, Inventory, Run, inventory, runs
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
-from fmu_didim.workflow.schema import schema
+from fmu_didim.workflow.reference.schema import schema
 
 CASE_FILE, ROBOT_FILE, CONTROLLER_FILE, SCHEMA_FOLDER = "case.yaml", "robot.yaml", "controller.yaml", "schemas"
 TORQUES: tuple[Role, ...] = ("tau", "current", "command")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
 from fmu_didim.export.build import compile_shared_library, find_compiler
 
 Array = np.ndarray

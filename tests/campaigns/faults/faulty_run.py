@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.campaigns import execute as run
-from fmu_didim.campaigns.execute import Task, execute
+from fmu_didim.campaigns.running import execute as run
+from fmu_didim.campaigns.running.execute import Task, execute
 
 
 def eat(*_: Any) -> dict[str, Any]:

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from fmu_didim.components.fmu.exit_status import crash_name, is_from_outside
-from fmu_didim.components.fmu.process import ProcessEndedError, Worker, keep_constants
+from fmu_didim.components.fmu.isolation.exit_status import crash_name, is_from_outside
+from fmu_didim.components.fmu.isolation.process import ProcessEndedError, Worker, keep_constants
 
 
 @pytest.mark.parametrize(

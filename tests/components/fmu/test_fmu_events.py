@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import FmuError, SimulationError
 from fmu_didim.components.fmu import load_fmu
-from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.errors import FmuError, SimulationError
-from fmu_didim.master import Connection, System, simulate
-from fmu_didim.signals import trajectory
+from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
+from fmu_didim.cosim import Connection, System, simulate
+from fmu_didim.data.signals import trajectory
 from tests.awkward.build import awkward_fmu
 from tests.awkward.versions import clocked, sawtooth
 from tests.helpers import advance, begin, drive

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import FmuDidimError, FmuError, InputError, SimulationError, UnknownNameError
 from fmu_didim.components.fmu import FmuProbe, load_fmu, probe_fmu, read_description
 from fmu_didim.components.fmu.component import FmuComponent
 from fmu_didim.components.fmu.units import conversion
-from fmu_didim.errors import FmuDidimError, FmuError, InputError, SimulationError, UnknownNameError
+from fmu_didim.data.units import UnitDefinition, parse_unit
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.units import UnitDefinition, parse_unit
 from tests.awkward.build import ARRAYS, DEFAULTS, EVENTS, SLAVE, awkward_fmu, library, pack
 from tests.components.fmu.helpers import ONES, H, exported, slave_outputs
 from tests.helpers import PERIOD, advance, begin, component, drive, scara, scara_cascade, scara_pd
@@ -568,7 +568,7 @@ def test_probes_are_kept(tmp_path: Path, new_cache: Path, monkeypatch: pytest.Mo
     def never(component: FmuComponent, h: float, limit: float) -> FmuProbe:
         raise AssertionError
 
-    monkeypatch.setattr("fmu_didim.components.fmu.probe._probe", never)
+    monkeypatch.setattr("fmu_didim.components.fmu.inspection.probe._probe", never)
     assert probe_fmu(made) == first
     for other in ({"fresh": True}, {"step_size": 0.02}):
         with pytest.raises(AssertionError):

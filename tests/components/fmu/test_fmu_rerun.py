@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import FmuError, InputError, SimulationError
 from fmu_didim.components import Instance
 from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
-from fmu_didim.components.fmu import probe as probe_module
-from fmu_didim.components.fmu import process as process_module
-from fmu_didim.components.fmu import rerun as rerun_module
-from fmu_didim.components.fmu.isolate import IsolatedInstance
-from fmu_didim.components.fmu.process import ProcessEndedError
-from fmu_didim.components.fmu.rerun import TOGETHER, Facts, choose
-from fmu_didim.errors import FmuError, InputError, SimulationError
+from fmu_didim.components.fmu.inspection import probe as probe_module
+from fmu_didim.components.fmu.isolation import process as process_module
+from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
+from fmu_didim.components.fmu.isolation.process import ProcessEndedError
+from fmu_didim.components.fmu.reuse import reset as rerun_module
+from fmu_didim.components.fmu.reuse.reset import TOGETHER, Facts, choose
+from fmu_didim.cosim import Connection, InstancePool, System, simulate
+from fmu_didim.data.signals import trajectory
 from fmu_didim.export.versions import VERSIONS
-from fmu_didim.master import Connection, InstancePool, System, simulate
-from fmu_didim.signals import trajectory
 from tests.awkward.build import awkward_fmu, library
 from tests.awkward.versions import fmi_1
 from tests.components.fmu.helpers import H, exported, slave_outputs

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
+from fmu_didim.base.errors import SimulationError, UnknownNameError
 from fmu_didim.components.fmu import info_lines, load_fmu, probe_fmu, read_description
-from fmu_didim.errors import SimulationError, UnknownNameError
 from fmu_didim.export import build_fmu
 from tests.awkward.build import ARRAYS, DEFAULTS, SLAVE, awkward_fmu, library, pack
 from tests.awkward.versions import TYPES_3, typed

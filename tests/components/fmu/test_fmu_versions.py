@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
+from fmu_didim.base.errors import FmuError, SimulationError, UnknownNameError
 from fmu_didim.components.fmu import load_fmu, probe_fmu, read_description
-from fmu_didim.errors import FmuError, SimulationError, UnknownNameError
-from fmu_didim.master import Connection, InstancePool, System, simulate
-from fmu_didim.signals import trajectory
+from fmu_didim.cosim import Connection, InstancePool, System, simulate
+from fmu_didim.data.signals import trajectory
 from tests.awkward.versions import fmi_1
 from tests.components.fmu.helpers import H, slave_outputs
 from tests.helpers import begin, drive

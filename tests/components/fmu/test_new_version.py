@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
-from fmu_didim.cli import main
+from fmu_didim.base.errors import FmuError, InputError
 from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.components.fmu import probe_fmu, read_description
 from fmu_didim.components.fmu.versions import VERSIONS, version_of
 from fmu_didim.components.fmu.versions.fmi3 import FMI_3, Binding3
-from fmu_didim.errors import FmuError, InputError
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS as WRITTEN
 from fmu_didim.workflow import simulate

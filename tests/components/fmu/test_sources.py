@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import FmuError
 from fmu_didim.components import load_fmu
-from fmu_didim.errors import FmuError
 from tests.awkward.build import DEFAULTS, HERE, SLAVE, awkward_fmu
 from tests.components.fmu.helpers import ONES, H, exported, slave_outputs
 from tests.helpers import drive

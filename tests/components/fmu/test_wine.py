@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import FmuDidimError, FmuError, SimulationError
 from fmu_didim.components import FmuComponent, load_fmu
 from fmu_didim.components.fmu import wine
 from fmu_didim.components.fmu.description import Interface
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.errors import FmuDidimError, FmuError, SimulationError
+from fmu_didim.cosim import simulate
 from fmu_didim.export import build_fmu, compile_shared_library
 from fmu_didim.export.build import find_compiler
 from fmu_didim.export.platforms import PLATFORMS
-from fmu_didim.master import simulate
 from tests.awkward.build import DEFAULTS, HERE, SLAVE, pack
 from tests.components.fmu.helpers import ONES, H, exported, slave_outputs
 from tests.helpers import drive, loop, reference, scara, scara_pd

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmu_didim.cli.main.main import main
 
 import fmu_didim
-from fmu_didim.cli import main
 from fmu_didim.components.fmu import load_fmu
-from fmu_didim.components.fmu.process import run_in_fresh_process
+from fmu_didim.components.fmu.isolation.process import run_in_fresh_process
 from tests.awkward.build import awkward_fmu, library
 from tests.components.fmu.helpers import ONES, H, slave_outputs
 from tests.helpers import drive
@@ -64,7 +64,7 @@ def test_the_command_fmu_check(folder: Path, capsys: pytest.CaptureFixture[str])
 def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path, options: list[str]) -> None:
     """The package is found by PYTHONPATH, which the process of the FMU does not read."""
     environment = os.environ | {"PYTHONPATH": str(Path(fmu_didim.__file__).parents[1])}
-    command = [sys.executable, *options, "-m", "fmu_didim.cli", "fmu", "check", fmu_in(folder).name]
+    command = [sys.executable, *options, "-m", "fmu_didim.cli.main", "fmu", "check", fmu_in(folder).name]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert "run it again by: reset" in done.stdout
     assert not (folder / MARKER).exists()

@@ -8,14 +8,14 @@ from functools import cache
 
 import numpy as np
 
-from fmu_didim.campaigns.truth import unit_noise
+from fmu_didim.campaigns.planning.truth import unit_noise
 from fmu_didim.case import load_case
-from fmu_didim.excitation import Fourier
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.guard import mass_matrix_problem
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
 
 CASES = {
     "scara": "examples/scara/identify.yaml",

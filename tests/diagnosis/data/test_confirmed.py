@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from fmu_didim.diagnosis.data import checks
-from fmu_didim.diagnosis.data.robot import TORQUE_SCALE
-from fmu_didim.diagnosis.data.timing import CLOCK_LATE
-from fmu_didim.diagnostics import Diagnostic
-from fmu_didim.errors import SimulationError
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data import checks
+from fmu_didim.checks.data.robot import TORQUE_SCALE
+from fmu_didim.checks.data.timing import CLOCK_LATE
 from tests.diagnosis.data.right import loaded
 
 SCALE, CLOCK = Diagnostic(TORQUE_SCALE, "twice"), Diagnostic(CLOCK_LATE, "late")

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.data.expected import Expected
-from fmu_didim.diagnosis.data.log import log_diagnostics, stairs, steps_in_range
-from fmu_didim.diagnosis.data.reference import contradiction
-from fmu_didim.diagnosis.data.relation import correlations, relation_diagnostics
-from fmu_didim.diagnosis.data.runs import copied
-from fmu_didim.diagnostics import Diagnostic
-from fmu_didim.master import sample_operator
-from fmu_didim.prediction.experiment import Experiment
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.checks.data.expected import Expected
+from fmu_didim.checks.data.log import log_diagnostics, stairs, steps_in_range
+from fmu_didim.checks.data.reference import contradiction
+from fmu_didim.checks.data.runs import copied
+from fmu_didim.checks.data.torque_channel import correlations, relation_diagnostics
+from fmu_didim.cosim import sample_operator
+from fmu_didim.model.experiment import Experiment
 from tests.helpers import reference
 
 Array = np.ndarray

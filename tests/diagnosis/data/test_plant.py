@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.data.plant import held_steps, plant_diagnostics
+from fmu_didim.checks.data.plant import held_steps, plant_diagnostics
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import REFERENCE
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.diagnosis.data.prospect import predicted, resonance_diagnostics, resonances, ringing
+from fmu_didim.checks.data.expected_accuracy import predicted, resonance_diagnostics, resonances, ringing
 from fmu_didim.workflow import check, identify
 from tests.diagnosis.data.right import loaded
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from fmu_didim.base.diagnostics import REMARK
+from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
+from fmu_didim.checks.sampling_kind import sampled_as
 from fmu_didim.components import ModelComponent
-from fmu_didim.diagnosis.data.checks import data_diagnostics, drive_gains
-from fmu_didim.diagnosis.sampling_kind import sampled_as
-from fmu_didim.diagnostics import REMARK
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.robot import RobotModel
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
 from tests.diagnosis.data.right import motion, right, with_columns, with_experiment, with_log
 from tests.helpers import with_component, with_delay
 

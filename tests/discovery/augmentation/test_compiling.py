@@ -9,8 +9,8 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation import builder as building
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.helpers import arm_case
 
 GEAR, SPRING, LAG, CLOCK = (

@@ -20,11 +20,11 @@ from fmu_didim.discovery.external_torques.fit import (
 )
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
-from fmu_didim.discovery.findings import ValueFound
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.model.external_torque import ExternalTorque
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.results.findings import ValueFound
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
 
 TIME = np.arange(101) * 0.1

@@ -9,8 +9,8 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.external_torques.fit import find_external_torques
-from fmu_didim.prediction.external_torque import ExternalTorque
-from fmu_didim.prediction.fit import Fit
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.external_torque import ExternalTorque
 from tests.discovery.helpers import base_of, with_torque
 from tests.discovery.vendor import vendor_case
 

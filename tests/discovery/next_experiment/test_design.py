@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim.base_parameters import base_parameters
+from fmu_didim.base.errors import InputError
 from fmu_didim.case.data import read_reference
 from fmu_didim.case.document import ExperimentSource
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller
+from fmu_didim.cosim import System, closed_loop, simulate
+from fmu_didim.cosim.sampling import sample_operator
+from fmu_didim.data.excitation import Fourier, FourierJoint
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
@@ -25,25 +29,21 @@ from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Contender
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import EFFECTS
-from fmu_didim.errors import InputError
-from fmu_didim.excitation import Fourier, FourierJoint
-from fmu_didim.master import System, closed_loop, simulate
-from fmu_didim.master.sampling import sample_operator
-from fmu_didim.prediction.experiment import Experiment
-from fmu_didim.prediction.free_parameter import base_free_parameters
-from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.loop_model import LoopModel
-from fmu_didim.prediction.noise import Noise
-from fmu_didim.prediction.parameters import RobotParameters
-from fmu_didim.prediction.reference_start import reference_motion
-from fmu_didim.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.signals import Array, Trajectory
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.estimators.reference_start import reference_motion
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.free_parameter import base_free_parameters
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
 from tests.helpers import PERIOD, ROOT, on_reference
 
 NOISE = Noise(np.array([0.3, 0.1]), np.array([0.3, 0.3]), "periods")

@@ -14,11 +14,11 @@ from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.screening.load_response import load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
-from fmu_didim.effects import EFFECTS, Search, TorqueEffect
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.least_squares import minimise
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.motion import Motion, simulated_motion
+from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.motion import Motion, simulated_motion
 from tests.discovery.helpers import arm_model, known_noise
 
 ADDED = [

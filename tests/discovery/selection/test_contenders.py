@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import contenders
-from fmu_didim.discovery.selection.contenders import Competition, _idle, proposal_of
-from fmu_didim.discovery.selection.contest import Outcome, Screened
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import FreeParameter
-from fmu_didim.prediction.least_squares import Stopping
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.discovery.selection.candidates import Outcome, Screened
+from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.solver.least_squares import Stopping
+from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
 from tests.prediction.law_model import LawModel, free
 
@@ -507,7 +507,7 @@ def test_what_became_of_each_candidate_is_told() -> None:
 def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch, part: float, left: bool) -> None:
     """The best has explained 3^2 * 400 * 1.25 = 4500 of chi-square: another one must promise a quarter of it. Only in
     the torque balance is a signature the slope that promises."""
-    monkeypatch.setattr("fmu_didim.discovery.selection.contenders.ABREAST", 1)
+    monkeypatch.setattr("fmu_didim.discovery.selection.competition.ABREAST", 1)
     slope = np.sqrt(part) * (OTHER + 0.5 * THIRD) + np.sqrt(1 - part) * np.sqrt(1.25) * FOURTH
     weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
     candidates = [
@@ -581,7 +581,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(
         return None if square == 600.0 else replace(before, chi_square=square)
 
     found: list[float] = []
-    monkeypatch.setattr("fmu_didim.discovery.selection.contenders.ABREAST", abreast)
+    monkeypatch.setattr("fmu_didim.discovery.selection.competition.ABREAST", abreast)
     monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
         Competition, "contender",

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.gap import gaps, held_out_ratio
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Contender
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import (
     Options,
     _nearness,
@@ -20,7 +19,8 @@ from fmu_didim.discovery.selection.decide import (
     objection,
     step_of,
 )
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.fit.gap import gaps, held_out_ratio
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import (
     SIGNS,
     Catalogue,

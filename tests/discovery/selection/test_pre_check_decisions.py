@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.diagnosis.gap import Ratio
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.selection import pre_check as checking
-from fmu_didim.discovery.selection.contenders import Competition
-from fmu_didim.discovery.selection.contest import Contender
+from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.effects import PreCheck
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.loop_description import EffectAtJoint
-from fmu_didim.prediction.noise import Noise
+from fmu_didim.dynamics.effects import PreCheck
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import Ratio
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual, table_fit
 
 WHITE = noise((1.0, 1.0))

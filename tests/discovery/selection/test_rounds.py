@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fmu_didim.discovery.findings import FindingsDocument
+from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover
 from tests.blind.score import same_class
 from tests.discovery.helpers import blind_case, hidden, true_parameters

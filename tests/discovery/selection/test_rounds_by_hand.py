@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.selection import rounds
-from fmu_didim.discovery.selection.contest import Contender, Contest, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
-from fmu_didim.discovery.watch import Watch
-from fmu_didim.errors import SimulationError
-from fmu_didim.prediction.fit import Fit
-from fmu_didim.prediction.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.prediction.least_squares import Stopping
-from fmu_didim.prediction.loop_description import EffectAtJoint
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import Stopping
+from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual
 
 

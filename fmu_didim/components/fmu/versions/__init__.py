@@ -1,11 +1,11 @@
 """The versions of FMI that can be read, one per file, and the table of them."""
 
+from fmu_didim.base.errors import FmuError
 from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.components.fmu.versions.fmi1 import FMI_1
 from fmu_didim.components.fmu.versions.fmi2 import FMI_2
 from fmu_didim.components.fmu.versions.fmi3 import FMI_3
-from fmu_didim.errors import FmuError
 
 VERSIONS: dict[str, FmiVersion] = {fmi.name: fmi for fmi in (FMI_1, FMI_2, FMI_3)}
 

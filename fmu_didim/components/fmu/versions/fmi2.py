@@ -17,7 +17,7 @@ from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.components.fmu.versions.with_fmpy import bits_or_tuple, callbacks, description, signatures
 from fmu_didim.components.native import FMI2
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 
 class Binding2(Binding):

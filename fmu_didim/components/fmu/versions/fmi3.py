@@ -27,7 +27,7 @@ from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE, 
 from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion
 from fmu_didim.components.fmu.versions.with_fmpy import description, platform_tuple, signatures
 from fmu_didim.components.native import FMI3
-from fmu_didim.signals import Array
+from fmu_didim.data.signals import Array
 
 
 class Binding3(Binding):

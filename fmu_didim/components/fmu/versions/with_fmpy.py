@@ -26,7 +26,7 @@ from fmu_didim.components.fmu.description import (
     Interface,
 )
 from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
-from fmu_didim.units import BASE_UNITS, UnitDefinition
+from fmu_didim.data.units import BASE_UNITS, UnitDefinition
 
 TRUE = ("true", "1")
 """The texts of a Boolean attribute that is true."""

@@ -12,7 +12,7 @@ import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from fmu_didim.cache import cached_folder
+from fmu_didim.base.cache import cached_folder
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
 from fmu_didim.export import compile_console_program, compile_sources, source_compiler
 from fmu_didim.export.platforms import PLATFORMS, host_platform

@@ -1,0 +1,50 @@
+"""The public names of the package, and where each of them is: what ``__init__`` loads on demand."""
+
+from .base.errors import FmuDidimError as FmuDidimError
+from .base.errors import IdentificationError as IdentificationError
+from .base.errors import InputError as InputError
+from .base.errors import SimulationError as SimulationError
+from .campaigns.campaign import Campaign as Campaign
+from .campaigns.campaign import campaign as campaign
+from .campaigns.campaign import study as study
+from .campaigns.reporting.results import Results as Results
+from .case import Case as Case
+from .case import load_case as load_case
+from .checks.validation import Validation as Validation
+from .checks.validation import validate as validate
+from .components import load_fmu as load_fmu
+from .components import to_control as to_control
+from .controllers import read_controller as read_controller
+from .cosim import System as System
+from .data.signals import Trajectory as Trajectory
+from .data.signals import trajectory as trajectory
+from .data.signals import write_csv as write_csv
+from .data.tables import read_trajectory as read_trajectory
+from .dynamics.robot import RobotDescription as RobotDescription
+from .dynamics.robot import RobotModel as RobotModel
+from .dynamics.robot import read_robot as read_robot
+from .dynamics.robot import write_robot as write_robot
+from .estimators import Clie as Clie
+from .estimators import Didim as Didim
+from .estimators import IdimLs as IdimLs
+from .estimators import OutputError as OutputError
+from .export import build_fmu as build_fmu
+from .fit.estimate import Estimate as Estimate
+from .model.experiment import Experiment as Experiment
+from .model.loop_model import LoopModel as LoopModel
+from .results.findings import FindingsDocument as FindingsDocument
+from .results.findings import load_findings as load_findings
+from .results.result import ResultDocument as ResultDocument
+from .results.result import load_result as load_result
+from .ssp import read_ssp as read_ssp
+from .ssp import write_ssp as write_ssp
+from .workflow.check import Checked as Checked
+from .workflow.check import check as check
+from .workflow.discover import discover as discover
+from .workflow.export import export_ssp as export_ssp
+from .workflow.identify import identify as identify
+from .workflow.output.discovered import Discovered as Discovered
+from .workflow.output.outcome import Outcome as Outcome
+from .workflow.simulate import simulate as simulate
+
+__version__: str

@@ -1,0 +1,1 @@
+"""What everything stands on: errors, documents, files, cache, terminal, version."""

@@ -1,0 +1,149 @@
+"""Diagnostics: what is wrong with data, a model or an answer, each kind under a stable code.
+
+A module writes the codes of what it can find down once, where the catalogue hands each of them back:
+
+    CLOCK_LATE = CATALOGUE(
+        "clock-late", DOUBT, rank=20, meaning="The clock of the log runs behind ...", next_step="Free log_delay ..."
+    )
+
+and makes a :class:`Diagnostic` of it with the figures of a case. Codes are part of the interface: scripts decide by
+them, so a code never changes its meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from fmu_didim.base.errors import InputError
+
+
+class Severity(Enum):
+    """What a diagnostic means for an answer."""
+
+    PROBLEM = "problem"
+    """Nothing can be identified before it is mended."""
+    DOUBT = "doubt"
+    """The answer may be wrong, or less certain than it says."""
+    REMARK = "remark"
+    """To be known; the answer stands."""
+
+
+PROBLEM, DOUBT, REMARK = Severity.PROBLEM, Severity.DOUBT, Severity.REMARK
+
+
+@dataclass(frozen=True)
+class Code:
+    """A kind of diagnostic.
+
+    Attributes:
+        name: stable, words joined by hyphens; severity: what it means for an answer.
+        rank: the smaller, the earlier it is named: causes (below 50) come before what follows from them.
+        meaning: one sentence or more for the page of codes; next_step: what a user does about it.
+    """
+
+    name: str
+    severity: Severity
+    rank: int
+    meaning: str
+    next_step: str
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Something that was found.
+
+    Attributes:
+        code: its kind.
+        text: a sentence with the figures.
+        place: experiment, joint, parameter or file; empty where it is about all of them.
+        value, bound: the figure that was found and the one it is compared with, in ``unit``; None where there is none.
+        next_step: what to do about it, the next command where there is one.
+    """
+
+    code: Code
+    text: str
+    place: str = ""
+    value: float | None = None
+    bound: float | None = None
+    unit: str = ""
+    next_step: str = ""
+
+    @property
+    def advice(self) -> str:
+        """What to do about it: here, or about its kind."""
+        return self.next_step or self.code.next_step
+
+    @property
+    def figures(self) -> str:
+        """Value and bound with their unit; empty where there is none."""
+        if self.value is None:
+            return ""
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return f"{self.value:.3g}{unit}" + (f" (bound {self.bound:.3g}{unit})" if self.bound is not None else "")
+
+    @property
+    def excess(self) -> float:
+        """How far the figure lies beyond its bound, as a ratio; 1 where there is none."""
+        if self.value is None or not self.bound:
+            return 1.0
+        ratio = abs(self.value / self.bound)
+        return max(ratio, 1 / ratio) if ratio > 0 else 1.0
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}" if self.place else self.text
+
+
+class DiagnosedError(InputError):
+    """Input that diagnostics refuse, named by the weightiest of them.
+
+    Attributes:
+        found: all of them, in order of weight.
+    """
+
+    def __init__(self, found: Iterable[Diagnostic]) -> None:
+        self.found = by_weight(found)
+        first, *others = self.found
+        got = [first.figures, *(f"also {d.code.name} ({d.place})" for d in others)]
+        super().__init__(
+            first.text, where=first.place, got="; ".join(part for part in got if part) or None, next_step=first.advice
+        )
+
+    def _text(self) -> str:
+        what, *lines = super()._text().splitlines()
+        return "\n".join([what, f"  code:  {self.found[0].code.name}", *lines])
+
+
+def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """What was found, in order of weight; raises DiagnosedError where a problem is among it."""
+    ordered = by_weight(found)
+    if any(d.code.severity is PROBLEM for d in ordered):
+        raise DiagnosedError(d for d in ordered if d.code.severity is PROBLEM)
+    return ordered
+
+
+def by_weight(found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Problems, doubts, remarks; causes before what follows from them, the farthest beyond its bound first."""
+    order = list(Severity)
+    return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.excess))
+
+
+class Catalogue:
+    """The codes that exist, by name."""
+
+    def __init__(self) -> None:
+        self._codes: dict[str, Code] = {}
+
+    def __call__(self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str) -> Code:
+        """Write a code down; returns it."""
+        assert name not in self._codes, f"the code {name} is written down twice"
+        self._codes[name] = Code(name, severity, rank, meaning, next_step)
+        return self._codes[name]
+
+    def __iter__(self) -> Iterator[Code]:
+        return iter(self._codes.values())
+
+
+CATALOGUE = Catalogue()
+"""All codes of the modules that have been imported."""

@@ -1,0 +1,95 @@
+"""Fields of a case by their path, and descriptions that stand in a case instead of the name of their file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fmu_didim.base.documents import load_yaml
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.imports import located
+
+DESCRIPTIONS = (("robot",), ("plant", "source"), ("controller", "source"))
+"""Where a case names the file of a description."""
+
+
+def changed(content: Any, path: str, value: Any, folder: Path) -> Any:
+    """The content with another value at a path; what is not on the path is shared with the old one.
+
+    Names of mappings and indices of lists, joined by dots. Below the name of a YAML file the path goes on in its
+    content, which then stands there itself. None takes an entry out.
+
+    Raises:
+        InputError: there is no such element of a list, or a value where the path goes on.
+    """
+    head, _, rest = path.partition(".")
+    if isinstance(content, str) and content.endswith((".yaml", ".yml")):
+        content = _description(folder / content)
+    if isinstance(content, Mapping) or content is None:
+        new: Any = dict(content or {})
+        if value is None and not rest:
+            new.pop(head, None)
+        else:
+            new[head] = changed(new.get(head), rest, value, folder) if rest else value
+        return new
+    if isinstance(content, Sequence) and not isinstance(content, str):
+        new = list(content)
+        if not head.isdigit() or int(head) >= len(new):
+            raise InputError("The list has no such element.", where=path, got=head, valid=f"0 to {len(new) - 1}")
+        new[int(head)] = changed(new[int(head)], rest, value, folder) if rest else value
+        return new
+    raise InputError("The path goes on below a value.", where=path, got=repr(content)[:60])
+
+
+def _description(path: Path) -> dict[str, Any]:
+    """The content of a description, its own references made absolute; read once as long as the file stays as it is."""
+    try:
+        known = path.stat()
+    except OSError:
+        return _read(path, 0, 0)  # says what is wrong
+    return _read(path, known.st_mtime_ns, known.st_size)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, changed_ns: int, size: int) -> dict[str, Any]:
+    content = load_yaml(path)
+    if isinstance(content.get("robot"), str):
+        content["robot"] = str((path.parent / content["robot"]).resolve())
+    for joint in content.get("joints") or ():
+        if isinstance(joint, dict) and isinstance(joint.get("effects"), list):
+            joint["effects"] = [located(e, path.parent) if isinstance(e, str) else e for e in joint["effects"]]
+    return content
+
+
+def written(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The case with its inline descriptions written as files of a folder, by names that follow from their content."""
+    from hashlib import sha256
+
+    result = dict(content)
+    for root, *below in DESCRIPTIONS:
+        value = result.get(root)
+        inner = value.get(below[0]) if below and isinstance(value, Mapping) else None if below else value
+        if not isinstance(inner, Mapping):
+            continue
+        text = json.dumps(inner, sort_keys=True, default=str)
+        path = folder / f"{root}_{sha256(text.encode()).hexdigest()[:12]}.yaml"
+        if not path.is_file():
+            path.write_text(yaml.safe_dump(dict(inner), sort_keys=False), encoding="utf-8")
+        result[root] = {**value, below[0]: str(path)} if below and isinstance(value, Mapping) else str(path)
+    return result
+
+
+def label(value: Any) -> str | float | int | bool:
+    """A value as it is shown in tables: numbers and truths as they are, files by their name, all else as short YAML."""
+    if isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, str):
+        tail = value.rpartition("/")[2]
+        return tail.rpartition(".")[0] if tail.endswith((".yaml", ".yml", ".fmu", ".csv")) else tail or value
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000).strip().removesuffix("\n...")
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,213 @@
+"""Simulated data: a machine whose values are known, run along the references of a case, with noise on its logs.
+
+torque = sampled torque of the true loop + s_j e,   e = sqrt(1 - c) white + sqrt(c) AR(1),   unit variance
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from fmu_didim.base.documents import validate
+from fmu_didim.base.errors import InputError
+from fmu_didim.campaigns.planning.document import Noise
+from fmu_didim.case import Case, load_case
+from fmu_didim.case.sources import TorqueFile
+from fmu_didim.cosim import decimated_times, sample_operator
+from fmu_didim.data.signals import Array, Trajectory, trajectory
+from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import Parameters
+
+SPIN_UP = 20
+"""Memories of coloured noise before the log begins."""
+
+
+@dataclass(frozen=True)
+class SimulatedLog:
+    """What is logged of one experiment, without noise.
+
+    Attributes:
+        stamps: (N,) instants in the log; torque: (N, n).
+        positions: ``q<j>`` at the control rate, where the case has some.
+    """
+
+    stamps: Array
+    torque: Array
+    positions: Trajectory | None
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A simulated machine.
+
+    Attributes:
+        logs: label -> log; values: name of what is free -> true value, with what is regrouped into it.
+        robot: its description, where it has one.
+    """
+
+    logs: Mapping[str, SimulatedLog]
+    values: Mapping[str, tuple[float, str]]
+    robot: RobotDescription | None
+
+
+def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
+    """Run the machine that ``content`` describes along all its references.
+
+    Raises:
+        InputError, FmuError, SimulationError: it cannot be loaded, or its loop diverges.
+    """
+    content = {key: value for key, value in content.items() if key != "torque_std"}
+    if isinstance(
+        content.get("identify"), Mapping
+    ):  # its own values are the true ones, not those that a fit starts from
+        kept = ("of", "parameter", "joint")
+        content["identify"] = {
+            name: {k: v for k, v in entry.items() if k in kept} for name, entry in content["identify"].items()
+        }
+    case = load_case(content, folder=folder, require_torque=False)
+    experiments = {label: _experiment(case, label) for label in case.document.runs}
+    model = case.model_on(experiments)
+    logs = {}
+    for label, source in case.document.runs.items():
+        run = model.simulation(model.start, label)
+        recording = run.record(all_ticks=True)
+        operator = run.experiment.operator  # without the clock of the log, which may be unknown
+        torque = operator.apply(run.logged_torque(recording)[operator.ticks])
+        positions = None
+        if source.positions is not None:
+            names = model.joint_signals("q")
+            columns = {f"q{j}": recording.table([name])[:, 0] for j, name in enumerate(names, start=1)}
+            positions = trajectory(recording.time, columns)
+        assert experiments[label].stamps is not None
+        logs[label] = SimulatedLog(np.asarray(experiments[label].stamps), torque, positions)
+    return Truth(logs, true_values(model), case.robot)
+
+
+def true_values(model: LoopModel) -> dict[str, tuple[float, str]]:
+    """Name of each free parameter -> its value in the loop, and what is regrouped into it."""
+    model = with_free_delay(model)
+    names, known = zip(model.names, model.start, strict=True), regrouped(model.parameters)
+    return {name: (float(value), known.get(name.partition("[")[0], "")) for name, value in names}
+
+
+def regrouped(parameters: Parameters) -> dict[str, str]:
+    """Name of each regrouped parameter -> what is in it: ``ZZ1 + Ia1 + 0.25 M2``."""
+    pairs = (line.partition(" = ") for line in parameters.relations())
+    return {name: terms for name, _, terms in pairs}
+
+
+def _experiment(case: Case, label: str) -> Experiment:
+    """The instants at which a log is written, and how it follows from the command; no torque yet."""
+    reference = case.reference(label)
+    source = case.document.runs[label].torque or TorqueFile(file="")
+    start, step = float(reference.time[0]), case.step_size
+    times = reference.time[reference.time > -0.5 * step]  # what lies before is the warm-up
+    if source.rate_hz is not None:
+        if source.rate_hz > (1 + 1e-9) / step:
+            raise InputError(
+                "Torque is simulated at the control rate at most.", where=f"{label}: torque.rate_hz",
+                got=f"{source.rate_hz:g} Hz", valid=f"up to {1 / step:g} Hz",
+            )  # fmt: skip
+        times = decimated_times(times, source.rate_hz, source.phase_s)
+    operator = sample_operator(
+        times, start=start, step=step, tick_count=reference.time.size, kind=source.sampling,
+        window=source.window, window_s=source.window_s,
+    ).stamped_later(source.log_shift_s / step, reference.time.size)  # fmt: skip
+    nothing = np.zeros((times.size, case.parameters.joint_count))
+    return Experiment(reference, times, nothing, operator, label=label, stamps=times - source.offset_s)
+
+
+def noise_deviation(noise: Noise, log: SimulatedLog) -> Array:
+    """(n,) standard deviation of the torque noise of each joint; raises InputError where ``std`` does not fit."""
+    n = log.torque.shape[1]
+    if noise.std is not None:
+        if len(noise.std) != n:
+            raise InputError("noise.std needs one value for each joint.", got=len(noise.std), valid=str(n))
+        return np.array(noise.std)
+    return np.asarray((noise.relative or 0.0) * np.sqrt((log.torque**2).mean(axis=0)))
+
+
+def unit_noise(rng: np.random.Generator, time: Array, joints: int, *, coloured: float, memory_s: float) -> Array:
+    """(N, n) noise of variance one, a part of its power a first-order autoregression with this memory."""
+    if not coloured or time.size < 2:
+        return np.asarray(rng.normal(size=(time.size, joints)))
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    rho = np.exp(-step / memory_s)
+    before = int(np.ceil(SPIN_UP * memory_s / step - 1e-9))
+    driven = rng.normal(size=(before + time.size, joints)) * np.sqrt(1 - rho**2)
+    slow = signal.lfilter([1.0], [1.0, -rho], driven, axis=0)[before:]
+    white = rng.normal(size=(time.size, joints))
+    return np.asarray(np.sqrt(coloured) * slow + np.sqrt(1 - coloured) * white)
+
+
+def noisy_logs(truth: Truth, noise: Noise, data: str) -> dict[str, Trajectory]:
+    """File in the case -> log with noise that follows from the digest of the data alone."""
+    found: dict[str, Trajectory] = {}
+    for label, log in truth.logs.items():
+        rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
+        n = log.torque.shape[1]
+        unit = unit_noise(rng, log.stamps, n, coloured=noise.coloured, memory_s=noise.memory_s)
+        torque = log.torque + noise_deviation(noise, log) * unit
+        found[torque_file(label)] = trajectory(log.stamps, {f"tau{j + 1}": torque[:, j] for j in range(n)})
+        if log.positions is not None:
+            values = log.positions.values
+            values = values + noise.position_std * rng.normal(size=values.shape)
+            found[positions_file(label)] = replace(log.positions, values=values)
+    return found
+
+
+def torque_file(label: str) -> str:
+    """Name of the simulated torque log of an experiment."""
+    return f"torque_{label}.csv"
+
+
+def positions_file(label: str) -> str:
+    """Name of its simulated positions."""
+    return f"positions_{label}.csv"
+
+
+def on_simulated(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a case that reads the simulated logs instead of its own.
+
+    They are written at the rate of the case already, as torque; what the case believes of their clock and of the way of
+    sampling stays.
+    """
+    result = dict(content)
+    runs = dict(result.get("experiments") or {})
+    labelled = {"train": "estimation", "validation": "validation"}
+    for name, label in [*labelled.items(), *((name, name) for name in runs)]:
+        place = result if name in labelled and name in result else runs
+        if not isinstance(place.get(name), Mapping):
+            continue
+        run = dict(place[name])
+        believed = {k: v for k, v in (run.get("torque") or {}).items() if k in _BELIEVED}
+        run["torque"] = {**believed, "file": torque_file(label)}
+        if run.get("positions") is not None:
+            run["positions"] = {"file": positions_file(label)}
+        place[name] = run
+    return {**result, "experiments": runs} if runs else result
+
+
+_BELIEVED = ("sampling", "window", "window_s", "offset_s", "log_shift_s")
+
+
+def hidden_effects(truth: RobotDescription | None, model: RobotDescription | None) -> str:
+    """Effects that the true robot has and the described one lacks: ``stribeck@1+actuator_lag@2``."""
+    if truth is None or model is None or len(truth.joints) != len(model.joints):
+        return ""
+    pairs = enumerate(zip(truth.joints, model.joints, strict=True), start=1)
+    return "+".join(f"{e}@{j}" for j, (true, known) in pairs for e in true.effects if e not in known.effects)
+
+
+def validated_noise(content: Mapping[str, Any]) -> Noise:
+    """The noise of a run; raises InputError with all that is wrong."""
+    return validate(Noise, dict(content), where="noise")

@@ -1,0 +1,259 @@
+"""What a campaign gave: tables of its runs, parameters and groups, and what to have in mind with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.campaigns.reporting.quality import USED, by_parameter, of_all_parameters, plain
+from fmu_didim.campaigns.reporting.status import VERDICTS, Status, status_of
+from fmu_didim.campaigns.reporting.texts import groups_text
+from fmu_didim.campaigns.running.store import FAILURES, Store
+from fmu_didim.report.identification.table import wrapped
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+FEW_RUNS = 20
+"""[runs] Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %."""
+GROUPS_PRINTED = 12
+"""[groups] Most groups that are printed; else those by each field alone."""
+
+
+class Results:
+    """The results of a campaign in its folder: those of the runs that are planned now, no others."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.head = store.head()
+
+    def __repr__(self) -> str:
+        return f"Results({self.head['campaign']['name']!r}, {self.folder})"
+
+    @property
+    def folder(self) -> Path:
+        """Where they are."""
+        return self.store.folder
+
+    @property
+    def paths(self) -> list[str]:
+        """The fields that vary, columns of the tables."""
+        return list(dict.fromkeys(self.head["paths"]))
+
+    @cached_property
+    def _planned(self) -> pd.DataFrame:
+        table = self.store.planned().to_pandas()
+        labels = [json.loads(text) for text in table.pop("settings")]
+        for path in self.paths:
+            table[path] = [each.get(path) for each in labels]
+        return table
+
+    def status(self) -> Status:
+        """How far it is; quick, as it reads few columns."""
+        return status_of(self.store)
+
+    @cached_property
+    def _runs(self) -> pd.DataFrame:
+        rows = self.store.rows([n for n in _COLUMNS if n != "seed"]).to_pandas()
+        return self._planned.merge(rows, on="id", how="left").assign(
+            status=lambda table: table["status"].fillna("open"),
+            reasons=lambda table: [", ".join(r) if isinstance(r, Iterable) else "" for r in table["reasons"]],
+        )
+
+    def to_frame(self, *, parameters: bool = True) -> pd.DataFrame:
+        """One row a planned run: what varies, status (``open`` where it was not run), verdict, message, figures.
+
+        Args:
+            parameters: a column for the value of each parameter too, ``<name>.std`` and ``<name>.true`` beside it.
+        """
+        if not parameters or self.parameters().empty:
+            return self._runs.copy()
+        wide = self.parameters().pivot(index="id", columns="parameter", values=["value", "std", "true"])
+        wide.columns = [name if kind == "value" else f"{name}.{kind}" for kind, name in wide.columns]
+        return self._runs.merge(wide, left_on="id", right_index=True, how="left")
+
+    def parameters(self) -> pd.DataFrame:
+        """One row a parameter of each run that has answered: value, std, low, high, true, and what varies."""
+        return self._parameters.copy()
+
+    @cached_property
+    def _parameters(self) -> pd.DataFrame:
+        table = self.store.rows(["parameters"])
+        lists = table["parameters"].combine_chunks()
+        counts = np.asarray(lists.value_lengths().fill_null(0))
+        inner = lists.flatten()
+        found = pd.DataFrame({name: inner.field(name).to_pandas() for name in inner.type.names})
+        found = found.rename(columns={"name": "parameter"})
+        found.insert(0, "id", np.repeat(table["id"].to_pandas().to_numpy(), counts))
+        shown = ["id", "data", "seed", "verdict", *self.paths]
+        return self._runs[shown].merge(found, on="id")
+
+    def summary(self) -> str:
+        """What the terminal shows: groups, what was named of hidden effects, what to have in mind with the figures."""
+        whole, paths = self.groups(), self.paths
+        apart = len(whole) > GROUPS_PRINTED and len(paths) > 1
+        blocks = [groups_text(self.groups(path), [path]) for path in paths] if apart else [groups_text(whole, paths)]
+        confusion = self.confusion()
+        if not confusion.empty:
+            blocks.append("hidden effects (rows) against named ones, in runs\n" + confusion.to_string())
+        if remarks := self.remarks():
+            blocks.append("\n".join(line for remark in remarks for line in wrapped(remark, "- ", "  ")))
+        return "\n\n".join(["\n".join(self.status().lines()[:2]), *blocks])
+
+    def full_id(self, begin: str) -> str:
+        """The id of the planned run that begins so; raises UnknownNameError where there is none, or more than one."""
+        known = self.store.planned()["id"].to_pylist()
+        found = [id_ for id_ in known if id_.startswith(begin)]
+        if len(found) != 1:
+            raise UnknownNameError("run", begin, found or known[:10], where=str(self.folder))
+        return str(found[0])
+
+    def describe(self, begin: str) -> list[str]:
+        """All that is known of a run, a line each; ``begin``: the first digits of its id."""
+        row = self._runs[self._runs["id"] == self.full_id(begin)].iloc[0].to_dict()
+        named = {**{path: row[path] for path in self.paths}, "seed": row["seed"]}
+        lines = [f"run {row['id']}", *(f"  {path} = {value}" for path, value in named.items()), ""]
+        known = {k: v for k, v in row.items() if k not in (*named, "id") and v is not None and v == v and v != ""}
+        lines += [f"{key}: {value}" for key, value in known.items()]
+        for p in self._parameters[self._parameters["id"] == row["id"]].to_dict("records"):
+            true = f", true {p['true']:.6g}" if p["true"] == p["true"] else ""
+            lines.append(f"  {p['parameter']} = {p['value']:.6g} ± {p['std']:.2g} {p['unit']}{true}")
+        return [*lines, "", f"again: fmu-didim campaign retry {self.folder} --only {row['id']}"]
+
+    def groups(self, *by: str) -> pd.DataFrame:
+        """One row a group: how many runs came to what, iterations, errors, and how good their answers are.
+
+        Args:
+            by: fields that vary; by default all of them, without the seed.
+
+        Raises:
+            UnknownNameError: nothing of this name varies.
+        """
+        names = self._grouping(by)
+        groups = self._runs.groupby(names, dropna=False, sort=False) if names else [((), self._runs)]
+        quality = of_all_parameters(self._by_parameter(names), names)
+        rows = []
+        for key, group in groups:
+            key = key if isinstance(key, tuple) else (key,)
+            verdict, status = group["verdict"], group["status"]
+            row = dict(zip(names, key, strict=True)) | {"runs": len(group)}
+            row |= {v: int((verdict == v).sum()) for v in VERDICTS}
+            row |= {"failed": int(status.isin(FAILURES).sum()), "open": int((status == "open").sum())}
+            row["data"] = int(group.loc[status != "open", "data"].nunique())
+            row["iterations"] = group["iterations"].median()
+            row["error_percent"] = group.loc[verdict.isin(USED), "error_percent"].median()
+            row["seconds"] = group["seconds"].median()
+            rows.append(row | quality.get(plain(key), {}))
+        return pd.DataFrame(rows)
+
+    def _grouping(self, by: Sequence[str]) -> list[str]:
+        for name in by:
+            if name not in self.paths:
+                raise UnknownNameError("field that varies", name, self.paths, where=str(self.folder))
+        return list(by) if by else self.paths
+
+    def by_parameter(self, *by: str) -> pd.DataFrame:
+        """One row a group and parameter: mean, sigma, stated sigma; where the true value is known bias and coverage.
+
+        Args:
+            by: fields that vary; by default all of them, without the seed.
+        """
+        return self._by_parameter(self._grouping(by)).copy()
+
+    def _by_parameter(self, names: list[str]) -> pd.DataFrame:
+        known = tuple(names)
+        if known not in self._qualities:
+            self._qualities[known] = by_parameter(self._runs, self._parameters, names)
+        return self._qualities[known]
+
+    @cached_property
+    def _qualities(self) -> dict[tuple[str, ...], pd.DataFrame]:
+        return {}
+
+    def plot(self, field: str | None = None) -> Figure:
+        """A plotly figure: sigma and, where true values are known, bias of each parameter over a field that varies.
+
+        Args:
+            field: its path, the first one by default.
+
+        Raises:
+            UnknownNameError: nothing of this name varies; InputError: nothing varies, or there is nothing to draw.
+        """
+        from fmu_didim.campaigns.reporting.charts import field_chart
+        from fmu_didim.report.drawing.figures import plotly_figure
+
+        if field is None and not self.paths:
+            raise InputError(
+                "There is no axis to draw over: only the seeds vary.", where=str(self.folder),
+                next_step="by_parameter() has bias, sigma and coverage; or let the campaign vary a field.",
+            )  # fmt: skip
+        path = field or self.paths[0]
+        return plotly_figure(field_chart(self.by_parameter(path), path))
+
+    def _repr_html_(self) -> str:
+        """For notebooks: how far it is, the groups, and what to have in mind with their figures."""
+        from fmu_didim.campaigns.reporting.notebook import results_html
+
+        return results_html(self.status(), self.groups(), self.paths, self.remarks())
+
+    def confusion(self) -> pd.DataFrame:
+        """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""
+        runs = self._runs[self._runs["answer"].notna()]
+        if runs.empty:
+            return pd.DataFrame()
+        hidden = runs["hidden"].fillna("not known").replace("", "nothing")
+        return pd.crosstab(hidden.rename("hidden"), runs["named"].replace("", "nothing").rename("named"))
+
+    def remarks(self) -> list[str]:
+        """What to have in mind with these figures."""
+        status, runs, found = self.status(), self._runs, list[str]()
+        ran = runs[runs["status"] != "open"]
+        without = int((~ran["verdict"].isin(USED)).sum())
+        if without:
+            parts = {**{v: status.verdicts[v] for v in VERDICTS if v not in USED}, **status.failures}
+            counted = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in parts.items() if n)
+            found.append(
+                f"{without} of {len(ran)} runs gave no answer that may be used ({counted}): bias, sigma and coverage "
+                f"are of the other {len(ran) - without} alone; 'with misses' counts those as intervals that miss."
+            )
+        if status.verdicts["doubtful"]:
+            found.append(
+                f"{status.verdicts['doubtful']} answers are doubtful; they count, as their values may be used."
+            )
+        if status.open:
+            found.append(f"{status.open} of {status.planned} runs are not run yet.")
+        if not self._parameters.empty and self._parameters["true"].notna().any():
+            found += self._remarks_on_coverage(ran)
+        return found + status.lines()[-1:] if status.elsewhere else found
+
+    def _remarks_on_coverage(self, ran: pd.DataFrame) -> list[str]:
+        found = []
+        data = int(ran["data"].nunique())
+        if data < len(ran):
+            found.append(
+                f"{len(ran)} runs are on {data} different data: runs with the same data err together, and intervals of "
+                "coverage count the data."
+            )
+        table = self.by_parameter()
+        few = table[table["data"] < FEW_RUNS]
+        if not few.empty:
+            groups = len(few.drop_duplicates(self.paths)) if self.paths else 1
+            found.append(f"{groups} groups have fewer than {FEW_RUNS} data: their coverage and sigma say little.")
+        unknown = self._parameters.loc[self._parameters["true"].isna(), "parameter"].unique()
+        if len(unknown):
+            found.append(f"No true value is known of {', '.join(unknown)}: other parameters are regrouped into it.")
+        return found
+
+
+_COLUMNS = (
+    "status", "verdict", "reasons", "message", "iterations", "finish_iterations", "error_percent", "held_out_percent",
+    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "findings", "seconds", "cpu_seconds",
+    "attempt", "started", "host",
+)  # fmt: skip

@@ -1,0 +1,1 @@
+"""How runs are run and kept: processes, workers, slots of FMUs, the store."""

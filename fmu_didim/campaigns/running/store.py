@@ -1,0 +1,272 @@
+"""The folder of a campaign: what was planned, and the rows of what was run.
+
+Each worker appends to a journal of its own, one JSON line a run, so that nothing that was finished is lost, whatever
+ends the worker. When a journal is long it becomes a Parquet file, which appears as a whole or not at all. A line that
+was cut off is skipped, and its run is run again; a row that is there twice counts once. So several runners may work on
+one folder, on one machine or many.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import socket
+import time
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import advice, patiently, sync, whole_file
+from fmu_didim.base.version import __version__
+
+if TYPE_CHECKING:
+    from fmu_didim.campaigns.planning.plan import Plan
+
+PART_ROWS = 1000
+"""[rows] Rows of a journal from which they become a Parquet file: 100 000 runs are then a hundred files, read in a
+second."""
+ALIVE_S = 60.0
+"""[s] After its last sign a runner on the same folder counts as ended."""
+
+_OF_PARAMETER = ("value", "std", "low", "high", "true", "didim_value", "didim_std", "paper_std")
+_PARAMETER = pa.struct([
+    ("name", pa.string()), ("unit", pa.string()), *((name, pa.float64()) for name in _OF_PARAMETER),
+])  # fmt: skip
+_TEXTS = (
+    "id",
+    "design",
+    "data",
+    "status",
+    "verdict",
+    "message",
+    "answer",
+    "named",
+    "hidden",
+    "findings",
+    "host",
+    "started",
+)
+_NUMBERS = (
+    "seconds",
+    "cpu_seconds",
+    "error_percent",
+    "held_out_percent",
+    "condition_number",
+    "gap_before",
+    "gap_after",
+)
+ROW = pa.schema([
+    *((name, pa.string()) for name in _TEXTS), *((name, pa.float64()) for name in _NUMBERS),
+    *((name, pa.int64()) for name in ("seed", "attempt", "iterations", "finish_iterations")),
+    ("reasons", pa.list_(pa.string())), ("parameters", pa.list_(_PARAMETER)),
+])  # fmt: skip
+"""The columns of a row."""
+BRIEF = ("id", "status", "verdict", "attempt", "seconds", "started")
+PLAN_FILE, RUNS_FILE = "campaign.json", "plan.parquet"
+JOURNALS, PARTS, FILES, RUNNERS = "journal", "parts", "runs", "runners"
+ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
+CRASHED, TIME_LIMIT, MEMORY_LIMIT = "crashed", "time limit", "memory limit"
+FAILURES = (FAILED, CRASHED, TIME_LIMIT, MEMORY_LIMIT)
+"""Statuses of runs that came to no answer and to no refusal either."""
+_log = logging.getLogger(__name__)
+
+
+class Store:
+    """The folder of a campaign; made when the first thing is written."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+
+    def begin(self, plan: Plan) -> None:
+        """Write down what is planned, in the place of an earlier plan of the same campaign.
+
+        Raises:
+            InputError: the folder holds another campaign, or cannot be written to.
+        """
+        before = self.head() if (self.folder / PLAN_FILE).is_file() else None
+        if before is not None and before["campaign"]["name"] != plan.document.name:
+            raise InputError(
+                "The folder holds another campaign.", where=str(self.folder), got=before["campaign"]["name"],
+                valid=plan.document.name, next_step="Name another folder by --out.",
+            )  # fmt: skip
+        head = {
+            "campaign": plan.document.model_dump(mode="json", by_alias=True, exclude_unset=True),
+            "file": plan.file, "folder": str(plan.folder.resolve()), "code": plan.code, "version": __version__,
+            "planned": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "count": len(plan.runs),
+            "paths": list(plan.paths),
+        }  # fmt: skip
+        runs = plan.runs
+        columns: dict[str, list[Any]] = {
+            name: [getattr(r, name) for r in runs] for name in ("id", "design", "data", "seed")
+        }
+        columns["settings"] = [json.dumps(run.labels, default=str) for run in runs]
+        try:
+            for name in (JOURNALS, PARTS, RUNNERS):
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
+            with whole_file(self.folder / RUNS_FILE) as temporary:
+                parquet.write_table(pa.table(columns), temporary)
+            with whole_file(self.folder / PLAN_FILE) as temporary:
+                temporary.write_text(json.dumps(head, indent=1, default=str), encoding="utf-8")
+        except OSError as error:
+            raise unwritable(self.folder, error) from error
+
+    def head(self) -> dict[str, Any]:
+        """What was planned, and by which code; raises InputError where there is no campaign."""
+        try:
+            content = json.loads((self.folder / PLAN_FILE).read_text(encoding="utf-8"))
+            return dict(content)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                "There is no campaign in this folder.", where=str(self.folder), got=str(error)[:200],
+                next_step="fmu-didim campaign run CAMPAIGN.yaml makes one; the other commands take its folder.",
+            ) from error  # fmt: skip
+
+    def planned(self) -> pa.Table:
+        """The runs that were planned: id, design, data, seed, settings."""
+        self.head()
+        return parquet.read_table(self.folder / RUNS_FILE)
+
+    def rows(self, columns: Iterable[str] | None = None) -> pa.Table:
+        """One row a run that was run, of all plans and versions; the better and later one where there are several."""
+        names = list(ROW.names if columns is None else dict.fromkeys((*BRIEF, *columns)))
+        schema = pa.schema([ROW.field(name) for name in names])
+        # Journals first: one that meanwhile becomes a part is found there.
+        journalled = [{name: row.get(name) for name in names} for row in self._lines()]
+        tables = [pa.Table.from_pylist(journalled, schema=schema), *self._parts(names)]
+        table = pa.concat_tables([t.select(names).cast(schema) for t in tables])
+        return _once(table)
+
+    def _parts(self, names: list[str]) -> Iterator[pa.Table]:
+        for path in sorted((self.folder / PARTS).glob("*.parquet")):
+            try:
+                yield parquet.read_table(path, columns=names)
+            except (OSError, pa.ArrowException) as error:
+                _log.warning("%s cannot be read (%s); its runs count as not run", path, error)
+
+    def _lines(self) -> Iterator[dict[str, Any]]:
+        for path in sorted((self.folder / JOURNALS).glob("*.jsonl")):
+            try:
+                yield from patiently(partial(_all_lines, path))
+            except FileNotFoundError:
+                continue  # it has just become a part
+            except PermissionError:  # it has, too: Windows removes it when its last reader has closed it
+                if not _part(self.folder, path).is_file():
+                    raise
+
+    def others(self) -> list[str]:
+        """Other runners that work on the folder now."""
+        now, own = time.time(), _runner_name()
+        found = []
+        for path in (self.folder / RUNNERS).glob("*"):
+            with suppress(OSError):
+                if path.name != own and now - path.stat().st_mtime < ALIVE_S:
+                    found.append(path.name)
+        return found
+
+    def sign(self) -> Path:
+        """Tell other runners that this one works on the folder; returns the file, to be removed in the end."""
+        path = self.folder / RUNNERS / _runner_name()
+        with suppress(OSError):
+            path.touch()
+        return path
+
+
+def _runner_name() -> str:
+    return f"{socket.gethostname()}-{os.getpid()}"
+
+
+def _once(table: pa.Table) -> pa.Table:
+    """One row for each id: one that is no failure before one that is, then the last attempt."""
+    best: dict[str, tuple[tuple[bool, int, str], int]] = {}
+    columns = (table[name].to_pylist() for name in ("id", "status", "attempt", "started"))
+    for i, (id_, status, attempt, started) in enumerate(zip(*columns, strict=True)):
+        rank = (status not in FAILURES, attempt or 0, started or "")
+        if id_ not in best or rank > best[id_][0]:
+            best[id_] = rank, i
+    return table.take(pa.array([i for _, i in best.values()], type=pa.int64()))
+
+
+def read_lines(path: Path) -> Iterator[dict[str, Any]]:
+    """The whole lines of a journal."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        for line in stream:
+            with suppress(ValueError):  # cut off, when the worker or the machine was stopped
+                row = json.loads(line)
+                if line.endswith("\n") and isinstance(row, dict) and "id" in row and "status" in row:
+                    yield row
+
+
+def _all_lines(path: Path) -> list[dict[str, Any]]:
+    return list(read_lines(path))
+
+
+def _part(folder: Path, journal: Path) -> Path:
+    """The Parquet file that a journal becomes."""
+    return folder / PARTS / f"{journal.stem}.parquet"
+
+
+class Journal:
+    """What one worker writes."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._name = folder, f"{_runner_name()}-{uuid.uuid4().hex[:12]}"
+        self._count = self._number = 0
+        self._stream: IO[bytes] | None = None
+
+    @property
+    def _path(self) -> Path:
+        return self._folder / JOURNALS / f"{self._name}-{self._number}.jsonl"
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Append a row; it survives the end of this process, not yet that of the machine."""
+        if self._stream is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self._path.open("ab", buffering=0)
+        line = json.dumps({name: value for name, value in row.items() if value is not None}).encode() + b"\n"
+        if self._stream.write(line) != len(line):
+            raise OSError("the disk is full: a line was cut off")
+        self._count += 1
+
+    def end_chunk(self) -> None:
+        """Bring what was written to the disk; a long journal becomes a Parquet file."""
+        if self._stream is not None:
+            os.fsync(self._stream.fileno())
+        if self._count >= PART_ROWS:
+            self.seal()
+
+    def close(self) -> None:
+        """Close the journal as it is."""
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
+    def seal(self) -> None:
+        """Turn the journal into a Parquet file."""
+        if self._stream is None:
+            return
+        self.close()
+        rows = [{name: row.get(name) for name in ROW.names} for row in read_lines(self._path)]
+        target = _part(self._folder, self._path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(target) as temporary:
+            parquet.write_table(pa.Table.from_pylist(rows, schema=ROW), temporary)
+        sync(target.parent)
+        with suppress(PermissionError):  # Windows, where another reads it: its rows are there twice and count once
+            patiently(self._path.unlink)
+        self._count, self._number = 0, self._number + 1
+
+
+def unwritable(folder: Path, error: OSError) -> InputError:
+    """What is said where the folder cannot be written to."""
+    step = "Make room and run the campaign again: what is in the folder is whole, and is not run again."
+    return InputError(
+        "The results cannot be written.", where=str(folder), got=str(error), next_step=advice(error, step)
+    )

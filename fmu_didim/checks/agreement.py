@@ -1,0 +1,120 @@
+"""Whether experiments that were fitted together agree on the parameters that they share.
+
+Each experiment in turn gets values of its own for all that it shares with the others. With the whitened sensitivity
+S_e and residual r_e of experiment e at the common minimum, A_e = S_e' S_e and A the sum of all A_e, that would lower
+the sum of squares to first order by
+
+    gain_e = g' (A_e - A_e A^-1 A_e)^+ g,      g = S_e' r_e,
+
+which by white noise of variance one is a chi-square of the rank of the bracket (the score test). Noise of another
+size or colour moves the score of experiment e by J_e instead of A_e, and the bracket that g is judged by is
+
+    J_e - A_e A^-1 J_e - J_e A^-1 A_e + A_e A^-1 J A^-1 A_e.
+
+J_e comes from what experiment e would leave with values of its own: disagreement is no noise. Sources: C. R. Rao,
+Proceedings of the Cambridge Philosophical Society 44 (1948); D. D. Boos, The American Statistician 46 (1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit_uncertainty import unfiltered_residual
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.statistics import noise_deviation
+from fmu_didim.fit.uncertainty import stretches, uncertainty
+
+SIGNIFICANCE = 0.001
+"""[1] Probability, for all experiments together, with which experiments that agree are said to disagree."""
+RANK = 1e-9
+"""[1] Eigenvalues below this fraction of the largest one are directions that an experiment does not show."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How an experiment agrees with the others.
+
+    Attributes:
+        label: of the experiment.
+        p_value: of as much disagreement by noise alone; agrees: whether it is above the level for so many experiments.
+        parameter: the shared one that would change most, by ``change_in_std`` standard deviations, if it were its own.
+    """
+
+    label: str
+    p_value: float
+    agrees: bool
+    parameter: str
+    change_in_std: float
+
+    def warning(self) -> str:
+        """What the user should know where it does not agree."""
+        return (
+            f"Experiment {self.label} does not agree with the others on shared parameters (p = {self.p_value:.1e}): "
+            f"{self.parameter} would differ most, by {self.change_in_std:.1f} standard deviations. If it changed in "
+            f"between, say so: experiments: {{{self.label}: {{own: [{self.parameter}]}}}}."
+        )
+
+
+def agreement(fit: Fit) -> Mapping[str, Agreement]:
+    """Label of each experiment -> how it agrees with the others at their common minimum; empty where fewer than two are
+    fitted."""
+    rows = fit.model.rows
+    if len(rows) < 2:
+        return {}
+    count = fit.jacobian.shape[2]
+    table, residual = fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation
+    table = table / np.maximum(np.linalg.norm(table.reshape(-1, count), axis=0), TINY)
+    logs = unfiltered_residual(fit) / fit.deviation
+    grams = {label: np.einsum("mjp,mjq->pq", table[part], table[part]) for label, part in rows.items()}
+    inverse = np.linalg.pinv(np.asarray(sum(grams.values())), hermitian=True)
+    moved = {label: _moved(fit, label, table[part], residual[part], logs[part]) for label, part in rows.items()}
+    every = inverse @ np.asarray(sum(moved.values())) @ inverse
+    shared = np.array([parameter.experiment is None for parameter in fit.model.free_parameters])
+    both, found = np.outer(shared, shared), {}
+    for label, part in rows.items():
+        score = np.einsum("mjp,mj->p", table[part], residual[part])
+        gram, own = grams[label], grams[label] @ inverse @ moved[label]
+        slope, spread = gram - gram @ inverse @ gram, moved[label] - own - own.T + gram @ every @ gram
+        found[label] = _judged(label, fit.model.names, score * shared, slope * both, spread * both, len(rows))
+    return found
+
+
+def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> Array:
+    """(p, p) covariance of the score of an experiment, by what it leaves with values of its own.
+
+    Args:
+        table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.
+    """
+    left, sizes, right = np.linalg.svd(table.reshape(-1, table.shape[2]), full_matrices=False)
+    kept = sizes > np.sqrt(RANK) * sizes.max()
+    sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
+    influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
+    own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
+    influence = fit.model.filtered(influence, label)
+    leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
+    deviation = noise_deviation(own, leverage, floor=np.full(own.shape[1], TINY))
+    found = uncertainty(own, sensitivity, influence, deviation, stretches([fit.model.experiments[label].time]))
+    back = right[kept].T * sizes[kept] ** 2
+    return np.asarray(back @ found.covariance @ back.T)
+
+
+def _judged(label: str, names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> Agreement:
+    """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone."""
+    values, vectors = np.linalg.eigh(slope)
+    kept = values > RANK * max(float(values.max()), TINY)
+    if not kept.any():
+        return Agreement(label, 1.0, True, "", 0.0)
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    along, noise = root.T @ score, root.T @ covariance @ root
+    p_value = float(stats.chi2.sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
+    change = root @ along
+    spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
+    most = int(np.argmax(np.abs(change) / spread))
+    agrees = p_value >= SIGNIFICANCE / count
+    return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))

@@ -1,0 +1,94 @@
+"""All that can be said of the data of a loop model before any fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import Diagnostic, by_weight
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data.expected import expected
+from fmu_didim.checks.data.linear_fit import Nearby, along, nearby
+from fmu_didim.checks.data.log import log_diagnostics
+from fmu_didim.checks.data.plant import plant_diagnostics
+from fmu_didim.checks.data.reference import reference_diagnostics
+from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
+from fmu_didim.checks.data.runs import run_diagnostics
+from fmu_didim.checks.data.timing import timing
+from fmu_didim.checks.data.torque_channel import relation_diagnostics
+from fmu_didim.checks.data.units import unit_diagnostics
+from fmu_didim.cosim.system import REFERENCE
+from fmu_didim.data.signals import Array
+from fmu_didim.model.loop_model import LoopModel
+
+SUBSTEPS = 4
+"""[substeps] Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6."""
+
+
+def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
+    """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
+
+    Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
+    factor of three.
+
+    Args:
+        without_torque: labels of validation experiments that have no log, and are not in the model.
+        causes: whether to ask what another timing, scale or length of a link would explain, with some steps of DIDIM;
+            discovery names such causes itself.
+    """
+    if model.chooses_substeps and model.substeps is None:
+        model = replace(model, substeps=SUBSTEPS)
+    found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
+    gains, explained = drive_gains(model), list[Diagnostic]()
+    for label, experiment in model.experiments.items():
+        found += experiment.told
+        found += reference_diagnostics(experiment.reference, model.joint_count, label)
+        run = model.simulation(model.start, label)
+        found += plant_diagnostics(run) if label == model.first else []
+        given = expected(run)
+        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)
+        found += of_log
+        held_out = experiment.role == "validation"
+        if not causes or of_log or (held_out and explained) or (near := nearby(model.on(label))) is None:
+            continue
+        explained += _explained(near, held_out=held_out)
+    return by_weight([*found, *explained])
+
+
+def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """The diagnostics without those scales and lengths that explain nothing along the motion of a fit.
+
+    Before a fit the simulated motion is only near the measured one. What is left along it is then no noise, and a
+    scale or a length may make up for a part of that.
+
+    Args:
+        model: with the values of the fit; found: before it.
+    """
+    found = list(found)
+    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH)]
+    if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
+        return found
+    try:
+        near = [along(model.on(label).simulation(model.start)) for label in model.estimation_labels]
+    except SimulationError:  # nothing is cleared up
+        return found
+    codes = {d.code for one in near for d in _explained(one)}
+    return [d for d in found if d not in doubted or d.code in codes]
+
+
+def _explained(near: Nearby, *, held_out: bool = False) -> list[Diagnostic]:
+    """What another timing, scale or length would explain of a log, the best first."""
+    offered = [*timing(near, clock_alone=held_out)]
+    if not held_out:
+        offered += another_robot(near)
+    return near.best(offered)
+
+
+def drive_gains(model: LoopModel) -> Array:
+    """(n,) gain from the command to the logged torque of each joint; 1 where there is none."""
+    connections = model.systems[model.first].connections
+    own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
+    return np.array([own.get(target, 1.0) for target in model.logged])

@@ -1,0 +1,100 @@
+"""The torque that a log is compared with before any fit of the loop.
+
+nominal   simulated with the start values of the parameters, which may be off by a factor of two or three
+fitted    W theta + known along the reference motion, theta by least squares: what base parameters can absorb
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fmu_didim.base.errors import FmuDidimError, SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.reference_start import rows_on, whole_reference
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.loop_model import Simulation
+
+SHIFTS = (0.13, 0.23, 0.31, 0.43, 0.57, 0.69, 0.77)
+"""[1] Of the length of the log: no whole periods."""
+DEPENDENT = 1e-12
+"""[1] Eigenvalue of the normal equations, of the largest one, below which columns depend on others."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The torque of a log, and what is expected of it.
+
+    Attributes:
+        measured: (N, n); nominal: (N, n) simulated at the start values; None where the loop does not run with them.
+        columns: (N, n, b) regressor along the reference; known: (N, n) torque of all else there; None without one.
+    """
+
+    measured: Array
+    nominal: Array | None = None
+    columns: Array | None = None
+    known: Array | None = None
+
+    @property
+    def size(self) -> Array:
+        """(n,) standard deviation of each measured torque, never zero."""
+        return np.asarray(np.maximum(self.measured.std(axis=0), TINY))
+
+    @cached_property
+    def fitted(self) -> Array | None:
+        """(N, n) least squares fit along the reference, each joint divided by its size; None without a regressor."""
+        return None if self.columns is None else fitted_by(self.columns, self.measured, self.known, self.size)
+
+    @property
+    def best(self) -> Array | None:
+        """(N, n) of the two the one that is nearer to the log; None where there is neither."""
+        there = [torque for torque in (self.nominal, self.fitted) if torque is not None]
+        return min(there, key=self.error, default=None)
+
+    def chance(self) -> float:
+        """Error that the fit leaves of the log rolled to instants at which it was not taken, the median of some."""
+        assert self.columns is not None
+        known = np.zeros_like(self.measured) if self.known is None else self.known
+        errors = []
+        for shift in SHIFTS:
+            torque = np.roll(self.measured - known, int(shift * self.measured.shape[0]), axis=0)
+            rest = torque - fitted_by(self.columns, torque, None, self.size)
+            errors.append(float(np.sqrt(np.mean((rest / self.size) ** 2))))
+        return float(np.median(errors))
+
+    def error(self, torque: Array) -> float:
+        """Error of a torque (N, n) relative to the deviation of the log, root mean square over samples and joints."""
+        return float(np.sqrt(np.mean(((self.measured - torque) / self.size) ** 2)))
+
+
+def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array) -> Array:
+    """(N, n) least squares fit of a torque (N, n) by columns (N, n, b), each joint divided by its size (n,)."""
+    offset = np.zeros_like(measured) if known is None else known
+    flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
+    length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
+    target = ((measured - offset) / size).reshape(-1)
+    flat = flat / length
+    # By the normal equations: many fits of long logs, of which three digits are enough.
+    solution = np.linalg.lstsq(flat.T @ flat, flat.T @ target, rcond=DEPENDENT)[0] / length
+    return np.asarray(columns @ solution + offset)
+
+
+def expected(run: Simulation) -> Expected:
+    """What is expected of the log of an experiment: one simulation and one regressor at most."""
+    model, measured = run.model, run.model.measured_in(run.label)
+    nominal = columns = known = None
+    if not mass_matrix_problem(model, run.values):
+        try:
+            nominal = run.torque()
+        except SimulationError:
+            nominal = None  # the fit deals with such a start
+    names = run.experiment.reference.names
+    if model.parameters.has_regressor and all(f"q{j}" in names for j in range(1, model.joint_count + 1)):
+        try:
+            columns, known = rows_on(run, whole_reference(run))
+        except FmuDidimError:
+            columns = known = None  # effects whose loads no fit along the reference gives
+    return Expected(measured, nominal, columns, known)

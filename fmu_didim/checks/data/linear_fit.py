@@ -1,0 +1,200 @@
+"""A simulated motion near the measured one, and linear fits of the base parameters along it.
+
+A few steps of DIDIM bring the simulated motion near: each is one simulation and one linear fit, y = S (W theta + known)
+with the sampling S of the log. Along the motion that is then held, the same fit tells whether the log would be
+explained better if it had been sampled otherwise (another S), or if the robot were another one (another W). Base
+parameters can absorb neither, where the motion is rich enough; so start values need not be good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.checks.data.expected import fitted_by
+from fmu_didim.cosim import SampleOperator
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.reference_start import from_reference
+from fmu_didim.fit.noise.noise import TINY, effective_fraction
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.prediction import predict
+
+DIDIM_STEPS = 5
+"""[simulations] Towards the measured motion at most: DIDIM takes two or three."""
+NEAR = 0.7
+"""[1] Error, of the deviation of the log, from which a motion is near enough to judge by it."""
+HELPS = 0.98
+"""[1] Of the error that a step must leave at most for another one to be worth it."""
+EXACT = 1e-4
+"""[1] Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log."""
+RIVALS = 2
+"""[explanations] That are told where the data cannot decide between more."""
+CLEARLY = 20.0
+"""[1] BIC difference from which an explanation is told: twice that of very strong evidence."""
+WORTH_IT = 0.97
+"""[1] Of the mean square residual that an explanation must leave at most."""
+FINE = 0.1
+"""[1] Of the step to its sides, to which the least misfit is searched."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What would explain a log better: misfit, as of :meth:`Nearby.misfit`, BIC difference, and how it is told."""
+
+    misfit: float
+    gain: float
+    told: Diagnostic
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """A simulated motion at all ticks of an experiment, and its regressor.
+
+    Attributes:
+        run: the simulation, of a loop with that experiment alone.
+        motion: q, dq, ddq, (K, n) each; observed: (K, no) what the regressor depends on beyond them.
+        columns: (K, n, b); known: (K, n), so that the logged torque is columns theta + known.
+    """
+
+    run: Simulation
+    motion: tuple[Array, Array, Array]
+    observed: Array | None
+    columns: Array
+    known: Array
+
+    @property
+    def experiment(self) -> Experiment:
+        """The experiment."""
+        return self.run.experiment
+
+    @cached_property
+    def size(self) -> Array:
+        """(n,) of the residual as the case has it: joints are divided by it, and it stays so for what is compared."""
+        equal = np.maximum(self.experiment.torque.std(axis=0), TINY)
+        rest = self._rest(self.experiment.operator, self.columns, equal)
+        return np.asarray(np.maximum(rest.std(axis=0), EXACT * equal))
+
+    @cached_property
+    def samples(self) -> float:
+        """Number of samples that count as independent, by the colour of the residual as the case has it."""
+        rest = self.residual()
+        return float((effective_fraction(rest) * rest.shape[0]).sum())
+
+    def residual(self, operator: SampleOperator | None = None) -> Array:
+        """(N, n) what a fit leaves of the log, with another sampling where one is given."""
+        return self._rest(self.experiment.operator if operator is None else operator, self.columns, self.size)
+
+    def misfit(self, operator: SampleOperator | None = None) -> float:
+        """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
+        return float(np.mean((self.residual(operator) / self.size) ** 2))
+
+    def least(self, misfit: Callable[[float], float], step: float, bound: float) -> tuple[float, float, float] | None:
+        """Where a misfit is least within a bound, its standard deviation by the curvature there, and the misfit.
+
+        None where steps to both sides and the parabola through them promise nothing.
+
+        Args:
+            misfit: of one quantity, 1 where it is 0.
+        """
+        below, above = misfit(-step), misfit(step)
+        curvature = below + above - 2 * (here := self.misfit())
+        best = min(below, above, here - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else here)
+        if self.gain(best) <= 0:
+            return None
+        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": FINE * step})
+        x, least = float(found.x), float(found.fun)
+        bent = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
+        return x, float(np.sqrt(2 * least / (self.samples * bent))) if bent > 0 else np.inf, least
+
+    def best(self, offered: Iterable[Explanation]) -> list[Diagnostic]:
+        """The explanation that is clearly better than the case and than all others, the best first.
+
+        One that is nearly as good is told beside it, because the data cannot decide between them.
+        """
+        better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
+        least = min((e.misfit for e in better), default=0.0)
+        rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
+        return [e.told for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
+
+    def misfit_of(self, other: Nearby) -> float:
+        """The same along another motion, joints divided by their size along this one."""
+        rest = other._rest(other.experiment.operator, other.columns, self.size)
+        return float(np.mean((rest / self.size) ** 2))
+
+    def gain(self, misfit: float, parameters: float = 1.0) -> float:
+        """BIC difference by which a model with this misfit is better than the one of the case."""
+        ratio = np.log(self.misfit() / max(misfit, TINY))
+        return float(self.samples * ratio - parameters * np.log(max(self.samples, 1.0)))
+
+    def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
+        def sampled(values: Array) -> Array:
+            return self.run.model.filtered(operator.apply(values[operator.ticks]), self.run.label)
+
+        measured = self.run.model.measured_in(self.run.label)
+        return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
+
+
+def nearby(model: LoopModel) -> Nearby | None:
+    """The motion of a model of one experiment after a few steps of DIDIM; None where it cannot be brought near
+    enough."""
+    if not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
+        return None
+    for start in _starts(model):
+        reached = _steps(model, start)
+        if reached is not None and reached[0] <= NEAR:
+            return along(model.simulation(reached[1]))
+    return None
+
+
+def along(run: Simulation) -> Nearby:
+    """A motion with its regressor; raises SimulationError."""
+    recording, model = run.record(all_ticks=True), run.model
+    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+    if model.gives_acceleration:
+        ddq = recording.table(model.joint_signals("ddq"))
+    else:
+        ddq = np.gradient(dq, recording.step_size, axis=0)
+    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    observed = recording.table(names) if names else None
+    columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
+    known = run.logged_torque(recording) - columns @ run.theta
+    return Nearby(run, (q, dq, ddq), observed, columns, known)
+
+
+def _starts(model: LoopModel) -> Iterator[Array]:
+    with suppress(FmuDidimError):
+        yield from_reference(model)
+    yield model.start
+
+
+def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
+    """Error relative to the deviation of the log, and the values, after steps of DIDIM as long as they help."""
+    measured, size = model.measured, np.maximum(model.measured.std(axis=0), TINY)
+    best: tuple[float, Array] | None = None
+    for _ in range(DIDIM_STEPS):
+        if mass_matrix_problem(model, values):
+            break
+        try:
+            found = predict(model, values)
+        except FmuDidimError:
+            break
+        error = float(np.sqrt(np.mean(((measured - found.torque) / size) ** 2)))
+        if best is not None and error > best[0] * HELPS:
+            return min(best, (error, values), key=lambda pair: pair[0])
+        best = (error, values)
+        assert found.regressor is not None and found.known is not None
+        flat = (found.regressor / size[:, None]).reshape(-1, model.linear_count)
+        target = ((measured - found.known) / size).reshape(-1)
+        length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
+        values = values.copy()
+        values[: model.linear_count] = np.linalg.lstsq(flat / length, target, rcond=None)[0] / length
+    return best

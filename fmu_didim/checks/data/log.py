@@ -1,0 +1,274 @@
+"""What a torque log says against itself: missing samples, jitter, upsampling, quantisation, saturation, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import medfilt
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
+from fmu_didim.checks.data.expected import Expected
+from fmu_didim.cosim import grid_places
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.model.experiment import Experiment
+
+REFERENCE_STEP = 0.01
+"""[1] Of a control period by which stamps of a reference may lie off, as in the master."""
+SAME = 1e-9
+"""[1] Of the range of a column within which values count as equal: rounding."""
+STRAIGHT = 1e-5
+"""[1] Of the range of a column within which three samples lie on a straight line: the rounding of a text file."""
+FEWEST_STAIRS = 10
+"""[steps] Of equal length, below which a staircase may be chance."""
+ON_STAIRS = (1.0, 99.0)
+"""[%] Between which the ends of its steps must lie on their grid."""
+NEARLY_CONTROL_RATE = 0.9
+"""[1] Of the control rate, from which stairs in a log are those of the held command, as they should be."""
+JITTER = 0.05
+"""[1] Of a sample period by which stamps may scatter: rounding of clocks is less."""
+COARSE = 256
+"""[steps] Steps in the range of a column up to which it is said to be quantised: 8 bits; finer ones are below usual
+noise."""
+TOO_COARSE = 24
+"""[steps] Steps in the range up to which it is doubted that quantisation acts as noise: it is above 1 % of the
+torque."""
+ON_GRID = 0.02
+"""[1] Of a step by which values may lie off the grid of a quantised log: rounding."""
+CLIPPED = 0.01
+"""[1] Part of the samples at an extreme value from which a log may be saturated,"""
+FEWEST_CLIPPED = 5
+"""[samples] and their smallest number,"""
+CLIPPED_SPREAD = 0.1
+"""[1] and the part of its range by which the expected torque varies at those samples: at rest, or where the
+controller saturates in the model too, it does not."""
+SPIKE = 0.5
+"""[1] Of the range of a column (its 5 % to 95 % quantile) by which a sample must leave the median of its neighbours:
+a reversal of friction that comes at another moment leaves less."""
+NEIGHBOURS = 5
+"""[samples] Of that median: one or two of them may be spikes."""
+QUANTILES = (5.0, 95.0)
+"""[%] Between which the range of a column is taken, free of outliers."""
+MOST_SPIKES = 0.1
+"""[1] Part of the samples above which they are no outliers but the rule."""
+
+LOG_CONSTANT = CATALOGUE(
+    "log-constant", PROBLEM, rank=6,
+    meaning="A torque column does not change although the joint's torque must: the wrong column, or a dead channel.",
+    next_step="Check the columns of the log: torque: {columns: {tau1: ...}}.",
+)  # fmt: skip
+RATE_ABOVE_LOG = CATALOGUE(
+    "rate-above-log", PROBLEM, rank=7,
+    meaning="rate_hz asks for more samples than the log has: they would be counted as independent measurements.",
+    next_step="Leave out torque.rate_hz, or choose at most the rate of the log.",
+)  # fmt: skip
+LOG_UPSAMPLED = CATALOGUE(
+    "log-upsampled", DOUBT, rank=8,
+    meaning="The log has been brought to a higher rate than it was measured at: samples are held or interpolated, so "
+    "standard deviations are too small and the torque is late or smoothed.",
+    next_step="Export the log at its own rate, or give that rate as torque.rate_hz.",
+)  # fmt: skip
+LOG_SATURATED = CATALOGUE(
+    "log-saturated", DOUBT, rank=16,
+    meaning="Many samples have the same extreme value where the torque must vary: the sensor, the drive or the export "
+    "clips it.",
+    next_step="Leave those samples out, widen the range of the logger, or model the limit (effect torque_saturation).",
+)  # fmt: skip
+LOG_OUTLIERS = CATALOGUE(
+    "log-outliers", DOUBT, rank=17,
+    meaning="Single samples leave their neighbours by more than the motion makes them: errors of the logger, or pushes "
+    "from outside that last for a sample or two.",
+    next_step="Leave wrong samples out of the log, missing ones are allowed; for pushes: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+LOG_COARSE = CATALOGUE(
+    "log-coarse", DOUBT, rank=18,
+    meaning="The log is quantised so coarsely that its error is neither small nor like noise.",
+    next_step="Log with a finer resolution, or over the full range of the converter.",
+)  # fmt: skip
+LOG_QUANTISED = CATALOGUE(
+    "log-quantised", REMARK, rank=18,
+    meaning="The log is quantised; the steps are small enough to act as noise.",
+    next_step="",
+)  # fmt: skip
+STAMPS_JITTER = CATALOGUE(
+    "stamps-jitter", DOUBT, rank=19,
+    meaning="The stamps of the log scatter about equal steps: if they are those of arrival, not of measurement, the "
+    "torque is compared at wrong instants.",
+    next_step="Find out what the stamps mean; if the samples were taken at equal steps, stamp them so.",
+)  # fmt: skip
+SAMPLES_MISSING = CATALOGUE(
+    "samples-missing", REMARK, rank=20,
+    meaning="The logger has dropped samples. The others are used; a gap near a reversal hides what happens there.",
+    next_step="",
+)  # fmt: skip
+
+
+def log_diagnostics(experiment: Experiment, label: str, given: Expected, control_rate_hz: float) -> list[Diagnostic]:
+    """What is found in the log of one experiment.
+
+    Args:
+        given: what is expected of the log; control_rate_hz: of the loop.
+    """
+    found = [
+        *_missing(experiment, label),
+        *_jitter(experiment, label),
+        *_too_fast(experiment, label),
+        *_upsampled(experiment, label, control_rate_hz),
+    ]
+    for j in range(experiment.torque.shape[1]):
+        place = f"{label}: joint {j + 1}"
+        of_joint = [*_constant(experiment, j, place, given)]
+        if not of_joint:
+            of_joint += [
+                *_quantised(experiment.torque[:, j], place),
+                *_saturated(experiment.torque[:, j], j, place, given),
+            ]
+            of_joint += _outliers(j, place, given)
+        found += of_joint
+    return found
+
+
+def _missing(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+    places = experiment.places
+    total = int(places[-1]) + 1
+    missing = total - places.size
+    if missing:
+        first = experiment.time[np.argmax(np.diff(places) > 1)]
+        text = (
+            f"{missing} of {total} torque samples {'is' if missing == 1 else 'are'} missing, the first of them "
+            f"after t = {first:.6g} s. The others are used; a gap near a reversal hides what happens there."
+        )
+        yield Diagnostic(SAMPLES_MISSING, text, label, float(missing), unit="samples")
+
+
+def _stamps(experiment: Experiment) -> Array:
+    return experiment.time if experiment.stamps is None else experiment.stamps
+
+
+def _jitter(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+    stamps = _stamps(experiment)
+    places = grid_places(stamps)
+    if stamps.size <= 2:
+        return
+    slope, origin = np.polyfit(places, stamps, 1)
+    scatter = float(np.std(stamps - origin - slope * places)) / slope
+    if scatter > JITTER:
+        text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
+        yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
+
+
+def _too_fast(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+    stamps = _stamps(experiment)
+    rate = float(grid_places(stamps)[-1] / (stamps[-1] - stamps[0]))
+    if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
+        text = f"rate_hz asks for {experiment.rate_hz:.4g} Hz of a log at {rate:.4g} Hz."
+        yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
+
+
+def _upsampled(experiment: Experiment, label: str, control_rate_hz: float) -> Iterator[Diagnostic]:
+    for order, how in ((1, "held"), (2, "interpolated")):
+        every = stairs(experiment.torque, order)
+        rate = experiment.rate_hz / every
+        if every > 1 and not (order == 1 and rate > NEARLY_CONTROL_RATE * control_rate_hz):
+            text = (
+                f"The log at {experiment.rate_hz:.4g} Hz seems to be measured at {rate:.4g} Hz: the samples between "
+                f"are {how}."
+            )
+            step = f"Give torque: {{rate_hz: {rate:.6g}}}, or export the log at its own rate."
+            yield Diagnostic(LOG_UPSAMPLED, text, label, experiment.rate_hz, rate, "Hz", step)
+            return
+
+
+def stairs(torque: Array, order: int) -> float:
+    """Samples in a step of a log (N, n) whose samples are held (order 1) or interpolated (order 2); 1 if they are not.
+
+    A difference of that order vanishes but at the ends of the steps, which lie on a grid m k + c, to a sample where the
+    ratio m of the rates is no whole number; a quantised signal stays equal for longer, and anywhere.
+    """
+    rounding = SAME if order == 1 else STRAIGHT
+    moved = (np.abs(np.diff(torque, order, axis=0)) > rounding * np.ptp(torque, axis=0)).any(axis=1)
+    places = np.flatnonzero(moved)
+    steps = np.diff(places)
+    if steps.size < FEWEST_STAIRS or np.median(steps) < 2:
+        return 1.0
+    counts = np.maximum(np.rint(steps / np.median(steps)), 1)
+    every = float(steps.sum() / counts.sum())
+    phase = places - every * np.concatenate([[0.0], np.cumsum(counts)])
+    return every if np.ptp(np.percentile(phase, ON_STAIRS)) < 1 else 1.0
+
+
+def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
+    values, best = experiment.torque[:, j], given.nominal if given.nominal is not None else given.fitted
+    size = float(np.abs(experiment.torque).max())
+    if np.ptp(values) > SAME * size or best is None:
+        return
+    varies = float(np.ptp(best[:, j]))
+    if varies > STRAIGHT * float(np.abs(best).max()):
+        text = f"The log is {values[0]:.4g} throughout, where the motion asks for a torque that varies by {varies:.4g}."
+        yield Diagnostic(LOG_CONSTANT, text, place, float(np.ptp(values)))
+
+
+def _quantised(values: Array, place: str) -> Iterator[Diagnostic]:
+    steps = steps_in_range(values)
+    if steps is None or steps > COARSE:
+        return
+    text = f"The log has {steps} steps of {np.ptp(values) / steps:.4g} in its range."
+    code, bound = (LOG_COARSE, TOO_COARSE) if steps <= TOO_COARSE else (LOG_QUANTISED, COARSE)
+    yield Diagnostic(code, text, place, float(steps), float(bound), "steps")
+
+
+def steps_in_range(values: Array) -> int | None:
+    """How many equal steps the range of a log (N,) has; None where its values lie on no grid."""
+    own = np.unique(values)
+    gaps = np.diff(own)
+    gaps = gaps[gaps > STRAIGHT * np.ptp(values)]
+    if gaps.size == 0:
+        return None
+    steps = float(np.rint(np.ptp(values) / gaps.min()))
+    places = (own - own[0]) * steps / np.ptp(values)
+    return int(steps) if np.abs(places - np.rint(places)).max() <= ON_GRID else None
+
+
+def _saturated(values: Array, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
+    best = given.best
+    if best is None:
+        return
+    found = []
+    for extreme in (float(values.max()), float(values.min())):
+        at = np.abs(values - extreme) <= SAME * np.ptp(values)
+        if at.sum() < max(FEWEST_CLIPPED, CLIPPED * values.size):
+            continue
+        spread = float(np.ptp(best[at, j])) / max(float(np.ptp(best[:, j])), TINY)
+        bound = max(CLIPPED_SPREAD, 2 / (steps_in_range(values) or np.inf))
+        if spread > bound:
+            text = (
+                f"{at.sum()} of {values.size} samples have the extreme value {extreme:.4g}, where the expected torque "
+                f"varies by {100 * spread:.0f} % of its range."
+            )
+            found.append(Diagnostic(LOG_SATURATED, text, place, spread, bound, "1"))
+    yield from by_weight(found)[:1]
+
+
+def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
+    best = given.best
+    if best is None:
+        return
+    values = given.measured[:, j]
+    if values.size < NEIGHBOURS:
+        return
+    spread = float(np.ptp(np.percentile(values, QUANTILES)))
+    rests = [signal - medfilt(signal, NEIGHBOURS) for signal in (values, values - best[:, j])]
+    apart = np.min(np.abs(rests), axis=0)
+    if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
+        simulated = given.nominal[:, j]
+        swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
+        apart = np.maximum(apart - maximum_filter1d(swings, NEIGHBOURS), 0.0)
+    spikes = np.flatnonzero(apart > SPIKE * spread)
+    if 0 < spikes.size <= MOST_SPIKES * values.size:
+        text = (
+            f"{spikes.size} of {values.size} samples leave their neighbours by up to {apart.max():.4g}, where nine "
+            f"tenths of the log lie within {spread:.4g}."
+        )
+        yield Diagnostic(LOG_OUTLIERS, text, place, float(apart.max()), SPIKE * spread)

@@ -1,0 +1,53 @@
+"""What a reference says against itself: derivatives that contradict."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, Diagnostic
+from fmu_didim.data.signals import Array, Trajectory
+
+CONTRADICTION = 0.05
+"""[1] Of what a signal and the integral of its derivative vary by, from which the two contradict each other: far
+beyond the error of the trapezoidal rule at control rates."""
+STANDSTILL = 1e-9
+"""[SI] Variation below which a signal counts as constant."""
+
+REFERENCE_DERIVATIVE = CATALOGUE(
+    "reference-derivative", PROBLEM, rank=5,
+    meaning="A velocity or acceleration of the reference is not the derivative of its position or velocity: zero, in "
+    "another unit, turned round or of another joint. The controller and the start of the plant would use it.",
+    next_step="Correct the column, or leave out all columns dq<j> (or ddq<j>): they are then computed.",
+)  # fmt: skip
+
+
+def reference_diagnostics(reference: Trajectory, joint_count: int, label: str) -> list[Diagnostic]:
+    """Columns ``dq<j>`` and ``ddq<j>`` that contradict the column that they are the derivative of.
+
+    The integral of the derivative is compared with the signal, both without their means: a ratio of standard
+    deviations, which quantisation hardly moves.
+    """
+    found = []
+    for signal, derivative in (("q", "dq"), ("dq", "ddq")):
+        for j in range(1, joint_count + 1):
+            if not {f"{signal}{j}", f"{derivative}{j}"} <= set(reference.names):
+                continue
+            given, rate = reference.column(f"{signal}{j}"), reference.column(f"{derivative}{j}")
+            off = contradiction(reference.time, given, rate)
+            if off > CONTRADICTION:
+                what = "zero" if not rate.any() else "not its derivative"
+                text = (
+                    f"The reference contradicts itself: {derivative}{j} is {what} where {signal}{j} varies by "
+                    f"{np.ptp(given):.4g} (its integral differs by {100 * off:.0f} % of the variation)."
+                )
+                found.append(Diagnostic(REFERENCE_DERIVATIVE, text, f"{label}: joint {j}", off, CONTRADICTION, "1"))
+    return found
+
+
+def contradiction(time: Array, signal: Array, rate: Array) -> float:
+    """How far a signal (N,) and the integral of its rate (N,) differ, of the larger of their deviations; 0 at rest."""
+    integral = cumulative_trapezoid(rate, time, initial=0.0)
+    rest = (signal - signal.mean()) - (integral - integral.mean())
+    size = max(float(signal.std()), float(integral.std()))
+    return float(rest.std()) / size if size > STANDSTILL else 0.0

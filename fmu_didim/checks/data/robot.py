@@ -1,0 +1,137 @@
+"""Whether another robot explains a log better: another length of a link, or a torque that is scaled against the others.
+
+Along one simulated motion near the measured one, the base parameters are fitted anew for each length and each scale:
+
+    length     W(q, dq, ddq; a (1 + x)) theta
+    scale      exp(x) times the rows of one joint; all joints together only scale theta
+
+so that what base parameters can absorb says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.checks.data.linear_fit import Explanation, Nearby
+from fmu_didim.checks.data.timing import SHIFT_SIGMAS
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+
+LARGEST_LENGTH = 20.0
+"""[m] Of a link, beyond which millimetres are suspected: no machine with joints has it."""
+LEAST_SCALE = 0.05
+"""[1] Relative change of a scale or a length from which it is told."""
+LARGEST_SCALE = 4.0
+"""[1] Up to which a scale is looked for, up and down."""
+LARGEST_CHANGE = 0.6
+"""[1] Relative change up to which a length is looked for."""
+SHORT_LINK = 0.2
+"""[1] Of the longest length, below which none is doubted: it hardly shows."""
+
+LINK_TOO_LONG = CATALOGUE(
+    "length-unit", DOUBT, rank=4,
+    meaning="A link is longer than any machine's: its length seems to be in millimetres.",
+    next_step="Give a and d of the robot description in m, angles in rad.",
+)  # fmt: skip
+LINK_LENGTH = CATALOGUE(
+    "link-length", DOUBT, rank=22,
+    meaning="Another length of a link explains the log clearly better than the one of the robot description.",
+    next_step="Measure the distance of the joint axes, and correct a or d of the robot description.",
+)  # fmt: skip
+TORQUE_SCALE = CATALOGUE(
+    "torque-scale", DOUBT, rank=22,
+    meaning="The torques of the joints do not fit each other: coupling and gravity say that one of them is scaled.",
+    next_step="Check gain, gear ratio and unit of the torque of each joint.",
+)  # fmt: skip
+DISTANCES = ("a", "d")
+
+
+def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
+    """Links of the robot description that are longer than those of any machine."""
+    robot = _description(model)
+    return [
+        Diagnostic(
+            LINK_TOO_LONG, f"{name} is {length:g} m: is it in millimetres?", f"robot: joint {j}", abs(length),
+            LARGEST_LENGTH, "m",
+        )
+        for j, name, length in ([] if robot is None else _lengths(robot))
+        if abs(length) > LARGEST_LENGTH
+    ]  # fmt: skip
+
+
+def another_robot(near: Nearby) -> Iterator[Explanation]:
+    """What another length or another scale would explain of a log, one at a time."""
+    yield from _scales(near)
+    yield from _link_lengths(near)
+
+
+def _scales(near: Nearby) -> Iterator[Explanation]:
+    n = near.run.model.joint_count
+    for j in range(n if n > 1 else 0):
+        rows = np.arange(n) == j
+
+        def misfit(x: float, rows: np.ndarray = rows) -> float:
+            scale = np.where(rows, math.exp(x), 1.0)
+            return near.misfit_of(replace(near, columns=near.columns * scale[:, None], known=near.known * scale))
+
+        for x, deviation, least in _clear(near, misfit, math.log(LARGEST_SCALE)):
+            text = (
+                f"Against the other joints the torque seems to be {math.exp(x):.3g} times (± {100 * deviation:.1g} %) "
+                f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
+            )
+            bound = math.exp(math.copysign(max(SHIFT_SIGMAS * deviation, LEAST_SCALE), x))
+            told = Diagnostic(TORQUE_SCALE, text, f"{near.run.label}: joint {j + 1}", math.exp(x), bound, "1")
+            yield Explanation(least, near.gain(least), told)
+
+
+def _link_lengths(near: Nearby) -> Iterator[Explanation]:
+    robot, parameters = _description(near.run.model), near.run.model.parameters
+    if robot is None or not isinstance(parameters, RobotParameters):
+        return
+    lengths = _lengths(robot)
+    longest = max((abs(length) for _, _, length in lengths), default=0.0)
+    ticks, taken = near.experiment.operator.ticks, np.zeros_like(near.columns)
+    motion = [signal[ticks] for signal in near.motion]
+    observed = None if near.observed is None else near.observed[ticks]
+    for j, name, length in lengths:
+        if abs(length) < SHORT_LINK * longest or not length:
+            continue
+
+        def misfit(x: float, j: int = j, name: str = name, length: float = length) -> float:
+            joints = list(robot.joints)
+            joints[j - 1] = joints[j - 1].model_copy(update={name: length * (1 + x)})
+            other = RobotParameters(RobotModel(robot.model_copy(update={"joints": tuple(joints)})), parameters.base)
+            taken[ticks] = other.regressor(*motion, observed=observed)[0]
+            return near.misfit_of(replace(near, columns=taken))
+
+        for x, deviation, least in _clear(near, misfit, LARGEST_CHANGE):
+            text = (
+                f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: so, base "
+                f"parameters leave {100 * math.sqrt(least):.0f} % of what they leave as it is."
+            )
+            told = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
+            yield Explanation(least, near.gain(least), told)
+
+
+def _clear(near: Nearby, misfit: Callable[[float], float], bound: float) -> Iterator[tuple[float, float, float]]:
+    """The least misfit, if it lies clearly away from 0 within the bound."""
+    found = near.least(misfit, LEAST_SCALE, bound)
+    if found is not None and abs(found[0]) > max(SHIFT_SIGMAS * found[1], LEAST_SCALE):
+        yield found
+
+
+def _description(model: LoopModel) -> RobotDescription | None:
+    robot = getattr(model.parameters, "model", None)
+    return robot.description if isinstance(robot, RobotModel) else None
+
+
+def _lengths(robot: RobotDescription) -> list[tuple[int, str, float]]:
+    return [
+        (j, name, float(getattr(joint, name))) for j, joint in enumerate(robot.joints, start=1) for name in DISTANCES
+    ]

@@ -1,0 +1,168 @@
+"""When a log shows what it shows: its clock, points or averages, a delay of the command that the model lacks.
+
+All are judged along one simulated motion near the measured one, base parameters fitted anew for each:
+
+    clock      y(t) = tau(t - d), d by the least misfit, with its interval from the curvature there
+    averages   y_k = mean of tau over the sample period before, around or after the stamp
+    delay      the command acts one control period later: one more simulation
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import InputError, SimulationError
+from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, Nearby, along, nearby
+from fmu_didim.checks.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
+from fmu_didim.model.loop_model import Simulation
+
+SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
+"""[s] Shifts of a log that are tried, late and early; between the best and its neighbours the least misfit is
+searched."""
+SHIFT_PASSES = 4
+"""[fits] Of the motion with the shift that was found, until it stands still."""
+SHIFT_ACCURACY = 0.02
+"""[control periods] To which the least misfit is searched."""
+CURVATURE = 0.5
+"""[control periods] Beside the least misfit at which its curvature is taken."""
+SHIFT_SIGMAS = 4.0
+"""[standard deviations] Of a shift from which it is told,"""
+LEAST_SHIFT = 0.3
+"""[control periods] and its size: less is how a command is held."""
+
+CLOCK_LATE = CATALOGUE(
+    "clock-late", DOUBT, rank=21,
+    meaning="The log is stamped later than the torque that it shows.",
+    next_step="Align the clocks, or give torque: {log_shift_s: ...}; to estimate it: identify: {clock: {of: log}}.",
+)  # fmt: skip
+CLOCK_EARLY = CATALOGUE(
+    "clock-early", DOUBT, rank=21,
+    meaning="The log is stamped earlier than the torque that it shows.",
+    next_step="Align the clocks, or give torque: {log_shift_s: ...}; to estimate it: identify: {clock: {of: log}}.",
+)  # fmt: skip
+COMMAND_DELAY = CATALOGUE(
+    "command-delay", DOUBT, rank=21,
+    meaning="The command seems to act later than the model says, by a control period.",
+    next_step="Give loop: {delay_samples: ...}, or estimate it: estimator: {estimate_delay: true}.",
+)  # fmt: skip
+SAMPLING_KIND = CATALOGUE(
+    "sampling-kind", DOUBT, rank=20,
+    meaning="The log seems to show averages where the case says points, or the other way round.",
+    next_step="Find out how the logger samples; give torque: {sampling: ..., window: ...}.",
+)  # fmt: skip
+
+
+def timing(near: Nearby, *, clock_alone: bool = False) -> Iterator[Explanation]:
+    """What another timing would explain of a log.
+
+    Args:
+        clock_alone: for held-out data, whose logger and loop are those of the others.
+    """
+    yield from _clock(near)
+    if not clock_alone:
+        yield from _kinds(near)
+        yield from _delay(near)
+
+
+def _clock(near: Nearby) -> Iterator[Explanation]:
+    """The shift of the log; the motion is brought near anew with it, because a late log moves that, too."""
+    experiment, step = near.experiment, near.run.step_size
+    late, deviation, here = 0.0, np.inf, near
+    for _ in range(SHIFT_PASSES):
+        further, deviation = _least_misfit(here)
+        late += further
+        bound = max(SHIFT_SIGMAS * deviation, LEAST_SHIFT * step)
+        if abs(further) < bound:
+            break
+        operator = experiment.operator.stamped_later(late / step, experiment.reference.time.size)
+        aligned = nearby(near.run.on(replace(experiment, operator=operator)).model)
+        if aligned is None:
+            return
+        here = aligned
+    if abs(late) > bound:
+        least = near.misfit_of(here)
+        code, way = (CLOCK_LATE, "late") if late > 0 else (CLOCK_EARLY, "early")
+        text = (
+            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, base "
+            f"parameters leave {100 * np.sqrt(least):.0f} % of what they leave as it is."
+        )
+        advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
+        advice += "to estimate it: identify: {clock: {of: log}}."
+        told = Diagnostic(code, text, near.run.label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice)
+        yield Explanation(least, near.gain(least), told)
+
+
+def _least_misfit(near: Nearby) -> tuple[float, float]:
+    """The shift in s with the least misfit, and its standard deviation; infinite where the misfit has no minimum."""
+    experiment, step = near.experiment, near.run.step_size
+    count = experiment.reference.time.size
+
+    def misfit(late_s: float) -> float:
+        return near.misfit(experiment.operator.stamped_later(late_s / step, count, between=True))
+
+    grid = np.array([0.0, *SHIFTS_S])
+    grid = np.unique(np.concatenate([-grid, grid]))
+    place = int(np.argmin([misfit(shift) for shift in grid]))
+    if place in (0, grid.size - 1):
+        return 0.0, np.inf
+    bounds, accuracy = (grid[place - 1], grid[place + 1]), {"xatol": SHIFT_ACCURACY * step}
+    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
+    late, least, beside = float(found.x), float(found.fun), CURVATURE * step
+    curvature = (misfit(late + beside) + misfit(late - beside) - 2 * least) / beside**2
+    return late, float(np.sqrt(2 * least / (near.samples * curvature))) if curvature > 0 else np.inf
+
+
+def _kinds(near: Nearby) -> Iterator[Explanation]:
+    period_ms, ways = 1000 / near.experiment.rate_hz, []
+    for kind, window in WAYS:
+        try:
+            operator = sampled_as(near.run, kind, window)
+        except InputError:  # an instant at the end of the data, where a point or a window has no tick
+            continue
+        if not same_sampling(operator, near.experiment.operator):
+            ways.append((near.misfit(operator), kind, window, operator))
+    if not ways:
+        return
+    misfit, kind, window, operator = min(ways, key=lambda way: way[0])
+    misfit = _brought_near(near, near.run.on(replace(near.experiment, operator=operator)), misfit)
+    shows = "points" if kind == "point" else f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp"
+    entry = "sampling: point" if kind == "point" else f"sampling: average, window: {window}"
+    text = (
+        f"The log seems to show {shows}: so, base parameters leave {100 * np.sqrt(misfit):.0f} % of what they leave "
+        "as it is."
+    )
+    advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
+    told = Diagnostic(SAMPLING_KIND, text, near.run.label, misfit, WORTH_IT, "1", advice)
+    yield Explanation(misfit, near.gain(misfit, 0.0), told)
+
+
+def _delay(near: Nearby) -> Iterator[Explanation]:
+    label, model = near.run.label, near.run.model
+    system = model.systems[label]
+    samples = float(system.delays.get(model.plant_name, 0.0)) + 1
+    delayed = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
+    later = replace(near.run, model=delayed)
+    try:
+        misfit = _brought_near(near, later, near.misfit_of(along(later)))
+    except SimulationError:
+        return
+    text = (
+        f"The command seems to act {1000 * system.step_size:.4g} ms later than the model says: base parameters then "
+        f"leave {100 * np.sqrt(misfit):.0f} % of what they leave as it is."
+    )
+    advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
+    told = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)
+    yield Explanation(misfit, near.gain(misfit, 0.0), told)
+
+
+def _brought_near(near: Nearby, other: Simulation, misfit: float) -> float:
+    """The misfit of another simulation, with a motion of its own where it promises anything along this one."""
+    if misfit >= WORTH_IT:
+        return misfit
+    own = nearby(other.model)
+    return misfit if own is None else min(misfit, near.misfit_of(own))

@@ -1,0 +1,192 @@
+"""Whether a torque log can be that of the loop at all: its signs, the order of its joints, its unit, its gain.
+
+The base fit would hide such errors, or make physics of them; so the log is compared with what the loop gives at the
+start values of the parameters, which need not be good for it:
+
+    c_jk = corr(measured torque of joint j, simulated torque of joint k)
+    s_j  = <measured, simulated> / <simulated, simulated>           of joint j
+    E(p) = sum_j mean((measured_j - simulated_p(j))^2) / mean(measured_j^2)     of an order p of the joints
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
+from fmu_didim.checks.data.expected import Expected
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
+
+EXPLAINS = 0.5
+"""[1] Error of a free linear fit along the reference, of the deviation of the torque, below which the reference
+belongs to the log: three quarters of its variance are explained."""
+CHANCE = 0.6
+"""[1] Of the error that the same fit leaves of the log rolled to other instants, the median of SHIFTS of them, above
+which it explains no more than chance: 52 parameters explain a third of any log. Right data: at most 0.6 in all
+examples, with pushes and effects that the model lacks; other runs of the same robot: from 0.65."""
+OTHER_JOINT = 0.5
+"""[1] By which the correlation with another joint must be higher, mean over the joints that change places."""
+AGAINST = -0.7
+"""[1] Correlation below which a torque counts as turned round."""
+FOLLOWS = 0.7
+"""[1] Correlation above which a torque follows the simulated one, so that their ratio counts."""
+OTHER_ORDER = 0.1
+"""[1] Fraction of the error to which another order of the joints must bring it down."""
+WRONG_ORDER = 0.5
+"""[1] Error for each joint below which the order of the joints is not doubted: half of the mean square of the
+torque."""
+OTHER_UNIT = 8.0
+"""[1] Ratio of measured to simulated torque beyond which another unit is suspected, up or down: start values of a
+machine may be wrong by a factor of three; 8.85 in-lb and 10.2 kgf cm are 1 N.m."""
+GAIN_RATIO = 2.0
+"""[1] Ratio of measured to simulated torque, up or down, from which it is asked whether the drive gain explains
+it."""
+GAIN_FITS = 0.5
+"""[1] Part of the logarithm of that ratio that may be left, joints together, if the gain explains it."""
+
+REFERENCE_FOREIGN = CATALOGUE(
+    "reference-foreign", PROBLEM, rank=1,
+    meaning="The log does not belong to the reference: neither the simulated torque nor any base parameters along the "
+    "reference explain it.",
+    next_step="Check which reference was running when this log was taken, and that both begin at the same instant "
+    "(torque: {offset_s: ...}).",
+)  # fmt: skip
+JOINT_ORDER = CATALOGUE(
+    "joint-order", PROBLEM, rank=2,
+    meaning="The torque columns seem to be in another order than the joints.",
+    next_step="Check the columns of the torque log: torque: {columns: {tau1: ...}}.",
+)  # fmt: skip
+TORQUE_SIGN = CATALOGUE(
+    "torque-sign", PROBLEM, rank=3,
+    meaning="A torque has the opposite sign: it must be positive along the joint, as in the robot description.",
+    next_step="Turn the sign of these columns, or of the joint's axis in the robot description.",
+)  # fmt: skip
+DRIVE_GAIN = CATALOGUE(
+    "drive-gain", DOUBT, rank=9,
+    meaning="Measured and expected torque differ by the gains of the drives: a current is taken for a torque, or a "
+    "torque for a command.",
+    next_step="Give torque: {quantity: command} for a log of the command or current, {quantity: torque} for one of the "
+    "torque.",
+)  # fmt: skip
+TORQUE_UNIT = CATALOGUE(
+    "torque-unit", DOUBT, rank=10,
+    meaning="The torque is much larger or smaller than gravity and inertia of the robot description give it.",
+    next_step="Give the torque in N.m or N, on the side of the gear that the robot description means.",
+)  # fmt: skip
+
+
+def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
+    """What the comparison of a log with its expected torque shows, in one experiment.
+
+    Args:
+        gains: (n,) from the command to the torque of each drive, 1 where there is none.
+    """
+    foreign = _foreign(given, label)
+    if foreign or given.nominal is None:
+        return foreign
+    found = _order(given.measured, given.nominal, label)
+    correlation, ratio = relation(given.measured, given.nominal)
+    for j in np.flatnonzero(correlation < AGAINST):
+        found.append(
+            Diagnostic(
+                TORQUE_SIGN, f"The measured torque runs against the simulated one (correlation {correlation[j]:.2f}).",
+                f"{label}: joint {j + 1}", float(correlation[j]), AGAINST, "1",
+            )
+        )  # fmt: skip
+    return found or _scale(correlation, ratio, gains, label)
+
+
+def relation(measured: Array, expected: Array) -> tuple[Array, Array]:
+    """(n,) correlation of each measured torque with the one that is expected, and their ratio; 0 where one is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.sum(measured * expected, axis=0) / np.sum(expected**2, axis=0)
+    return np.diag(correlations(measured, expected)), np.nan_to_num(ratio, posinf=0.0, neginf=0.0)
+
+
+def correlations(measured: Array, simulated: Array) -> Array:
+    """(n, n) correlation of each measured with each simulated torque; 0 where one is constant."""
+    n = measured.shape[1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.nan_to_num(np.corrcoef(measured, simulated, rowvar=False)[:n, n:])
+
+
+def _foreign(given: Expected, label: str) -> list[Diagnostic]:
+    """A log that is explained neither by the nominal values nor by any."""
+    if given.fitted is None:
+        return []
+    left = given.error(given.fitted)
+    if left <= EXPLAINS:
+        return []
+    if given.nominal is not None:
+        related = np.abs(correlations(given.measured, given.nominal))
+        if related[linear_sum_assignment(-related)].mean() > FOLLOWS:  # turned round, or in another order
+            return []
+    if left <= CHANCE * given.chance():
+        return []
+    text = (
+        f"The log does not belong to its reference: base parameters of any size leave {100 * left:.0f} % of the "
+        "torque's deviation along it."
+    )
+    return [Diagnostic(REFERENCE_FOREIGN, text, label, left, EXPLAINS, "1")]
+
+
+def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
+    """Whether another order of the joints explains the log far better, by size or by shape."""
+    size = np.maximum(np.mean(measured**2, axis=0), TINY)
+    error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
+    rows, best = linear_sum_assignment(error)
+    own, other = float(np.trace(error)), float(error[rows, best].sum())
+    doubted = WRONG_ORDER * size.size
+    if own < doubted or other > min(OTHER_ORDER * own, doubted):  # a simulation that is far off tells nothing
+        return _order_by_shape(correlations(measured, simulated), label)
+    moved = [f"column {j + 1} shows joint {k + 1}" for j, k in zip(rows, best, strict=True) if j != k]
+    text = (
+        "The measured torques seem to be in another order than the joints: squared error "
+        f"{own:.3g} of the torque's square; {other:.3g} if {', '.join(moved)}."
+    )
+    return [Diagnostic(JOINT_ORDER, text, label, other / own, OTHER_ORDER, "1")]
+
+
+def _order_by_shape(correlation: Array, label: str) -> list[Diagnostic]:
+    """Whether torques follow those of other joints instead of their own."""
+    rows, best = linear_sum_assignment(-correlation)
+    moved = rows[rows != best]
+    if moved.size == 0:
+        return []
+    own, other = correlation[moved, moved], correlation[moved, best[moved]]
+    gain = float(np.mean(other - own))
+    if gain <= OTHER_JOINT or other.min() <= FOLLOWS:
+        return []
+    words = ", ".join(f"column {j + 1} shows joint {best[j] + 1}" for j in moved)
+    text = (
+        f"The measured torques seem to be in another order than the joints: correlation {own.mean():.2f} as they "
+        f"stand, {other.mean():.2f} if {words}."
+    )
+    return [Diagnostic(JOINT_ORDER, text, label, gain, OTHER_JOINT, "1")]
+
+
+def _scale(correlation: Array, ratio: Array, gains: Array, label: str) -> list[Diagnostic]:
+    """A log that is in another unit, or without the gain of the drives."""
+    follows = (correlation > FOLLOWS) & (ratio > 0)
+    size = np.where(follows, np.abs(np.log(np.where(follows, ratio, 1.0))), 0.0)
+    if size.sum() > np.log(GAIN_RATIO) * max(int(follows.sum()), 1):
+        for factor, words in ((gains, "a command or current"), (1 / gains, "multiplied by them twice")):
+            left = np.abs(np.log(np.where(follows, ratio * np.abs(factor), 1.0)))
+            if left.sum() < GAIN_FITS * size.sum():
+                text = (
+                    f"The torque is {', '.join(f'{r:.3g}' for r in ratio)} times what the start values give; the drive "
+                    f"gains {', '.join(f'{g:.4g}' for g in gains)} explain that: the log seems to be {words}."
+                )
+                worst = int(np.argmax(size))
+                bound = GAIN_RATIO if ratio[worst] > 1 else 1 / GAIN_RATIO
+                return [Diagnostic(DRIVE_GAIN, text, label, float(ratio[worst]), bound, "1")]
+    return [
+        Diagnostic(
+            TORQUE_UNIT,
+            f"The torque is {ratio[j]:.3g} times what the start values give: is it in the unit, and on the side of the "
+            "gear, that the robot description means?",
+            f"{label}: joint {j + 1}", float(ratio[j]), OTHER_UNIT ** float(np.sign(np.log(ratio[j]))), "1",
+        )
+        for j in np.flatnonzero(size > np.log(OTHER_UNIT))
+    ]  # fmt: skip

@@ -1,0 +1,143 @@
+"""Whether held-out experiments are predicted as well as the fitted ones, joint by joint.
+
+The residual of a held-out experiment holds the noise and what the uncertainty C of the values makes of its torque,
+
+    expected variance of joint j    v_j = s_j^2 + mean_k (S_v C S_v')_kj,kj
+
+with the variance s_j^2 that the fit leaves and the sensitivity S_v of the held-out torque. The ratio of the two
+variances is compared with Fisher's F; residuals with a colour of their own count as the fewer independent samples
+that they are. A joint is predicted worse if its residual is larger both as it is and relative to the torque: model
+error and some noise grow with the torque, other noise does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.noise.noise import TINY, effective_fraction
+from fmu_didim.model.loop_model import LoopModel
+
+HELD_OUT_RATIO = 1.25
+"""[1] Residual of a joint in a held-out experiment over that of the fit, from which it is predicted worse: half of
+what anybody would see in a plot."""
+HELD_OUT_CHANCE = 1e-3
+"""[1] Probability, for all joints together, with which noise alone may make it so."""
+
+WORSE_HELD_OUT = CATALOGUE(
+    "worse-on-held-out", DOUBT, rank=55,
+    meaning="A held-out experiment is predicted worse than the fitted ones, by more than noise and the uncertainty of "
+    "the values explain: the model lacks something that shows there, or the two experiments differ.",
+    next_step="Run fmu-didim discover CASE.yaml; compare payload, temperature and clock of the two experiments.",
+)  # fmt: skip
+NOT_SIMULATED = CATALOGUE(
+    "held-out-not-simulated", DOUBT, rank=51,
+    meaning="The loop with the identified values cannot be simulated on a held-out experiment.",
+    next_step="Check the reference of that experiment, and where its plant starts.",
+)  # fmt: skip
+NO_HELD_OUT = CATALOGUE(
+    "no-held-out", REMARK, rank=90,
+    meaning="No experiment was held out, so nothing tells whether the values predict another motion.",
+    next_step="Record a second motion: experiments: {...: {role: validation}}.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What simulation leaves of measured torque.
+
+    Attributes:
+        values: (N, n) N.m or N; torque: (n,) root mean square of the measured torque.
+    """
+
+    values: Array
+    torque: Array
+
+    @staticmethod
+    def of(measured: Array, simulated: Array) -> Residual:
+        """That of torques (N, n)."""
+        return Residual(measured - simulated, np.maximum(np.sqrt(np.mean(measured**2, axis=0)), TINY))
+
+    @property
+    def variance(self) -> Array:
+        """(n,) mean square."""
+        return np.asarray(np.maximum(np.mean(self.values**2, axis=0), TINY))
+
+
+def held_out_diagnostics(
+    model: LoopModel, covariance: Array, fitted: Residual, held: Mapping[str, Residual], failures: Mapping[str, str]
+) -> list[Diagnostic]:
+    """What held-out experiments say of the values of a model, known with a covariance (p, p).
+
+    Args:
+        fitted: of all experiments that were fitted.
+        held: label -> that of each that was not; failures: label -> why one could not be simulated.
+    """
+    found = [Diagnostic(NOT_SIMULATED, f"The simulation failed: {why}", place=label) for label, why in failures.items()]
+    for label, residual in held.items():
+        count = covariance.shape[0]
+        worse = worse_than_fitted(fitted, residual, count=count)
+        if worse.size:
+            extra = _by_uncertainty(model.on(label), covariance)
+            worse = worse_than_fitted(fitted, residual, count=count, extra=extra)
+        found += [_worse(fitted, residual, int(j), label) for j in worse]
+    if not held and not failures:
+        found.append(
+            Diagnostic(NO_HELD_OUT, "No experiment was held out: the prediction of another motion is untested.")
+        )
+    return found
+
+
+def worse_than_fitted(fitted: Residual, held: Residual, *, count: int, extra: Array | float = 0.0) -> NDArray[np.intp]:
+    """Joints (from 0) of which a held-out residual is larger than that of the fit, beyond chance and by a good part.
+
+    Args:
+        count: parameters that were fitted; extra: (n,) mean variance that their uncertainty makes.
+    """
+    samples, n = fitted.values.shape
+    left = max(samples - count / n, 1.0)
+    before = fitted.variance * samples / left + extra
+    size = np.maximum(held.torque / fitted.torque, 1.0)
+    ratio = held.variance / (before * size**2)
+    first = np.maximum(left * _independent_squares(fitted.values), 1.0)
+    second = np.maximum(held.values.shape[0] * _independent_squares(held.values), 1.0)
+    chance = stats.f.sf(ratio, second, first)
+    return np.flatnonzero((chance < HELD_OUT_CHANCE / n) & (ratio > HELD_OUT_RATIO**2))
+
+
+def _independent_squares(residual: Array) -> Array:
+    """(n,) part of the samples whose squares count as independent, (1 - rho^2)/(1 + rho^2) with the lag-one
+    correlation rho of a first-order autoregression."""
+    fraction = effective_fraction(residual)
+    rho = (1 - fraction) / (1 + fraction)
+    return np.asarray((1 - rho**2) / (1 + rho**2))
+
+
+def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
+    """(n,) mean variance of the torque by the uncertainty of the values."""
+    try:
+        columns = sensitivity(model, model.start, model.torque(model.start))
+    except SimulationError:
+        return np.zeros(model.joint_count)
+    return np.asarray(np.einsum("kjp,pq,kjq->j", columns, covariance, columns) / columns.shape[0])
+
+
+def _worse(fitted: Residual, held: Residual, joint: int, label: str) -> Diagnostic:
+    before, after = (100 * float(np.sqrt(r.variance[joint]) / r.torque[joint]) for r in (fitted, held))
+    ratio = float(np.sqrt(held.variance[joint] / fitted.variance[joint]))
+    return Diagnostic(
+        WORSE_HELD_OUT,
+        f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large.",
+        place=f"{label}: joint {joint + 1}",
+        value=min(ratio, after / max(before, TINY)),
+        bound=HELD_OUT_RATIO,
+        unit="1",
+    )

@@ -1,0 +1,203 @@
+"""The judgement of an identification: everything that speaks for or against its values, gathered from the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.checks.agreement import Agreement, agreement
+from fmu_didim.checks.data.checks import confirmed
+from fmu_didim.checks.held_out import Residual, held_out_diagnostics
+from fmu_didim.checks.judgement import Judgement, judgement
+from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.physical import physical_diagnostics
+from fmu_didim.checks.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.validation import Validation
+from fmu_didim.fit.estimate import Estimate, Status
+from fmu_didim.fit.noise.noise import motion_frequency
+from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_after_step
+from fmu_didim.model.free_parameter import DELAY
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+
+NEAR_LIMIT = 0.01
+"""[standard deviations] A value so near to a limit lies at it: there the solver stops."""
+VISIBLE_SHIFT = 0.2
+"""[standard deviations] A value that finer steps would move by more is told as too coarsely integrated: a tenth of a
+95 % interval."""
+SECOND_STEP = 0.1
+"""[1] A standard deviation that a second step of the sensitivities changes by a larger part is told: 3-sigma then
+means 2.7."""
+JITTER = 0.1
+"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is told: the values scatter by
+it as by noise, and the steps end up to half a deviation from the minimum."""
+
+AT_LIMIT = CATALOGUE(
+    "at-limit", DOUBT, rank=40,
+    meaning="A free parameter ended at one of its limits: the data ask for a value beyond it, and the intervals of the "
+    "others do not know of it.",
+    next_step="Widen the limits if the value may lie beyond; else look for what the model lacks: fmu-didim discover "
+    "CASE.yaml.",
+)  # fmt: skip
+HELD = CATALOGUE(
+    "parameters-held", REMARK, rank=65,
+    meaning="Parameters that act on the torque are not among those identified, and are taken as the robot description "
+    "has them: the others make up for what is wrong with them.",
+    next_step="List them under identified in the robot description, or under known if they are.",
+)  # fmt: skip
+DISAGREE = CATALOGUE(
+    "experiments-disagree", DOUBT, rank=45,
+    meaning="An experiment does not agree with the others on parameters that they share.",
+    next_step="If something changed in between, let the experiment have values of its own: experiments: {...: {own: "
+    "[...]}}.",
+)  # fmt: skip
+TOO_COARSE = CATALOGUE(
+    "integration-too-coarse", DOUBT, rank=48,
+    meaning="Finer steps of the integration would still move a value visibly.",
+    next_step="State more substeps: plant: {substeps: N}.",
+)  # fmt: skip
+ROUGH = CATALOGUE(
+    "sensitivity-rough", DOUBT, rank=46,
+    meaning="The step control inside a plant or controller limits how well the sensitivities are known, and with them "
+    "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
+    next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer "
+    "(tolerance: 1e-9, where it follows the tolerance that it is told).",
+)  # fmt: skip
+OTHER_MINIMUM = CATALOGUE(
+    "another-minimum", DOUBT, rank=47,
+    meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
+    "well, and the data do not say which is true.",
+    next_step="Log the torque at more than twice the frequency of that resonance, or give the inertia (known: [...]).",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the checks of an estimate found.
+
+    Attributes:
+        judgement: of its values; residual: what the residual of each joint says of the model.
+        agreements: label -> how an experiment agrees with the others, where several were fitted.
+    """
+
+    judgement: Judgement
+    residual: tuple[ResidualTest, ...]
+    agreements: Mapping[str, Agreement]
+
+
+def residual_tests(estimate: Estimate) -> tuple[ResidualTest, ...]:
+    """What the residual of each joint says of the model."""
+    return lack_of_fit(estimate.colours, estimate.known_noise, stated=estimate.noise_is_stated)
+
+
+def checked(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Checks:
+    """Everything that can be checked of an estimate.
+
+    Args:
+        validations: of all experiments.
+        before: what was found before the work; what the fit has cleared up is left out.
+    """
+    model = estimate.model
+    held = [v for v in validations if v.role == "validation"]
+    tests = residual_tests(estimate)
+    agreements = {} if estimate.fit is None else agreement(estimate.fit)
+    found = [
+        *confirmed(model, before),
+        *held_parameters(model),
+        *limit_diagnostics(estimate),
+        *agreement_diagnostics(agreements.values()),
+        *held_out_diagnostics(
+            model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
+            {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
+            {v.label: v.failure for v in validations if v.failure},
+        ),
+    ]  # fmt: skip
+    found += physical_diagnostics(model, estimate.covariance)
+    found += residual_diagnostics(tests)
+    if estimate.fit is not None:
+        found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))
+    found += slow_diagnostics(tests, *_bands(model))
+    shift = float(np.max(estimate.integration_shift))
+    if shift > VISIBLE_SHIFT:
+        text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
+        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
+    found += roughness_diagnostics(estimate.roughness, model)
+    found += [
+        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
+        for name, value in estimate.rivals
+    ]
+    return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), tests, agreements)
+
+
+def _bands(model: LoopModel) -> tuple[float, float]:
+    """Highest frequency of the motions that were fitted, infinite where a reference has none, and the cut-off of the
+    low-pass of the torque, Hz."""
+    references = [model.experiments[label].reference for label in model.estimation_labels]
+    try:
+        highest = max(motion_frequency(reference, model.joint_count) for reference in references)
+    except UnknownNameError:
+        highest = np.inf
+    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
+
+
+def held_parameters(model: LoopModel) -> list[Diagnostic]:
+    """Parameters of the robot that act on the torque with a value of the description, without being called known; one
+    of zero is not in the model at all."""
+    if not isinstance(model.parameters, RobotParameters):
+        return []
+    base = model.parameters.base
+    values = dict(zip(base.standard_names, base.known.tolist(), strict=True))
+    held = [name for name in base.held if values[name]]
+    if not held:
+        return []
+    text = ", ".join(f"{name} = {values[name]:.4g}" for name in held)
+    return [Diagnostic(HELD, f"Not identified, but taken as the description has them: {text}.", "robot")]
+
+
+def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Diagnostic]:
+    """Where the step control of a foreign plant or controller limits the answer, and whose it is where that shows."""
+    if rough is None:
+        return []
+    found = []
+    if not rough.change <= SECOND_STEP:
+        text = f"A second step of the sensitivities changes a standard deviation by {100 * rough.change:.0f} %."
+        found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, SECOND_STEP, "1"))
+    if rough.jitter > JITTER:
+        text = (
+            f"When a parameter changes ever so little, the simulated torque jitters by {rough.jitter:.2g} standard "
+            "deviations of its residual: the values scatter by it."
+        )
+        found.append(Diagnostic(ROUGH, text, "", rough.jitter, JITTER, "standard deviations"))
+    cause = smoother_after_step(model) if found else ""
+    if not cause:
+        return found
+    text = f" Where the {cause} gives its outputs after its step, nearly nothing is left of that."
+    advice = f"Say so of the {cause}, if that is how it computes them: {cause}: {{outputs_after_step: true}}."
+    return [replace(d, text=d.text + text, next_step=advice) for d in found]
+
+
+def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
+    """Free parameters that ended at a limit."""
+    found = []
+    for parameter, deviation in zip(estimate.model.free_parameters, estimate.standard_deviation, strict=True):
+        value = parameter.value
+        natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
+        for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
+            if abs(value - limit) <= NEAR_LIMIT * deviation:
+                text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
+                found.append(Diagnostic(AT_LIMIT, text, parameter.name, value, float(limit), parameter.unit))
+                break
+    return found
+
+
+def agreement_diagnostics(found: Iterable[Agreement]) -> list[Diagnostic]:
+    """Experiments that do not agree with the others."""
+    return [
+        Diagnostic(DISAGREE, agreement.warning(), agreement.label, agreement.change_in_std, unit="standard deviations")
+        for agreement in found
+        if not agreement.agrees
+    ]

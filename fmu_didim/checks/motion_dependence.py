@@ -1,0 +1,322 @@
+"""Whether what a model leaves of the torque still depends on the motion: then it is no noise, whatever its size.
+
+The residual r of a joint is regressed on its sensitivities S, which the fit has used up, and on functions F of the
+simulated motion that the model does not have:
+
+    r = S a + F b + e,      all filtered by the autoregression of the noise, so that e is white.
+
+That b explains as much by noise alone has the probability of Fisher's F with as many degrees of freedom as F has
+columns of its own and as samples are left; that one of the m columns alone does, m times that of Student's t at most
+(Bonferroni). The smaller one counts, twice because there are two. It needs neither a known noise nor periods that
+repeat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from scipy import linalg, stats
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.log_noise import STANDSTILL
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.noise.weighting import noise_floor, whitened
+from fmu_didim.fit.statistics import influence_efficient, noise_deviation
+from fmu_didim.fit.uncertainty import Colour, nominal_rate, stretches, uncertainty
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel, Simulation
+
+MOTION_CHANCE = 1e-3
+"""[1] Probability, for all joints together, with which noise alone may be said to depend on the motion."""
+BAND = 1.8
+"""[samples] Of filtered data in a period of the cut-off frequency that the test for motion looks at: what a
+Butterworth filter of order 4 passes forwards and backwards is white at that rate, to a tenth."""
+ENDS = 1
+"""[samples] Of those at each end of a log that are left out: there the filter makes up what it lacks."""
+SAMPLES_A_FUNCTION = 8.0
+"""[samples] At least, for each function of the motion that a residual is compared with."""
+CLOCK_ALONE = 0.8
+"""[1] Share of what the motion explains of a residual, from which the rate of the torque alone is the cause: a clock
+5 ms late gives 0.9 and more, steeper friction or other gains less than 0.6."""
+SIGNIFICANT = 2.0
+"""[standard deviations] From which a value is different from zero."""
+OWN_PART = 1e-6
+"""[1] Part of a column that others must leave of it, if it is to say anything of its own."""
+TURNING = 0.05
+"""[1] Fraction of the largest speed of a joint over which its direction changes."""
+CREEPING = 0.005
+"""[1] The same of what happens at standstill only, such as steeper friction."""
+
+DEPENDS_ON_MOTION = CATALOGUE(
+    "residual-depends-on-motion", DOUBT, rank=60,
+    meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
+    "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
+    next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
+)  # fmt: skip
+
+UNTESTED = CATALOGUE(
+    "motion-untested", DOUBT, rank=62,
+    meaning="There are too few samples to tell whether what the model leaves of the measured torque follows the "
+    "motion: that physics is missing, or the clock or the controller is not as stated, would not be seen.",
+    next_step="Measure for longer or log at a higher rate; with low_pass, let more of the band through.",
+)  # fmt: skip
+
+TORQUE_RATE = "rate of the torque"
+"""The function of the motion that a shift of the log's clock leaves."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How the residual of a joint depends on the motion.
+
+    Attributes:
+        joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
+        most: the function of the motion that alone explains most; alone: its share of what all explain.
+        slope, deviation: of the residual over that function, with its standard deviation.
+        samples: that were too few to ask; None where it was asked.
+    """
+
+    joint: int
+    p_value: float
+    share: float
+    most: str
+    alone: float
+    slope: float = 0.0
+    deviation: float = 0.0
+    samples: int | None = None
+
+    @staticmethod
+    def untested(joint: int, samples: int) -> Dependence:
+        return Dependence(joint, 1.0, 0.0, "", 0.0, samples=samples)
+
+
+def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
+    """The joints whose residual depends on the motion beyond chance, or may; of those that show another clock which."""
+    level = MOTION_CHANCE / max(len(found), 1)
+    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > CLOCK_ALONE]
+    return [_clock(d) for d in clock] + [
+        Diagnostic(
+            DEPENDS_ON_MOTION,
+            f"{100 * d.share:.2g} % of the squared residual follows the motion (p = {max(d.p_value, TINY):.1e}), most "
+            f"with the {d.most}.",
+            place=f"joint {d.joint}", value=d.p_value, bound=level, unit="1",
+        )
+        for d in found
+        if d.p_value < level and d not in clock
+    ] + [
+        Diagnostic(UNTESTED, f"{d.samples} sample{' is' if d.samples == 1 else 's are'} too few.", f"joint {d.joint}")
+        for d in found if d.samples is not None
+    ]  # fmt: skip
+
+
+def _clock(found: Dependence) -> Diagnostic:
+    late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
+    text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
+    bound = SIGNIFICANT * deviation
+    return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
+
+
+def motion_dependence(
+    model: LoopModel,
+    values: Array,
+    residuals: Mapping[str, Array],
+    sensitivities: Mapping[str, Array],
+    coefficients: Mapping[tuple[int, float], Array],
+    rows: Mapping[str, Indices] = MappingProxyType({}),
+) -> list[Dependence]:
+    """How the residual of each joint depends on the simulated motion; nothing where that breaks off.
+
+    Args:
+        residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
+        coefficients: joint, from 1, and rate of the log in Hz -> (order,) of the autoregression of its noise.
+        rows: label -> those samples of the log, where residuals and sensitivities are of some of them.
+    """
+    try:
+        tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
+    except SimulationError:  # after the last sample of a log
+        return []
+    found = []
+    logs = {label: _at(model.experiments[label], rows.get(label)) for label in residuals}
+    for j in range(model.joint_count):
+        named = [list(tables[label][j]) for label in residuals]
+        names = [name for name in named[0] if all(name in others for others in named)]
+        parts = []
+        for label, residual in residuals.items():
+            motion = np.column_stack([tables[label][j][name] for name in names])
+            motion = motion[rows[label]] if label in rows else motion
+            stacked = np.column_stack([residual[:, j], sensitivities[label][:, j], motion])
+            own = coefficients.get((j + 1, nominal_rate(logs[label].rate_hz)), np.zeros(0))
+            parts.append(filtered(stacked, own, logs[label]))
+        whole = np.concatenate(parts)
+        found.append(dependence(whole[:, 0], whole[:, 1 : -len(names)], whole[:, -len(names) :], names, joint=j + 1))
+    return found
+
+
+def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
+    """How the residual of each joint depends on the motion at a point of the closed loop.
+
+    What was filtered is looked at in so many samples as it has room for in its band, without the ends of the log,
+    where the filter makes up what was before and after; their noise has a colour of its own.
+
+    Args:
+        colours: of the noise of the log as it is.
+    """
+    if fit.model.low_pass is not None:
+        return _dependence_in_band(fit, fit.model.low_pass.cutoff_hz)
+    rows, residual = fit.model.rows, fit.residual
+    return motion_dependence(
+        fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
+        {label: fit.jacobian[part] for label, part in rows.items()},
+        {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours},
+    )  # fmt: skip
+
+
+def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
+    """The same for a fit of filtered samples."""
+    model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
+    for label, part in model.rows.items():
+        experiment = model.experiments[label]
+        every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
+        rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
+        if rows.size * model.joint_count < 2 * fit.values.size:
+            return [Dependence.untested(j + 1, rows.size) for j in range(model.joint_count)]
+        chosen[label] = rows
+        times.append(experiment.time[rows])
+        residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
+    residual, sensitivity = (np.concatenate(list(table.values())) for table in (residuals, sensitivities))
+    influence = influence_efficient(whitened(sensitivity, fit.deviation)).reshape(sensitivity.shape)
+    influence = influence / fit.deviation[:, None]
+    leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
+    deviation = noise_deviation(residual, leverage, floor=noise_floor(model.measured))
+    colours = uncertainty(residual, sensitivity, influence, deviation, stretches(times)).colours
+    coefficients = {(colour.joint, colour.rate_hz): colour.coefficients for colour in colours}
+    return motion_dependence(model, fit.values, residuals, sensitivities, coefficients, chosen)
+
+
+def _at(experiment: Experiment, rows: Indices | None) -> Experiment:
+    """An experiment with these samples alone; its operator is that of all."""
+    return (
+        experiment if rows is None else replace(experiment, time=experiment.time[rows], torque=experiment.torque[rows])
+    )
+
+
+def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int) -> Dependence:
+    """How a residual (N,) with white noise depends on functions (N, m) of the motion, beside nuisances (N, p).
+
+    Of the functions as many are used as the samples allow, the first ones first.
+    """
+    known = _basis(nuisance)
+    room = int((residual.size - known.shape[1]) / SAMPLES_A_FUNCTION)
+    if room < 1:
+        return Dependence.untested(joint, max(residual.size - known.shape[1], 0))
+    columns = motion[:, :room]
+    rest, own = residual - known @ (known.T @ residual), columns - known @ (known.T @ columns)
+    kept = np.linalg.norm(own, axis=0) > OWN_PART * np.maximum(np.linalg.norm(columns, axis=0), TINY)
+    total = float(rest @ rest)
+    if not kept.any() or total <= TINY:
+        return Dependence(joint, 1.0, 0.0, "", 0.0)
+    own, left = own[:, kept], [name for name, keep in zip(names, kept, strict=False) if keep]
+    basis = _basis(own)
+    explained = float(np.sum((basis.T @ rest) ** 2))
+    first, second = basis.shape[1], residual.size - known.shape[1] - basis.shape[1]
+    ratio = (explained / first) / (max(total - explained, TINY) / second)
+    power, product = np.sum(own**2, axis=0), own.T @ rest
+    most = int(np.argmax(product**2 / power))
+    share = float(product[most] ** 2 / power[most]) / max(explained, TINY)
+    deviation = float(np.sqrt(max(total - explained, 0.0) / second / power[most]))
+    return Dependence(
+        joint, _chance(total, product**2 / power, ratio, first, second), explained / total, left[most], share,
+        slope=float(product[most] / power[most]), deviation=deviation,
+    )  # fmt: skip
+
+
+def _chance(total: float, alone: Array, ratio: float, first: int, second: int) -> float:
+    """Probability of as much by noise alone: of all columns together, or of the one that explains most.
+
+    Args:
+        total: sum of squares; alone: (m,) what each column explains of it; ratio: Fisher's, with these degrees of
+            freedom.
+    """
+    most, freedom = float(alone.max()), second + first - 1
+    student = np.sqrt(most / (max(total - most, TINY) / freedom))
+    both = (stats.f.sf(ratio, first, second), alone.size * 2 * stats.t.sf(student, freedom))
+    return float(min(2 * min(both), 1.0))
+
+
+def _basis(columns: Array) -> Array:
+    """(N, r) orthonormal basis of the columns (N, m), those that depend on others left out."""
+    length = np.linalg.norm(columns, axis=0)
+    acting = length > TINY
+    if not acting.any():
+        return np.zeros((columns.shape[0], 0))
+    q, r, _ = linalg.qr(columns[:, acting] / length[acting], mode="economic", pivoting=True)
+    size = np.abs(np.diag(r))
+    return np.asarray(q[:, : int(np.sum(size > OWN_PART * size[0]))])
+
+
+def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array:
+    """What an autoregression leaves of the columns (N, m) of an experiment; rows whose past is missing are left out."""
+    whitening = np.append(1.0, -coefficients)
+    on_grid = experiment.with_gaps(table)
+    count = on_grid.shape[0] - coefficients.size
+    left = sum(a * on_grid[coefficients.size - k : coefficients.size - k + count] for k, a in enumerate(whitening))
+    left = np.asarray(left)
+    return np.asarray(left[np.isfinite(left).all(axis=1)])
+
+
+def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
+    """Functions (N,) of the simulated motion of each joint at the samples, by name; the most telling ones first.
+
+    Velocities and positions are there as far as the plant gives them; raises SimulationError.
+    """
+    recording, model, step = run.record(all_ticks=True), run.model, run.step_size
+    offered = {v.name for v in model.plant.outputs}
+
+    def sampled(signal: Array) -> Array:
+        return np.asarray(run.sampled(signal[run.operator.ticks, None])[:, 0])
+
+    torque = run.logged_torque(recording)
+    found = []
+    for j in range(model.joint_count):
+        rate = np.gradient(torque[:, j], step)
+        functions = {TORQUE_RATE: rate}
+        if f"dq{j + 1}" in offered:
+            dq = recording.table([f"{model.plant_name}.dq{j + 1}"])[:, 0]
+            fast = max(float(np.abs(dq).max()), STANDSTILL)
+            acceleration = np.gradient(dq, step)
+            functions |= {
+                "direction of motion": np.tanh(dq / (TURNING * fast)),
+                "square of the velocity": dq * np.abs(dq),
+                "acceleration": acceleration,
+                "velocity": dq,
+            }
+        functions |= {
+            "offset": np.ones(torque.shape[0]),
+            "torque": torque[:, j],
+            "size of the torque": np.abs(torque[:, j]),
+        }
+        if f"dq{j + 1}" in offered:
+            functions |= {
+                "velocity near standstill": np.tanh(dq / (CREEPING * fast)),
+                "cube of the velocity": dq**3,
+                "kinetic energy": dq**2,
+                "jerk": np.gradient(acceleration, step),
+            }
+        if f"q{j + 1}" in offered:
+            q = recording.table([f"{model.plant_name}.q{j + 1}"])[:, 0]
+            q = q - q.mean()
+            functions |= {"position": q, "square of the position": q**2, "cube of the position": q**3}
+        functions |= {
+            "time": recording.time - recording.time.mean(),
+            "curvature of the torque": np.gradient(rate, step),
+        }
+        found.append({name: sampled(signal) for name, signal in functions.items()})
+    return found

@@ -1,0 +1,172 @@
+"""Whether a machine can have the values of an estimate: friction, links, and inertia wherever it can stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import differential_evolution
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.feasibility import Nearest, nearest_physical
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import FRICTION, POSITIVE, RobotParameters
+
+EIGENVALUE_TOLERANCE = 1e-9
+"""[1] To which the smallest scaled eigenvalue of the inertia matrix is searched for."""
+NEGATIVE_FRICTION = 2.0
+"""[standard deviations] Friction that lies farther below zero would drive the machine: one of forty does so by
+chance."""
+FALSE_UNPHYSICAL = 1e-3
+"""[1] Probability with which noise alone puts a physical robot so far from physical values. The square of the
+distance is a chi-square of as many degrees as inequalities hold the nearest values back."""
+POPULATION = 15
+"""[points a joint] Of positions among which the smallest eigenvalue is searched: usual."""
+GENERATIONS = 60
+"""[generations] Of them: more move the eigenvalue by less than 1 % of its size."""
+
+FRICTION_NEGATIVE = CATALOGUE(
+    "friction-negative", DOUBT, rank=60,
+    meaning="A friction parameter lies below zero by more than its uncertainty: this friction would drive the machine.",
+    next_step="Run fmu-didim discover CASE.yaml: another effect, a wrong gain or a late clock may stand for it.",
+)  # fmt: skip
+NOT_PHYSICAL = CATALOGUE(
+    "not-physical", DOUBT, rank=55,
+    meaning="No links of positive mass have these base parameters, or any that are as near as their uncertainty.",
+    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: an error there is "
+    "compensated by an impossible inertia of some link.",
+)  # fmt: skip
+MASS_INDEFINITE = CATALOGUE(
+    "mass-matrix-indefinite", DOUBT, rank=57,
+    meaning="The inertia matrix is not positive definite in all positions that the joints can have: there the model "
+    "cannot be simulated.",
+    next_step="Use the model only along motions like those of the data, or excite the joint more strongly.",
+)  # fmt: skip
+
+
+def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic]:
+    """What no machine can have of the values of a model, known with a covariance (p, p).
+
+    Nothing is said of a plant without robot description. Where experiments have values of their own, those of each are
+    looked at.
+    """
+    if not isinstance(model.parameters, RobotParameters):
+        return []
+    robot, base, values = model.parameters.model, model.parameters.base, model.start
+    low, high = joint_range(model)
+    found: dict[tuple[str, str], Diagnostic] = {}
+    for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):
+        place = model.theta(np.arange(values.size, dtype=float), label).astype(
+            np.int64
+        )  # which of the free parameters act there
+        theta, part = values[place], covariance[np.ix_(place, place)]
+        told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
+        for diagnostic in (*told, *indefinite(model.parameters, theta, part, low, high)):
+            found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
+    return list(found.values())
+
+
+def joint_range(model: LoopModel) -> tuple[Array, Array]:
+    """Lowest and highest positions (n,) each: by the description, else a whole turn, and of a prismatic joint what the
+    references reach."""
+    assert isinstance(model.parameters, RobotParameters)
+    low, high = [], []
+    for j, joint in enumerate(model.parameters.model.description.joints, start=1):
+        if joint.limits is not None:
+            ends = joint.limits
+        elif joint.type == "revolute":
+            ends = (-np.pi, np.pi)
+        else:
+            columns = [e.reference.column(f"q{j}") for e in model.experiments.values() if f"q{j}" in e.reference.names]
+            reached = np.concatenate([np.zeros(1), *columns])
+            ends = (float(reached.min()), float(reached.max()))
+        low.append(ends[0])
+        high.append(ends[1])
+    return np.array(low), np.array(high)
+
+
+def negative_friction(base: BaseParameters, theta: Array, covariance: Array) -> list[Diagnostic]:
+    """Friction parameters below zero by more than two standard deviations."""
+    deviation, found = np.sqrt(np.diag(covariance)), []
+    for name, standard, unit, value, sigma in zip(base.names, base.standard, base.units, theta, deviation, strict=True):
+        stem = standard.rstrip("0123456789")
+        if stem in FRICTION and value < -NEGATIVE_FRICTION * sigma:
+            excess = value / sigma if sigma > 0 else -np.inf
+            text = f"{name} = {value:.3g} ± {sigma:.2g} {unit} is negative by {-excess:.1f} standard deviations."
+            place = f"joint {standard.removeprefix(stem)}"
+            bound = -NEGATIVE_FRICTION
+            found.append(Diagnostic(FRICTION_NEGATIVE, text, place, float(excess), bound, "standard deviations"))
+    return found
+
+
+def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array) -> list[Diagnostic]:
+    """Base parameters that physical links cannot have within their uncertainty: all together, else one by one.
+
+    Together they show what none shows alone; but where many inequalities hold the nearest values back, chance explains
+    a distance that is too far for one.
+    """
+    try:
+        near = nearest_physical(robot, base, theta, covariance)
+        bound = float(np.sqrt(stats.chi2.isf(FALSE_UNPHYSICAL, max(near.constraints, 1))))
+        if near.distance > bound:
+            return [_not_physical(base, theta, near, bound)]
+        bound = float(stats.norm.isf(FALSE_UNPHYSICAL / base.count))
+        # Physical values stay so when all are multiplied: only a sign can be wrong of one alone.
+        suspects = np.flatnonzero(theta < -bound * np.sqrt(np.diag(covariance)))
+        single = [nearest_physical(robot, base, theta, covariance, alone=int(i)) for i in suspects]
+    except IdentificationError as error:
+        return [Diagnostic(NOT_PHYSICAL, error.what, next_step=error.next_step)]
+    worst = max(single, key=lambda one: one.distance, default=near)
+    return [_not_physical(base, theta, worst, bound)] if worst.distance > bound else []
+
+
+def _not_physical(base: BaseParameters, theta: Array, near: Nearest, bound: float) -> Diagnostic:
+    name, unit = base.names[near.parameter], base.units[near.parameter]
+    text = (
+        f"No link {near.link} of positive mass has these values: the nearest that physical links have are "
+        f"{near.distance:.1f} standard deviations away, where chance explains {bound:.1f}; {name} would move most, "
+        f"from {theta[near.parameter]:.3g} to {near.values[near.parameter]:.3g} {unit}."
+    )
+    return Diagnostic(NOT_PHYSICAL, text, f"link {near.link}", near.distance, bound, "standard deviations")
+
+
+def indefinite(
+    parameters: RobotParameters, theta: Array, covariance: Array, low: Array, high: Array
+) -> list[Diagnostic]:
+    """An inertia matrix that is not positive definite at some position between low and high, (n,) each."""
+    worst = worst_position(parameters, theta, low, high)
+    if worst.eigenvalue > POSITIVE:
+        return []
+    joint, name, slopes = parameters.weakest(worst.position, theta)
+    sigma = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
+    where = ", ".join(f"{v:.3g}" for v in worst.position)
+    text = (
+        f"The inertia matrix is not positive definite at q = ({where}): its smallest scaled eigenvalue is "
+        f"{worst.eigenvalue:.2g} ± {sigma:.2g}, of the motion of joint {joint}, most of it by {name}."
+    )
+    return [Diagnostic(MASS_INDEFINITE, text, f"joint {joint}", worst.eigenvalue, POSITIVE, "1")]
+
+
+@dataclass(frozen=True)
+class Worst:
+    """Where the scaled inertia matrix has its smallest eigenvalue: position (n,) and the eigenvalue."""
+
+    position: Array
+    eigenvalue: float
+
+
+def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: Array) -> Worst:
+    """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each, by differential
+    evolution (Storn, Price, Journal of Global Optimization 11, 1997)."""
+    robot, chi = parameters.model, parameters.base.expand(theta)
+    found = differential_evolution(
+        lambda positions: robot.inertia_along(positions.T, chi), list(zip(low, high, strict=True)), vectorized=True,
+        updating="deferred", init="sobol", popsize=POPULATION, maxiter=GENERATIONS, polish=False, seed=0,
+        tol=0.0, atol=EIGENVALUE_TOLERANCE,
+    )  # fmt: skip
+    return Worst(np.asarray(found.x), float(found.fun))

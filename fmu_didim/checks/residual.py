@@ -1,0 +1,216 @@
+"""Whether the residual of a fit is noise: as large as the noise, and white once its colour is taken out.
+
+Model error shows in both. At high rates it makes neighbouring samples alike, whatever the noise is; at low rates it
+shows only as a residual that is larger than the noise, where that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.uncertainty import Colour, chi_square_bounds
+
+SLOW_SHARE = 0.5
+"""[1] Of the power of a residual that lies in the band of the motion, from which it is doubted: noise with a memory
+of 50 ms has 12 to 25 % below 1.25 Hz."""
+SLOW_CONTRAST = 30.0
+"""[1] Density of its spectrum there over that above: noise with a memory of 50 ms at 200 Hz has up to 23, a missing
+offset of five times the noise 900."""
+MOTION_BAND = 0.5
+"""[1] Of the frequencies of a log that the motion may fill: there must be others to compare with."""
+SPECTRUM_POINTS = 1000
+"""[points] Of the spectrum of an autoregression in a band."""
+STILL_NOT_WHITE = 1e-4
+"""[1] Probability, by Ljung and Box, below which what the colour of a residual leaves is said to be no white
+noise."""
+COMPARED = 1 / 3
+"""[1] Fraction of the samples of a log that repeats by which its noise is known: one and a half periods, the fewest
+that are compared, have a third in their difference."""
+
+NOISE_COLOURED = CATALOGUE(
+    "noise-coloured", REMARK, rank=80,
+    meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
+    "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
+    next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+RESIDUAL_ABOVE_NOISE = CATALOGUE(
+    "residual-above-noise", DOUBT, rank=60,
+    meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
+    "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
+    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+STATED_NOISE_LARGE = CATALOGUE(
+    "stated-noise-large", REMARK, rank=70,
+    meaning="The residual of a joint is smaller than the noise that the case states. Standard deviations are those of "
+    "the stated noise, as if it were white.",
+    next_step="Check torque_std, or leave it out: the noise is then taken from the residual.",
+)  # fmt: skip
+COLOUR_NOT_MODELLED = CATALOGUE(
+    "colour-not-modelled", REMARK, rank=75,
+    meaning="What the autoregression of the residual leaves is still not white: a hum, or noise whose size changes "
+    "with the motion. Standard deviations count with the autoregression.",
+    next_step="Look at the residual in the report; take standard deviations for less certain than they look.",
+)  # fmt: skip
+RESIDUAL_SLOW = CATALOGUE(
+    "residual-slow", DOUBT, rank=61,
+    meaning="Most of what the model leaves of a torque is as slow as the motion, where noise has little power: it "
+    "looks like something that the model lacks, an offset or a drift. What the values take up of it no interval has.",
+    next_step="Run fmu-didim discover CASE.yaml; if the sensor drifts, state that noise: torque_std.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """The residual of a joint, in all fitted logs of one rate.
+
+    Attributes:
+        joint: counted from 1; rate_hz: of the logs.
+        chi_square_per_sample: variance of the noise by the residual over the known one, 1 if the model is right; None
+            where the noise is not known. chi_square_bound, chi_square_least: what chance hardly leaves.
+        noise_is_stated: whether the case states that noise; else periods that repeat show it.
+        lag1: correlation of neighbouring samples.
+        order, coefficients: of the autoregression that gives the colour; 0 where the residual counts as white.
+        whiteness_p: p value of Ljung and Box's test of what the autoregression leaves.
+        inflation: standard deviations that come from the joint, over those with white noise.
+    """
+
+    joint: int
+    rate_hz: float
+    chi_square_per_sample: float | None
+    chi_square_bound: float | None
+    chi_square_least: float | None
+    noise_is_stated: bool
+    lag1: float
+    order: int
+    coefficients: Array
+    whiteness_p: float
+    inflation: float
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """Whether the residual is larger than the known noise."""
+        if self.chi_square_per_sample is None or self.chi_square_bound is None:
+            return False
+        return self.chi_square_per_sample > self.chi_square_bound
+
+    @property
+    def is_below_noise(self) -> bool:
+        """Whether it is smaller."""
+        if self.chi_square_per_sample is None or self.chi_square_least is None:
+            return False
+        return self.chi_square_per_sample < self.chi_square_least
+
+
+def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[ResidualTest, ...]:
+    """What the residual of each joint says of the model.
+
+    Args:
+        colours: as an estimate has them.
+        deviation: (n,) known standard deviation of the noise, of a case or of periods that repeat; None: not known.
+        stated: whether the case states it; periods know it from a part of the samples only.
+    """
+    found = []
+    for colour in colours:
+        known_from = np.inf if stated else COMPARED * colour.samples
+        least, most = chi_square_bounds(colour.samples, known_from)
+        ratio = None if deviation is None else colour.residual_variance / deviation[colour.joint - 1] ** 2
+        found.append(
+            ResidualTest(
+                joint=colour.joint,
+                rate_hz=colour.rate_hz,
+                chi_square_per_sample=ratio,
+                chi_square_bound=None if ratio is None else most,
+                chi_square_least=None if ratio is None else least,
+                noise_is_stated=stated,
+                lag1=colour.lag_one,
+                order=colour.coefficients.size,
+                coefficients=colour.coefficients,
+                whiteness_p=colour.whiteness,
+                inflation=colour.inflation,
+            )
+        )
+    return tuple(found)
+
+
+def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
+    """What the user should know of the residual."""
+    found, rates = [], {test.rate_hz for test in tests}
+    for test in tests:
+        place = f"joint {test.joint}" + (f", logs at {test.rate_hz:g} Hz" if len(rates) > 1 else "")
+        if test.exceeds_noise:
+            found.append(
+                Diagnostic(
+                    RESIDUAL_ABOVE_NOISE,
+                    f"the residual is larger than the known noise (chi-square per sample "
+                    f"{test.chi_square_per_sample:.3g}, by chance at most {test.chi_square_bound:.3g}); the standard "
+                    "deviations contain this lack of fit.",
+                    place, test.chi_square_per_sample, test.chi_square_bound,
+                )
+            )  # fmt: skip
+        if test.is_below_noise and test.noise_is_stated:
+            found.append(
+                Diagnostic(
+                    STATED_NOISE_LARGE,
+                    f"the residual is smaller than the stated noise (chi-square per sample "
+                    f"{test.chi_square_per_sample:.3g}, by chance at least {test.chi_square_least:.3g}); the standard "
+                    "deviations are those of the stated noise.",
+                    place, test.chi_square_per_sample, test.chi_square_least,
+                )
+            )  # fmt: skip
+        if test.order:
+            found.append(
+                Diagnostic(
+                    NOISE_COLOURED,
+                    f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard "
+                    f"deviations are some {test.inflation:.2g} times those with white noise.",
+                    place, test.inflation, 1.0, "1",
+                )
+            )  # fmt: skip
+        if test.whiteness_p < STILL_NOT_WHITE:
+            found.append(
+                Diagnostic(
+                    COLOUR_NOT_MODELLED,
+                    f"what is left after the colour of the residual (order {test.order}) is not white either "
+                    f"(p = {test.whiteness_p:.1e}).",
+                    place, test.whiteness_p, STILL_NOT_WHITE, "1",
+                )
+            )  # fmt: skip
+    return found
+
+
+def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
+    """The joints whose residual is as slow as the motion, by the spectrum of its autoregression.
+
+        S(f) = 1 / |1 - sum_k a_k exp(-2 pi i f k / rate)|^2
+
+    Args:
+        motion_hz: highest frequency of the motion; cutoff_hz: of a low-pass of torque and model, above which nothing
+            is compared.
+    """
+    found = []
+    for test in tests:
+        highest = min(test.rate_hz / 2, cutoff_hz)
+        if test.exceeds_noise or not test.order or motion_hz > MOTION_BAND * highest:
+            continue
+        below, above = (_mean_density(test, *band) for band in ((0.0, motion_hz), (motion_hz, highest)))
+        slow, fast = below * motion_hz, above * (highest - motion_hz)
+        share, contrast = slow / (slow + fast), below / above
+        if share > SLOW_SHARE and contrast > SLOW_CONTRAST:
+            text = (
+                f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, where the motion is, with "
+                f"{contrast:.2g} times the density of what lies above."
+            )
+            found.append(Diagnostic(RESIDUAL_SLOW, text, f"joint {test.joint}", share, SLOW_SHARE, "1"))
+    return found
+
+
+def _mean_density(test: ResidualTest, lowest: float, highest: float) -> float:
+    """Mean of the spectral density of a residual between two frequencies, with innovations of variance one."""
+    frequency = np.linspace(lowest, highest, SPECTRUM_POINTS)
+    turns = np.exp(-2j * np.pi * np.outer(frequency / test.rate_hz, np.arange(1, test.order + 1)))
+    return float(np.mean(1 / np.abs(1 - turns @ test.coefficients) ** 2))

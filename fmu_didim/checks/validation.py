@@ -1,0 +1,56 @@
+"""Direct and cross validation: simulated against measured torque, relative error per joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.model.experiment import Role
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.simulated_table import motion_at_samples, simulated_table
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Measured and simulated torque of one experiment.
+
+    Attributes:
+        label: of the experiment; role: whether the parameters were fitted to it.
+        time: (N,) s; measured, simulated: (N, n) N.m or N.
+        total_percent, per_joint_percent: 100 |y - y_s| / |y|, (n,) for the joints.
+        failure: why the simulation failed, or empty; the values are then NaN.
+        every: simulated torque ``tau<j>`` at every control period; None where the simulation failed.
+        motion: ``q<j>``, ``dq<j>`` -> (N,) simulated motion at the samples, as far as the plant gives it.
+    """
+
+    label: str
+    role: Role
+    time: Array
+    measured: Array
+    simulated: Array
+    total_percent: float
+    per_joint_percent: Array
+    failure: str = ""
+    every: Trajectory | None = None
+    motion: Mapping[str, Array] = field(default_factory=dict)
+
+
+def validate(model: LoopModel, values: Array, label: str) -> Validation:
+    """Simulate an experiment with values (p,) and compare the torques."""
+    run, measured = model.simulation(values, label), model.measured_in(label)
+    every, motion = None, dict[str, Array]()
+    try:
+        simulated, failure = run.torque(), ""
+        table = simulated_table(run)
+        every, motion = table.first(model.joint_count), motion_at_samples(run, table)
+    except SimulationError as error:
+        simulated, failure = np.full_like(measured, np.nan), str(error)
+    total, per_joint = relative_error_percent(measured, simulated)
+    return Validation(
+        label, run.experiment.role, run.experiment.time, measured, simulated, total, per_joint, failure, every, motion
+    )

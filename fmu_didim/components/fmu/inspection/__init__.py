@@ -1,0 +1,1 @@
+"""What an FMU says of itself, and how it behaves."""

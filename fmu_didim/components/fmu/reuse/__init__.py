@@ -1,0 +1,1 @@
+"""How an FMU is run again, found out by trials in other processes."""

@@ -1,0 +1,31 @@
+"""The master: wiring, order and time of the loop, and what is recorded."""
+
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.cosim.execution.interpreted import Observer
+from fmu_didim.cosim.insertion import logged_torque, splice, splice_effect, splice_output
+from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.recording_cache import KeptRecordings, response_key
+from fmu_didim.cosim.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
+from fmu_didim.cosim.simulation import simulate
+from fmu_didim.cosim.system import Connection, System, closed_loop
+
+__all__ = [
+    "Connection",
+    "Indices",
+    "InstancePool",
+    "KeptRecordings",
+    "Observer",
+    "Recording",
+    "SampleOperator",
+    "System",
+    "closed_loop",
+    "decimated_times",
+    "grid_places",
+    "logged_torque",
+    "response_key",
+    "sample_operator",
+    "simulate",
+    "splice",
+    "splice_effect",
+    "splice_output",
+]

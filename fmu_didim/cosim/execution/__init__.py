@@ -1,0 +1,1 @@
+"""How a system is run: in Python, in C, in this process or in another."""

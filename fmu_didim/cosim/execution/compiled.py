@@ -1,0 +1,244 @@
+"""The loop over the ticks in C, for components that are C code themselves.
+
+``loop.c`` is compiled once on a machine and kept in the cache; it releases Python's lock, so several
+threads run loops side by side.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import time as clock
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.errors import BuildError, InputError, SimulationError
+from fmu_didim.components.native import LINEAR, Native, NativeLinear
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, Part, Run
+from fmu_didim.export.build import compile_shared_library, find_compiler
+
+_DONE, _FAILED, _STOPPED = 0, 1, 2
+_STEP = 2  # of the calls set, get, step
+CHUNK = 200_000
+"""Ticks in one call of the compiled loop at most; between two of them an interrupt is seen."""
+CHUNK_SECONDS = 0.1
+"""About how long such a call may take where somebody waits for beats."""
+
+_void, _int32, _int64, _double = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
+
+
+def _members(**kinds: str) -> list[tuple[str, Any]]:
+    """Fields of a structure by type, in the order of the C declaration."""
+    table = {"i": _int32, "q": _int64, "d": _double, "p": _void}
+    return [(name, table[kind]) for name, kind in kinds.items()]
+
+
+class _Linear(ctypes.Structure):
+    _fields_ = _members(
+        states="q", inputs="q", outputs="q", a="p", b="p", c="p", d="p", x="p", held="p", work="p", period="d",
+        start="d", count="q", substeps="q", live="i", padding="i",
+    )  # fmt: skip
+
+
+class _Part(ctypes.Structure):
+    _fields_ = _members(
+        kind="i", after_step="i", self="p", set="p", get="p", step="p", input_references="p", output_references="p",
+        input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
+        input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", wires="p", single="q",
+        every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q", line_count="q", first_input="q",
+        first_output="q", next_row="q", read_before="q", read_between="q", read_after="q",
+    )  # fmt: skip
+
+
+class _Loop(ctypes.Structure):
+    _fields_ = _members(
+        parts="p", part_count="q", jacobi="q", delayed="q", values="p", signal_count="q", value_count="q", table="p",
+        table_rows="q", table_columns="q", start="d", step="d", recorded="p", first_recorded="q", recorded_count="q",
+        next_row="q", applied="p", sampled="p", sound_rows="q", unsound="q", lowest="p", highest="p",
+        check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q",
+        failed_signal="q", failed_time="d",
+    )  # fmt: skip
+
+
+_WIRE = np.dtype([("input", np.uintp), ("signal", np.uintp), ("gain", np.float64)])
+
+
+@cache
+def loop_library() -> Any:
+    """The compiled loop; None where it cannot be built, so that Python runs it.
+
+    Returns:
+        The function ``run_loop`` of the library.
+    """
+    try:
+        compiler = find_compiler()
+        source = files("fmu_didim.cosim.execution").joinpath("loop.c").read_text(encoding="utf-8")
+        key = hashlib.sha256(repr((source, compiler.flags, compiler.version)).encode()).hexdigest()[:32]
+
+        def fill(folder: Path) -> None:
+            (folder / "loop.c").write_text(source, encoding="utf-8")
+            compile_shared_library(folder, folder / "loop.library", main="loop.c", compiler=compiler)
+
+        library = ctypes.CDLL(str(cached_folder("loop", key, fill) / "loop.library"))
+    except (BuildError, InputError, OSError):
+        return None
+    function = library.run_loop
+    function.argtypes, function.restype = (_void, _int64, _int64, _int64), ctypes.c_int
+    return function
+
+
+def fits(native: Native, part: Part) -> bool:
+    """Whether the compiled loop does all that this part needs: equal substeps on both sides of a fraction of delay."""
+    if not isinstance(native, NativeLinear) or native.period > 0 or native.substeps:
+        return True
+    return len({native.choose(size) for size in part.step_sizes()}) == 1
+
+
+def run_compiled(run: Run, natives: list[Native]) -> None:
+    """Run all ticks by compiled code and fill the recording of the run.
+
+    Args:
+        run: initialised and prepared.
+        natives: how each part is called, in the order of the parts.
+
+    Raises:
+        DivergedError: a signal left its bounds.
+        SimulationError: a component refused a step.
+    """
+    function, end = loop_library(), run.end
+    keep: list[Any] = []
+    parts = (_Part * len(run.parts))(*(_part(run, i, native, keep) for i, native in enumerate(natives)))
+    loop = _loop(run, parts, keep)
+    first, count = 0, CHUNK if run.beat is None else 1
+    while first < end:
+        last, began = min(first + count, end), clock.perf_counter()
+        result = function(ctypes.byref(loop), first, last, last == end)
+        if result != _DONE:
+            raise _error(run, loop, result, natives)
+        first = last
+        if run.beat is not None:
+            run.beat()
+            took = clock.perf_counter() - began
+            count = min(4 * count, CHUNK) if took < CHUNK_SECONDS / 4 else max(count // 2, 1)
+    run.finite = not loop.unsound
+
+
+def _address(array: Any, keep: list[Any]) -> int | None:
+    """Address of an array that lives as long as the run; None of nothing."""
+    if array is None:
+        return None
+    keep.append(array)
+    return int(array.ctypes.data)
+
+
+def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
+    table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
+    gapless = ticks[-1] - ticks[0] + 1 == ticks.size
+    return _Loop(
+        parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
+        values=_address(run.values, keep), signal_count=run.signals.size, value_count=run.values.size,
+        table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
+        step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
+        recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
+        lowest=_address(run.lowest, keep), highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL,
+        ticks=run.end,
+    )  # fmt: skip
+
+
+def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
+    part = run.parts[index]
+    wiring, capacity = part.wiring, part.whole + 2
+    outputs = run.values[part.place]
+    read_before, read_between, read_after = _reads(run, index)
+    result = _Part(
+        after_step=part.after_step, input_count=part.inputs.size, output_count=outputs.size,
+        inputs=_address(part.inputs, keep), outputs=_address(outputs, keep), wire_count=wiring.targets.size,
+        wires=_address(_wires(run, part), keep), single=wiring.single, every=part.every, substeps=part.substeps,
+        whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
+        line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
+        first_output=part.place.start, read_before=read_before, read_between=read_between,
+        read_after=read_after,
+    )  # fmt: skip
+    if isinstance(native, NativeLinear):
+        linear = _linear(native, part, keep)
+        result.kind, result.linear = LINEAR, ctypes.addressof(linear)
+        return result
+    result.kind, result.self = native.kind, native.self_address
+    result.set, result.get, result.step = native.set_address, native.get_address, native.step_address
+    keep += [native.input_references, native.output_references]
+    result.input_references = ctypes.addressof(native.input_references)
+    result.output_references = ctypes.addressof(native.output_references)
+    result.own_inputs, result.own_outputs = _address(native.own_inputs, keep), _address(native.own_outputs, keep)
+    if native.input_scaling:
+        result.input_factor, result.input_offset = (_address(a, keep) for a in native.input_scaling)
+    if native.output_scaling:
+        result.output_factor, result.output_offset = (_address(a, keep) for a in native.output_scaling)
+    return result
+
+
+def _wires(run: Run, part: Part) -> Any:
+    """The wiring of a part as the loop follows it: addresses and gain."""
+    wires = np.empty(part.wiring.targets.size, dtype=_WIRE)
+    wires["input"] = part.inputs.ctypes.data + 8 * part.wiring.targets
+    wires["signal"] = run.values.ctypes.data + 8 * part.wiring.sources
+    wires["gain"] = part.wiring.gains
+    return wires
+
+
+def _reads(run: Run, index: int) -> tuple[int, int, int]:
+    """How many of the first outputs of a part others read from its inputs to its step; are read there by those who look
+    at all; and others read from its step to its next inputs.
+
+    What nobody reads need not be computed, but for the recording and the bounds: of the plant, which the controller has
+    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
+    """
+    part = run.parts[index]
+    count = part.place.stop - part.place.start
+    if part.between is not None and not part.after_step:
+        between = count if part.between else 0
+        return between, between, count
+    if run.delayed or part.after_step or part.every > 1:
+        return count, count, count
+    own, before, after = range(part.place.start, part.place.stop), 0, 0
+    for i, other in enumerate(run.parts):
+        read = max((int(source) - own.start + 1 for source in other.wiring.sources if source in own), default=0)
+        if i > index and not run.system.jacobi:
+            before = max(before, read)
+        else:
+            after = max(after, read)
+    return before, count, after
+
+
+def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:
+    a, b, c, d = (_address(m, keep) for m in native.matrices)
+    states = native.state.size
+    linear = _Linear(
+        states=states, inputs=part.inputs.size, outputs=part.place.stop - part.place.start, a=a, b=b, c=c, d=d,
+        x=_address(native.state, keep), held=_address(native.held, keep),
+        work=_address(np.zeros(5 * max(states, 1)), keep), period=native.period, start=native.start, count=0,
+        substeps=native.substeps or (0 if native.period > 0 else native.choose(part.step_sizes()[-1])), live=1,
+    )  # fmt: skip
+    keep.append(linear)
+    return linear
+
+
+def _error(run: Run, loop: _Loop, result: int, natives: list[Native]) -> Exception:
+    time = float(loop.failed_time)
+    if result not in (_FAILED, _STOPPED):
+        return run.diverged(int(loop.failed_signal), time)
+    name = run.parts[loop.failed_part].name
+    native = natives[loop.failed_part]
+    if result == _STOPPED or isinstance(native, NativeLinear):
+        return SimulationError("The FMU ended the simulation.", where=name).in_component(name, time)
+    try:
+        at = f" at t = {time:.6g} s" if loop.failed_call == _STEP else ""
+        native.check(native.calls[loop.failed_call] + at, int(loop.status))
+    except SimulationError as error:
+        return error.in_component(name, time)
+    failed = SimulationError("it refused a step.", where=name, got=f"status {loop.status}")
+    return failed.in_component(name, time)

@@ -1,0 +1,187 @@
+"""Running a system in this process: the loop over the ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError
+from fmu_didim.components.native import Native
+from fmu_didim.cosim.execution.algebraic_loops import LoopSolver, algebraic_loops, really_closed
+from fmu_didim.cosim.execution.compiled import fits, loop_library, run_compiled
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.cosim.execution.interpreted import Observer, run_interpreted
+from fmu_didim.cosim.execution.running import Beat, Run, assemble
+from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.system import System
+from fmu_didim.data.signals import Trajectory
+
+
+def run_here(
+    system: System,
+    reference: Trajectory,
+    *,
+    ticks: NDArray[np.int64] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    observe: Observer | None = None,
+    pool: InstancePool | None = None,
+    compiled: bool | None = None,
+    beat: Beat | None = None,
+) -> Recording:
+    """Run the closed loop in this process; arguments and errors as of :func:`fmu_didim.cosim.simulate`.
+
+    Args:
+        beat: called all the time while the run goes on.
+    """
+    check_reference(system, reference, ticks)
+    if ticks is None:
+        ticks = _all_ticks(reference.time.size)
+    if compiled is not False and observe is None and loop_library() is not None:
+        system = compiled_components(system)
+    bounds = bounds or {}
+    try:
+        with _running(system, reference, ticks, bounds, pool, beat) as run:
+            solver = _loop_solver(run)
+            natives = None if compiled is False or observe is not None or solver is not None else _natives(run)
+            if compiled and natives is None:
+                raise _not_compiled(run)
+            if natives is not None:
+                run_compiled(run, natives)
+            else:
+                run_interpreted(run, observe, solver)
+            return _recording(run, compiled=natives is not None)
+    except DivergedError as error:
+        if error.is_finite:
+            raise
+        first = error
+    # Signals are looked at every 32 ticks: by then what is no number has gone around the loop, and the first one in the
+    # order of the signals is not the first one in time.
+    with _running(system, reference, ticks, bounds, pool, beat) as run:
+        run_interpreted(run, solver=_loop_solver(run), careful=True)
+    raise first  # it was one only once
+
+
+@contextmanager
+def _running(
+    system: System,
+    reference: Trajectory,
+    ticks: NDArray[np.int64],
+    bounds: Mapping[str, tuple[float, float]],
+    pool: InstancePool | None,
+    beat: Beat | None,
+) -> Iterator[Run]:
+    """A run that is initialised; its instances go back to the pool, unless a component failed in it."""
+    run, reusable = assemble(system, reference, pool, beat), False
+    try:
+        with np.errstate(all="ignore"):
+            run.prepare(ticks, bounds)
+            run.initialise()
+            yield run
+        reusable = True
+    except FmuDidimError as error:
+        reusable = isinstance(error, DivergedError)
+        raise
+    finally:
+        run.close(pool, reusable=reusable)
+
+
+def compiled_components(system: System) -> System:
+    """The system with components that are compiled, if all can be: else nothing would be gained."""
+    forms = {name: component.compiled() for name, component in system.components.items()}
+    for name, form in forms.items():
+        if form is not system.components[name]:
+            system = system.replace(name, form)
+    return system
+
+
+def _natives(run: Run) -> list[Native] | None:
+    if loop_library() is None:
+        return None
+    natives = []
+    for part in run.parts:
+        native = part.instance.native()
+        if native is None or not fits(native, part):
+            return None
+        natives.append(native)
+    return natives
+
+
+def _not_compiled(run: Run) -> InputError:
+    if loop_library() is None:
+        return InputError("There is no C compiler for the loop.", next_step="pip install ziglang")
+    python = [part.name for part in run.parts if part.instance.native() is None]
+    return InputError(
+        "The loop cannot run in compiled code.",
+        got=f"components that only Python can run: {', '.join(python) or 'none, but outputs must be iterated'}",
+        next_step="Use compiled=None, which takes Python where it must.",
+    )
+
+
+def _loop_solver(run: Run) -> LoopSolver | None:
+    treatment = run.system.algebraic_loops
+    if treatment == "previous":
+        return None
+    loops = algebraic_loops(run.system)
+    closed = really_closed(run, loops) if loops else []
+    if not closed:
+        return None
+    if treatment == "iterate":
+        return LoopSolver()
+    raise InputError(
+        "The components form an algebraic loop: each output depends at once on the others.",
+        got=" -> ".join(closed[0]),
+        valid="a delay on one of them, algebraic_loops: iterate, or algebraic_loops: previous",
+        next_step="Choose one of these in loop:, or break the loop by another signal.",
+    )
+
+
+@lru_cache(maxsize=2)
+def _all_ticks(count: int) -> NDArray[np.int64]:
+    ticks = np.arange(count, dtype=np.int64)
+    ticks.flags.writeable = False
+    return ticks
+
+
+def check_reference(system: System, reference: Trajectory, ticks: NDArray[np.int64] | None) -> None:
+    """Raise InputError where the reference does not fit the step, or the ticks lie outside of it."""
+    time, h = reference.time, system.step_size
+    worst = reference.deviation(h)
+    if worst > 0.01 * h:
+        raise InputError(
+            "The reference is not sampled at the control rate.",
+            where=reference.source or "reference",
+            got=f"instants up to {worst:.3g} s away from t0 + k * {h:g} s",
+            next_step="Resample it to the control rate, or correct the rate of the loop.",
+        )
+    if ticks is not None and (ticks.size == 0 or ticks[0] < 0 or ticks[-1] >= time.size or (np.diff(ticks) <= 0).any()):
+        raise InputError(
+            "The ticks to record lie outside the reference.",
+            where=reference.source or "reference",
+            got="no ticks" if ticks.size == 0 else f"ticks {ticks[0]} to {ticks[-1]}",
+            valid=f"0 to {time.size - 1}",
+            next_step="Shorten the measurement, or give a reference that covers it.",
+        )
+
+
+def _recording(run: Run, *, compiled: bool) -> Recording:
+    if not (run.finite or np.isfinite(run.applied).all()):
+        bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
+        time = float(run.ticks[bad] * run.system.step_size + run.start)
+        raise DivergedError("The closed loop gave values that are not finite.", time=time, is_finite=False)
+    return Recording(
+        ticks=run.ticks,
+        start=run.start,
+        step_size=run.system.step_size,
+        applied={name: run.applied[:, i] for i, name in enumerate(run.names)},
+        inputs={
+            f"{part.name}.{variable.name}": run.record[:, part.given.start + i]
+            for part in run.parts
+            for i, variable in enumerate(run.system.components[part.name].inputs)
+        },
+        sampled={name: run.sampled[:, i] for i, name in enumerate(run.names)},
+        compiled=compiled,
+    )

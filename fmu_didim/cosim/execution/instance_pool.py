@@ -1,0 +1,94 @@
+"""Instances kept for the next run of the loop."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Hashable
+from typing import Any
+
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.components import Component, Instance
+
+
+class InstancePool:
+    """Instances that have run and may run again, each for its component, parameter values aside.
+
+    An instance comes back only if its component can :meth:`~fmu_didim.components.Instance.restart` it. The pool may be
+    used by several threads; an instance is in one run at a time. What is left is closed with the pool.
+
+    Args:
+        size: instances kept of one component at most.
+
+    Attributes:
+        failure: the first error in a run by which a component failed whose equations are not known here.
+    """
+
+    def __init__(self, *, size: int = 4) -> None:
+        self._size = size
+        self.failure: FmuDidimError | None = None
+        self._kept: dict[Any, list[Any]] = {}
+        self._noted: set[Hashable] = set()
+        self._lock = threading.Lock()
+        self._end = weakref.finalize(self, _close_all, self._kept)
+
+    def take(self, component: Component) -> Instance:
+        """An instance ready for its initialisation: one that was given back, or a new one."""
+        key = component.pool_key()
+        while True:
+            instance: Instance | None = self.borrow(key) if key is not None else None
+            if instance is None:
+                return component.instantiate()
+            ready = False
+            try:
+                ready = instance.restart(component)
+            finally:
+                if not ready:
+                    instance.close()
+            if ready:
+                return instance
+
+    def give_back(self, component: Component, instance: Instance) -> None:
+        """Keep an instance whose run is over."""
+        self.lay_back(component.pool_key(), instance)
+
+    def borrow(self, key: Hashable) -> Any:
+        """What was laid back under a key; None if there is nothing."""
+        with self._lock:
+            waiting = self._kept.get(key, [])
+            return waiting.pop() if waiting else None
+
+    def lay_back(self, key: Hashable | None, thing: Any) -> None:
+        """Keep something that has a method ``close``, or close it where there is no room or no key."""
+        with self._lock:
+            waiting = self._kept.setdefault(key, [])
+            if key is not None and self._end.alive and len(waiting) < self._size:
+                waiting.append(thing)
+                return
+        thing.close()
+
+    def note(self, key: Hashable) -> None:
+        """Remember a key."""
+        self._noted.add(key)
+
+    def is_noted(self, key: Hashable) -> bool:
+        """Whether a key was noted."""
+        return key in self._noted
+
+    def close(self) -> None:
+        """Close all instances; the pool can be used on, but keeps nothing any more."""
+        with self._lock:
+            self._end()
+            self._kept.clear()
+
+    def __getstate__(self) -> dict[str, int]:
+        return {"size": self._size}
+
+    def __setstate__(self, state: dict[str, int]) -> None:
+        self.__init__(size=state["size"])  # type: ignore[misc]
+
+
+def _close_all(kept: dict[Any, list[Any]]) -> None:
+    for waiting in kept.values():
+        while waiting:
+            waiting.pop().close()

@@ -1,0 +1,295 @@
+"""A system made ready to run: the memory of its signals, its instances, their wiring and timing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.base.errors import DivergedError, FmuDidimError, UnknownNameError
+from fmu_didim.components import Component, Instance
+from fmu_didim.components.fmu.component import foreign_co_simulation
+from fmu_didim.cosim.execution.buffers import recording_memory
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.cosim.system import REFERENCE, System, split_delay
+from fmu_didim.data.signals import Array, Trajectory
+
+CHECK_INTERVAL = 32
+"""Ticks between two looks for divergence: often enough to stop early, seldom enough to cost nothing."""
+
+Beat = Callable[[], None]
+"""Called while a run goes on, at every tick or every few."""
+
+
+class Wiring:
+    """Inputs of one component from the signals: only those that are connected, so that 0 * inf spoils no other."""
+
+    def __init__(self, entries: list[tuple[int, int, float]]) -> None:
+        self.targets = np.array([e[0] for e in entries], dtype=np.int64)
+        self.sources = np.array([e[1] for e in entries], dtype=np.int64)
+        self.gains = np.array([e[2] for e in entries], dtype=float)
+        self.single = len({e[0] for e in entries}) == len(entries)
+
+    def gather(self, signals: Array, inputs: Array) -> None:
+        """Fill the connected inputs."""
+        values = self.gains * signals[self.sources]
+        if self.single:
+            inputs[self.targets] = values
+        else:
+            inputs[self.targets] = 0.0
+            np.add.at(inputs, self.targets, values)
+
+
+def reads_between(component: Component) -> bool | None:
+    """Whether the outputs of a component are read at each tick between its inputs and its step.
+
+    To read them is no mere look in FMUs of other tools: some evaluate their model for it where their solver has got to,
+    and go on otherwise (Dymola 2021: 0.4 % of the torque). So theirs are read always, where they follow the inputs at
+    once, or never, where they do not: what is recorded must not decide what happens. None: as somebody looks at them.
+    """
+    fmu = foreign_co_simulation(component)
+    return None if fmu is None or fmu.event_mode else fmu.feedthrough() != frozenset()
+
+
+class Part:
+    """One component inside the loop.
+
+    Attributes:
+        instance, wiring: the running component and where its inputs come from.
+        place: its outputs among the values of the run; given: its inputs there; inputs: these values.
+        every: ticks between its communication points; substeps: its steps in between.
+        whole, part: the delay of its inputs in its own periods.
+        after_step: its outputs at an instant are those after the step that begins there.
+        between: whether outputs are read between inputs and step; None: where somebody looks at them.
+    """
+
+    def __init__(
+        self, name: str, system: System, instance: Instance, wiring: Wiring, values: Array, place: slice, given: slice
+    ) -> None:
+        self.name, self.instance, self.wiring, self.place, self.given = name, instance, wiring, place, given
+        self.inputs = values[given]
+        self.every = system.every.get(name, 1)
+        self.substeps = system.substeps.get(name, 1)
+        self.after_step = name in system.after_step
+        self.between = reads_between(system.components[name])
+        self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
+        self.step_size = system.step_size
+        self.line: list[Array] = []
+
+    @property
+    def delayed(self) -> bool:
+        """Whether its inputs act later than they are computed."""
+        return self.whole > 0 or self.part > 0
+
+    @property
+    def lag(self) -> int:
+        """Whole ticks from a command to when it acts."""
+        return self.whole * self.every
+
+    def step_sizes(self) -> list[float]:
+        """Sizes in s of the steps that the component does: one, or two where a fraction of delay divides its period."""
+        size = self.step_size * self.every
+        pieces = [self.part * size, (1 - self.part) * size] if self.part else [size]
+        return [piece / self.substeps for piece in pieces]
+
+    def gather(self, signals: Array) -> None:
+        """Inputs from the signals."""
+        self.wiring.gather(signals, self.inputs)
+
+    def apply(self, time: float) -> None:
+        """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
+        size = self.step_size * self.every
+        try:
+            if self.delayed:
+                self._through_the_line(time, size)
+            self.instance.set()
+            if self.after_step:
+                self._step(time + self.part * size, (1 - self.part) * size if self.part else size)
+            if self.after_step or self.between is not False:
+                self.instance.get()
+        except FmuDidimError as error:
+            raise error.in_component(self.name, time) from error.__cause__
+
+    def _through_the_line(self, time: float, size: float) -> None:
+        line = self.line
+        line.append(self.inputs.copy())
+        if len(line) > self.whole + 2:
+            del line[0]
+        if self.part > 0:
+            self.inputs[:] = line[max(len(line) - self.whole - 2, 0)]
+            self.instance.set()
+            self._step(time, self.part * size)
+            if self.between is False:
+                self.instance.get()
+        self.inputs[:] = line[max(len(line) - self.whole - 1, 0)]
+
+    def advance(self, begin: float) -> None:
+        """From its communication point at ``begin`` to the next one, then the outputs there."""
+        size = self.step_size * self.every
+        try:
+            self._step(begin + self.part * size, (1 - self.part) * size if self.part else size)
+            self.instance.get()
+        except FmuDidimError as error:
+            raise error.in_component(self.name, begin) from error.__cause__
+
+    def _step(self, time: float, size: float) -> None:
+        piece = size / self.substeps
+        for i in range(self.substeps):
+            self.instance.step(time + i * piece, piece)
+
+
+@dataclass
+class Run:
+    """A system and the memory of one run of it.
+
+    Attributes:
+        names: of the signals, the columns of the reference first.
+        values: present values of the signals, then of the inputs of all parts; signals: the first of them.
+        parts: in the order of evaluation.
+        table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
+        record: (K, values), the signals and inputs when these begin to act; applied: its signals.
+        sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
+        finite: whether all recorded signals are finite, None where nobody has looked.
+        lowest, highest: bounds of the signals.
+        beat: see :data:`Beat`; None where nobody listens.
+    """
+
+    system: System
+    reference: Trajectory
+    names: list[str]
+    values: Array
+    parts: list[Part]
+    ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    finite: bool | None = None
+    beat: Beat | None = None
+
+    def __post_init__(self) -> None:
+        self.signals = self.values[: len(self.names)]
+
+    @property
+    def table(self) -> Array:
+        return self.reference.values
+
+    @property
+    def start(self) -> float:
+        """Time of tick 0, s."""
+        return float(self.reference.time[0])
+
+    def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]]) -> None:
+        """Memory for what is recorded at these ticks, and the bounds by signal."""
+        self.ticks = ticks
+        self.lag = max(part.lag for part in self.parts)
+        self.delayed = any(part.delayed for part in self.parts)
+        self.record = recording_memory(ticks.size, self.values.size)
+        self.applied = self.record[:, : len(self.names)]
+        self.sampled = recording_memory(ticks.size, len(self.names)) if self.delayed else self.applied
+        self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
+        for name, (low, high) in bounds.items():
+            if name not in self.names:
+                raise UnknownNameError("signal", name, self.names, where="bounds")
+            i = self.names.index(name)
+            self.lowest[i], self.highest[i] = low, high
+
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        rows = np.full(self.table.shape[0] + self.lag, -1, dtype=np.int64)
+        rows[self.ticks] = np.arange(self.ticks.size)
+        return rows
+
+    @property
+    def end(self) -> int:
+        """Number of ticks to run: a whole delay of m samples lets the last command act m ticks later."""
+        return int(self.ticks[-1]) + self.lag + 1
+
+    def initialise(self) -> None:
+        """Initialisation mode: values pass around the loop until every component has seen all others."""
+        self.signals[: self.table.shape[1]] = self.table[0]
+        part = self.parts[0]
+        try:
+            for part in self.parts:
+                part.instance.begin_initialisation(self.start)
+                self._goes_on()
+            for _ in range(len(self.parts) + 1):
+                for part in self.parts:
+                    part.gather(self.signals)
+                    part.instance.set()
+                    part.instance.get()
+            for part in self.parts:
+                part.instance.end_initialisation()
+                part.instance.get()
+                self._goes_on()
+        except FmuDidimError as error:
+            raise error.in_component(part.name, None) from error.__cause__
+
+    def _goes_on(self) -> None:
+        if self.beat is not None:
+            self.beat()
+
+    def diverged(self, i: int, time: float) -> DivergedError:
+        """The error for signal ``i`` that left its bounds, or is no number."""
+        value = float(self.signals[i])
+        what = f"The closed loop diverged: {self.names[i]} = {value:.3g}"
+        if np.isfinite(value):
+            what += f", outside {self.lowest[i]:.3g} to {self.highest[i]:.3g}"
+        advice = "Start from the reference trajectory (start: reference), or lower the gains."
+        return DivergedError(what + ".", time=time, next_step=advice, is_finite=bool(np.isfinite(value)))
+
+    def look(self, part: Part, time: float) -> None:
+        """Raise DivergedError where a part makes no number of numbers.
+
+        One whose equations are known here is not to be blamed for that: they have no solution for its values.
+        """
+        bad = np.flatnonzero(~np.isfinite(self.values[part.place]))
+        if not bad.size or not np.isfinite(part.inputs).all():
+            return
+        if self.system.components[part.name].equations() is not None:
+            raise self.diverged(part.place.start + int(bad[0]), time)
+        output = self.names[part.place.start + int(bad[0])]
+        raise DivergedError(
+            f"{output} = {self.values[part.place][bad[0]]}, while all its inputs are numbers.",
+            time=time, next_step=f"Mend the {part.name}, or keep its parameters in their range.",
+        ).in_component(part.name, time)  # fmt: skip
+
+    def close(self, pool: InstancePool | None, *, reusable: bool) -> None:
+        """Give the instances back to the pool, or close them."""
+        for part in self.parts:
+            if pool is not None and reusable:
+                pool.give_back(self.system.components[part.name], part.instance)
+            else:
+                part.instance.close()
+
+
+def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> Run:
+    """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
+    names = [f"{REFERENCE}.{name}" for name in reference.names]
+    places: dict[str, slice] = {}
+    for name in system.order:
+        first = len(names)
+        names += [f"{name}.{v.name}" for v in system.components[name].outputs]
+        places[name] = slice(first, len(names))
+    index = {name: i for i, name in enumerate(names)}
+    for connection in system.connections:
+        if connection.source not in index:
+            raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
+    end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
+    run = Run(system, reference, names, np.zeros(size), [], beat=beat)
+    try:
+        for name in system.order:
+            component = system.components[name]
+            instance = pool.take(component) if pool is not None else component.instantiate()
+            rows = {f"{name}.{v.name}": i for i, v in enumerate(component.inputs)}
+            entries = [(rows[c.target], index[c.source], c.gain) for c in system.connections if c.target in rows]
+            given = slice(end, end := end + len(component.inputs))
+            # An input that nothing is connected to keeps its start value.
+            run.values[given] = [v.start for v in component.inputs]
+            run.parts.append(Part(name, system, instance, Wiring(entries), run.values, places[name], given))
+            instance.bind(run.values[given], run.values[places[name]])
+            if beat is not None:
+                beat()
+    except BaseException:
+        run.close(None, reusable=False)
+        raise
+    return run

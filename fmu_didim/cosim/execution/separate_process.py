@@ -1,0 +1,184 @@
+"""The whole loop in a process of its own, for FMUs that may take their process with them: one request a run.
+
+What crashes, exits, hangs or changes the current folder does so there. The process keeps the instances from run to run,
+as a pool does here. Where it dies, the loop is run once more with each such FMU in a process of its own, one message
+for each call: so the error names the FMU, the call and the time.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.components import Component, FmuComponent
+from fmu_didim.components.fmu.isolation.process import START_LIMIT, NotCarriedError, ProcessEndedError, Worker
+from fmu_didim.components.fmu.isolation.trust import prove
+from fmu_didim.components.fmu.reuse.reset import tell_isolation, tell_unproven
+from fmu_didim.components.fmu.settings import PROCESS, Rerun
+from fmu_didim.cosim.execution.compiled import loop_library
+from fmu_didim.cosim.execution.in_process import compiled_components, run_here
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.cosim.execution.interpreted import Observer
+from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.system import System
+from fmu_didim.data.signals import Trajectory
+
+_log = logging.getLogger(__name__)
+BEATS_A_LIMIT = 5
+"""Signs of life that a process gives within the time limit of a call, while it runs a loop."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be run, as of :func:`fmu_didim.cosim.simulate`."""
+
+    system: System
+    reference: Trajectory
+    ticks: NDArray[np.int64] | None
+    bounds: Mapping[str, tuple[float, float]] | None
+    observe: Observer | None
+    compiled: bool | None
+
+
+class LoopProcess:
+    """A process in which loops run.
+
+    Args:
+        fmus: those because of which it is there, one as often as there are instances of it.
+    """
+
+    def __init__(self, fmus: tuple[FmuComponent, ...]) -> None:
+        self._fmus = fmus
+        self._limit = max(fmu.time_limit_s for fmu in fmus)
+        self._worker = Worker(", ".join(str(fmu.path) for fmu in fmus), self._limit)
+        self._worker.request("start", _prepare, self._limit / BEATS_A_LIMIT, limit=START_LIMIT)
+        self.runs = 0
+
+    def run(self, order: Order) -> Recording:
+        """Run a loop there; raises what the run raises, and ProcessEndedError, NotCarriedError."""
+        fmus = [c for c in order.system.components.values() if isinstance(c, FmuComponent)]
+        large = (*(c.fmu for c in fmus), *(c.block for c in fmus if c.block is not None), order.reference)
+        found, observed = self._worker.request("the loop", _run, order, constants=large)
+        self.runs += 1
+        if order.observe is not None:
+            vars(order.observe).update(observed)
+        recording: Recording = found
+        return recording
+
+    def close(self) -> None:
+        """End the process; what ran there to a good end is proven then. May be called twice."""
+        self._worker.close()
+        if self.runs and self._worker.ended_well:
+            counts = Counter(fmu.digest for fmu in self._fmus)
+            for fmu in self._fmus:
+                prove(fmu, counts[fmu.digest])
+
+
+def _prepare(there: Any, beat_every: float) -> None:
+    there.beat_every, there.pool, there.ways = beat_every, InstancePool(), {}
+    there.closing.append(there.pool)
+
+
+def _run(there: Any, order: Order) -> tuple[Recording, dict[str, Any] | None]:
+    ways = {c.digest: c.rerun for c in order.system.components.values() if isinstance(c, FmuComponent)}
+    if any(there.ways.get(digest, way) != way for digest, way in ways.items()):
+        there.pool.close()  # an FMU that allows one instance is not made a second time beside the first
+    there.ways |= ways
+    found = run_here(
+        order.system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe,
+        pool=there.pool, compiled=order.compiled, beat=there.beat,
+    )  # fmt: skip
+    return found, None if order.observe is None else vars(order.observe)
+
+
+def run_apart(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
+    """Run a loop in a process of its own because of some FMUs; with a pool, in the one that it ran in before."""
+    key = frozenset((name, c.digest, c.interface.kind, c.time_limit_s) for name, c in fmus.items())
+    if pool is not None and pool.is_noted(key):
+        return _each_alone(order, fmus, pool)
+    process = pool.borrow(key) if pool is not None else None
+    system, once = _as_sent(order.system, run_before=process is not None)
+    process = process if process is not None else LoopProcess(tuple(fmus.values()))
+    keep = False
+    try:
+        found = process.run(replace(order, system=system))
+        keep = pool is not None and not once
+        return found
+    except ProcessEndedError as error:
+        if not error.by_fmu and not error.expired:
+            raise  # it was killed from outside
+        found = _each_alone(order, fmus, None)  # raises what tells more
+        _log.warning(
+            "A loop with %s ends its process (%s), while each of them in one of its own does not. It runs so now, "
+            "tens of times slower: perhaps they do not stand each other.", _names(fmus), error.what,
+        )  # fmt: skip
+        _note(pool, key)
+        return found
+    except NotCarriedError as error:
+        _log.warning(
+            "The loop cannot go to another process (%s). So each of these FMUs runs in one of its own, tens of times "
+            "slower, until it is proven; isolated: false, if you trust it: %s.", error.got, _names(fmus),
+        )  # fmt: skip
+        _note(pool, key)
+        return _each_alone(order, fmus, pool)
+    finally:
+        if keep and pool is not None:
+            pool.lay_back(key, process)
+        else:
+            process.close()
+
+
+def running_apart(system: System) -> dict[str, FmuComponent]:
+    """The FMUs of a system that may take their process with them, by name."""
+    fmus = {name: c for name, c in system.components.items() if isinstance(c, FmuComponent)}
+    counts = Counter(fmu.digest for fmu in fmus.values())
+    return {name: fmu for name, fmu in fmus.items() if fmu.runs_apart(counts[fmu.digest])}
+
+
+def _names(fmus: Mapping[str, FmuComponent]) -> str:
+    return ", ".join(sorted({fmu.path.name for fmu in fmus.values()}))
+
+
+def _note(pool: InstancePool | None, key: Hashable) -> None:
+    if pool is not None:
+        pool.note(key)
+
+
+def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:
+    """The system as it goes to the process, and whether an FMU of it needs a new process for each run."""
+    if loop_library() is not None:
+        system = compiled_components(system)
+    components: dict[str, Component] = {}
+    once = False
+    for name, component in system.components.items():
+        components[name] = component
+        if isinstance(component, FmuComponent):
+            components[name], rerun = component.apart(run_before=run_before and not component.is_own)
+            _tell(component, rerun)
+            once |= rerun is not None and rerun.strategy == PROCESS
+    return replace(system, components=components), once
+
+
+def _tell(component: FmuComponent, rerun: Rerun | None) -> None:
+    if component.isolated is not None or component.rerun == PROCESS:
+        return  # as asked for
+    if rerun is not None and rerun.isolated:
+        tell_isolation(component, rerun)
+    elif component.runs_apart():
+        tell_unproven(component)
+
+
+def _each_alone(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
+    """The loop in this process, with each of these FMUs in a process of its own."""
+    apart = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
+    system = replace(order.system, components={**order.system.components, **apart})
+    return run_here(
+        system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe, pool=pool,
+        compiled=order.compiled,
+    )  # fmt: skip

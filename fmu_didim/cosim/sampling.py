@@ -1,0 +1,235 @@
+"""Torque at a low rate: how a logged sample follows from the held command of the loop.
+
+The command is constant over each period of the control, tau(t) = tau_k on [t_k, t_k + h). So every
+logged sample, a point of it or an average, is a linear combination of the tau_k; the same combination
+of the rows of the regressor belongs to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array
+
+Indices = NDArray[np.signedinteger[Any]]
+Kind = Literal["point", "average"]
+Window = Literal["preceding", "centred", "following"]
+JITTER = 0.01
+"""Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
+MOST_SAMPLES = 5_000_000
+"""Of a log at another rate: an hour at 1 kHz, and what memory holds."""
+_SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
+
+
+@dataclass(frozen=True)
+class SampleOperator:
+    """Linear map from the values at some ticks to the logged samples.
+
+    Attributes:
+        ticks: (K,) the ticks that matter, increasing.
+        matrix: (N, K) weights.
+        positions: (N,) instants of point samples in control periods from tick 0; None for averages.
+        lag: control periods by which :meth:`stamped_later` has moved the stamps.
+        origin: the operator without that; None for one that was not moved.
+    """
+
+    ticks: NDArray[np.int64]
+    matrix: sparse.csr_array
+    positions: Array | None = None
+    lag: float = 0.0
+    origin: SampleOperator | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of logged samples N."""
+        return int(self.matrix.shape[0])
+
+    def after(self, first: int) -> SampleOperator:
+        """The operator for the samples from ``first`` on."""
+        return replace(
+            self,
+            matrix=sparse.csr_array(self.matrix[first:]),
+            positions=None if self.positions is None else self.positions[first:],
+            origin=None if self.origin is None else self.origin.after(first),
+        )
+
+    def before(self, count: int) -> SampleOperator:
+        """The operator for the first samples, with the ticks up to the last one that they need."""
+        matrix = sparse.csr_array(self.matrix[:count])
+        used = int(matrix.indices.max()) + 1
+        return replace(
+            self,
+            ticks=self.ticks[:used],
+            matrix=sparse.csr_array(matrix[:, :used]),
+            positions=None if self.positions is None else self.positions[:count],
+            origin=None if self.origin is None else self.origin.before(count),
+        )
+
+    def apply(self, values: Array) -> Array:
+        """(K, ...) values at the ticks -> (N, ...) samples."""
+        flat = values.reshape(values.shape[0], -1)
+        return np.asarray(self.matrix @ flat).reshape(self.count, *values.shape[1:])
+
+    def stamped_later(self, periods: float, tick_count: int, *, between: bool = False) -> SampleOperator:
+        """The operator of the same log with its stamps later by so many control periods; negative: earlier.
+
+        What a sample took at the position x then comes from x - p, between two ticks on the straight line
+
+            tau(x) = (1 - d) tau_k + d tau_(k+1),      k = floor(x),  d = x - k
+
+        which unlike the held command is continuous in p. A point sample is one such position, an average the sum of
+        those of the ticks in its window. Before the first tick and after the last one the command is taken as there.
+
+        Args:
+            periods: p, added to the lag that there is. With none in all the command is held again, unless ``between``
+                asks for the straight line there too, as a fit of p does, which needs a slope.
+            tick_count: number of ticks of the reference.
+        """
+        origin, lag = self.origin or self, self.lag + periods
+        if lag == 0 and not between:
+            return origin
+        if origin.positions is not None:
+            ticks, matrix = _lines(origin.positions - lag, tick_count)
+        else:
+            ticks, between = _lines(origin.ticks.astype(np.float64) - lag, tick_count)
+            matrix = sparse.csr_array(origin.matrix @ between)
+        return SampleOperator(ticks, matrix, None, lag, origin)
+
+
+def _lines(positions: Array, tick_count: int) -> tuple[NDArray[np.int64], sparse.csr_array]:
+    """The ticks (K,) around positions (N,), and the weights (N, K) of straight lines between them."""
+    low = np.floor(positions)
+    ends = np.stack([low, low + 1], axis=1).astype(np.int64).clip(0, tick_count - 1)
+    wanted = np.zeros(tick_count, dtype=bool)
+    wanted[ends] = True
+    columns = (np.cumsum(wanted) - 1)[ends].ravel()
+    weights = np.stack([1 - (positions - low), positions - low], axis=1).ravel()
+    ticks = np.flatnonzero(wanted)
+    rows = np.arange(0, weights.size + 1, 2)
+    return ticks, sparse.csr_array((weights, columns, rows), shape=(positions.size, ticks.size))
+
+
+def sample_operator(
+    times: Array,
+    *,
+    start: float,
+    step: float,
+    tick_count: int,
+    kind: Kind = "point",
+    window: Window = "preceding",
+    window_s: float | None = None,
+) -> SampleOperator:
+    """The operator for samples logged at ``times``.
+
+    Args:
+        times: (N,) instants of the log in s.
+        start, step: instant of tick 0 and control period, s.
+        tick_count: number of ticks of the reference.
+        kind: ``point``: the command that acts at the instant; ``average``: its mean over a window.
+        window: where the window lies: it ends, is centred or starts at the instant.
+        window_s: its length in s; by default the usual spacing of ``times``.
+
+    Raises:
+        InputError: an instant lies outside the reference.
+    """
+    position = (times - start) / step
+    last = tick_count
+    match kind:
+        case "point":  # it needs a period that begins there
+            end = last - JITTER
+        case "average":  # its window may end where the last period does
+            end = last + JITTER
+        case _:
+            assert_never(kind)
+    first_bad = np.flatnonzero((position < -JITTER) | (position >= end))
+    if first_bad.size:
+        t = times[first_bad[0]]
+        raise InputError(
+            "The torque log reaches beyond the reference.",
+            where="measurement",
+            got=f"{first_bad.size} samples, the first one at t = {t:g} s",
+            valid=f"t from {start:g} s to {start + last * step:g} s",
+            next_step="Check that both share one clock; cut the log or give the whole reference.",
+        )
+    rows: Indices
+    columns: Indices
+    match kind:
+        case "point":
+            ticks = np.floor(position + JITTER).astype(np.int64).clip(0)
+            rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
+        case "average":
+            length = _length(times, window_s) / step
+            if length > last:
+                raise InputError(
+                    "The window of the averages is longer than the reference.", where="torque.window_s",
+                    got=f"{length * step:g} s", valid=f"at most {last * step:g} s",
+                )  # fmt: skip
+            rows, columns, weights = _average(position, last, window, length)
+        case _:
+            assert_never(kind)
+    support, place = np.unique(columns, return_inverse=True)
+    matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
+    return SampleOperator(support.astype(np.int64), matrix, position if kind == "point" else None)
+
+
+def _length(times: Array, window_s: float | None) -> float:
+    if window_s is not None:
+        return window_s
+    if times.size < 2:
+        raise InputError("The window of a single average is unknown.", next_step="Give window_s.")
+    return float((times[-1] - times[0]) / grid_places(times)[-1])
+
+
+def _average(position: Array, last: int, window: Window, length: float) -> tuple[Indices, Indices, Array]:
+    """Overlap of each window with each control period; windows are cut where the data begin or end."""
+    rows: list[Indices] = []
+    columns: list[Indices] = []
+    weights: list[Array] = []
+    for i, here in enumerate(position):
+        low = max(here + _SHIFT[window] * length, 0.0)
+        high = min(here + (1 + _SHIFT[window]) * length, float(last))
+        if high - low < 1e-6:  # nothing before the first sample: the command that acts there
+            low, high = min(max(here, 0.0), last - 1.0), min(max(here, 0.0), last - 1.0) + 1e-6
+        ticks = np.arange(int(np.floor(low + 1e-9)), min(int(np.ceil(high - 1e-9)), last))
+        overlap = np.minimum(ticks + 1.0, high) - np.maximum(ticks, low)
+        rows.append(np.full(ticks.size, i))
+        columns.append(ticks)
+        weights.append(overlap / overlap.sum())
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+
+
+def grid_places(times: Array) -> Indices:
+    """(N,) place of each sample of a log on its grid, of which a logger may have dropped some: 0, 1, 2, 4, ...
+
+    A step of time counts as many places as usual steps fit into it. Where a step is shorter than half of the usual one
+    there is no grid, and the samples are just counted.
+    """
+    steps = np.diff(times)
+    counts = np.rint(steps / np.median(steps)).astype(np.int64) if steps.size else np.zeros(0, dtype=np.int64)
+    return np.arange(times.size) if (counts < 1).any() else np.concatenate([[0], np.cumsum(counts)])
+
+
+def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
+    """Instants phase + i / rate inside a log, whether or not the rate divides that of the log."""
+    if not rate_hz > 0:
+        raise InputError("The sample rate must be positive.", got=rate_hz, valid="Hz > 0")
+    if phase_s < 0:
+        raise InputError("The phase of the samples must not be negative.", got=f"{phase_s} s", valid="phase_s >= 0")
+    period = 1.0 / rate_hz
+    first = time[0] + phase_s
+    wanted = float(np.floor((time[-1] - first) / period + 1e-6)) + 1
+    if not wanted <= MOST_SAMPLES:
+        raise InputError(
+            "The log has not so many samples.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
+            valid=f"at most {MOST_SAMPLES} samples", next_step="Leave rate_hz out to take all that the log has.",
+        )  # fmt: skip
+    count = int(wanted)
+    if count < 1:
+        raise InputError("No sample of that rate and phase falls into the log.", got=f"{rate_hz} Hz, phase {phase_s} s")
+    return np.asarray(first + np.arange(count) * period)

@@ -1,0 +1,86 @@
+"""Running a system."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.components.fmu.library import CURRENT_FOLDER
+from fmu_didim.cosim.execution.in_process import check_reference, run_here
+from fmu_didim.cosim.execution.instance_pool import InstancePool
+from fmu_didim.cosim.execution.interpreted import Observer
+from fmu_didim.cosim.execution.separate_process import Order, run_apart, running_apart
+from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.system import System
+from fmu_didim.data.signals import Trajectory
+
+_log = logging.getLogger(__name__)
+
+
+def simulate(
+    system: System,
+    reference: Trajectory,
+    *,
+    ticks: NDArray[np.int64] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    observe: Observer | None = None,
+    pool: InstancePool | None = None,
+    compiled: bool | None = None,
+) -> Recording:
+    """Run the closed loop along a reference.
+
+    Where an FMU takes part that is not proven (see ``load_fmu``), the whole loop runs in a process of its own.
+
+    Args:
+        system: the loop.
+        reference: columns that the connections name, one row a tick: its time must be t0 + k h.
+        ticks: increasing tick numbers to record; all by default. The run ends with the last one.
+        bounds: signal -> (lowest, highest) sensible value, looked at every 32 ticks and at the end; a signal
+            found outside stops the run.
+        observe: called with the number of each recorded row and the running instances by name when the row's
+            command has just begun to act; it must leave their state and inputs as they were.
+        pool: where instances come from and go back to, so that a re-run loads nothing again.
+        compiled: run by compiled code: where all components are C code by default; False: never.
+
+    Raises:
+        InputError: the reference does not fit the step or lacks a column; the components form an algebraic loop;
+            ``compiled`` is True and a component is no C code.
+        DivergedError: a signal left its bounds or is not finite; if that began with one component, ``component`` of
+            the error names it.
+        SimulationError, FmuError: a component refused a call, or ended its process.
+    """
+    try:
+        if fmus := running_apart(system):
+            check_reference(system, reference, ticks)
+            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
+        with _same_folder():
+            return run_here(
+                system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
+            )  # fmt: skip
+    except FmuDidimError as error:
+        if pool is not None and error.component and system.components[error.component].equations() is None:
+            pool.failure = pool.failure or error  # equations that are known here fail by the values they are given
+        raise
+
+
+@contextlib.contextmanager
+def _same_folder() -> Iterator[None]:
+    """Go back to the current folder where an FMU has gone to another one: results would be written there."""
+    try:
+        with CURRENT_FOLDER:
+            here = os.getcwd()  # noqa: PTH109 - at every run
+    except OSError:
+        here = None
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError), CURRENT_FOLDER:
+            if here is not None and os.getcwd() != here:  # noqa: PTH109
+                _log.warning("An FMU has changed the current folder; it is %s again.", here)
+                os.chdir(here)

@@ -1,0 +1,246 @@
+"""The closed loop as an immutable description: components, connections, order, delay, step."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.components import Component
+
+REFERENCE = "reference"
+LoopTreatment = Literal["refuse", "iterate", "previous"]
+
+
+def split_delay(samples: float) -> tuple[int, float]:
+    """Whole periods and the fraction of a delay; a fraction within rounding of a whole one counts as whole."""
+    whole, part = int(samples), samples - int(samples)
+    if part > 1 - 1e-9:  # a rest of the period would be a step of no length
+        return whole + 1, 0.0
+    return whole, 0.0 if part < 1e-9 else part
+
+
+@dataclass(frozen=True)
+class Connection:
+    """target += gain * source.
+
+    Attributes:
+        source: ``component.output``, or ``reference.column`` for a column of the reference trajectory.
+        target: ``component.input``. Several connections to one input add up.
+        gain: factor, such as the drive gain g_t of tau = g_t v (eq. 21 of the DIDIM paper).
+    """
+
+    source: str
+    target: str
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class System:
+    """Components wired to a loop; time is counted in ticks, t = t0 + k * step_size.
+
+    At tick k each component in ``order`` gets its inputs and gives its outputs (so the controller sees
+    reference and position of tick k); then all advance by one step with the inputs held.
+
+    Attributes:
+        components: by name.
+        connections: the wiring.
+        order: the names in the order of evaluation; controller first.
+        step_size: communication step h in s.
+        jacobi: all components get the outputs that the others had at the end of the last step, as masters that
+            step in parallel do: one sample of delay on every connection with feed-through.
+        delays: name -> delay of all its inputs in samples, a fraction allowed: the inputs computed at
+            t_k act from t_k + delay * h. Before the first ones act, they are held at their first value.
+        every: name -> number n of ticks between its communication points, 1 by default; its outputs are held in
+            between.
+        substeps: name -> number of equal communication steps that it does in one of its own periods, inputs held.
+        after_step: names of components whose outputs at t_k are those after the step that begins at t_k, such as a
+            controller FMU that computes its command in ``doStep``.
+        algebraic_loops: ``refuse`` an algebraic loop, ``iterate`` until its outputs are consistent at each tick, or
+            take the ``previous`` values (those at the end of the last step) where the order does not help.
+    """
+
+    components: Mapping[str, Component]
+    connections: tuple[Connection, ...]
+    order: tuple[str, ...]
+    step_size: float
+    delays: Mapping[str, float] = field(default_factory=dict)
+    jacobi: bool = False
+    every: Mapping[str, int] = field(default_factory=dict)
+    substeps: Mapping[str, int] = field(default_factory=dict)
+    after_step: frozenset[str] = frozenset()
+    algebraic_loops: LoopTreatment = "refuse"
+
+    def __post_init__(self) -> None:
+        if not self.step_size > 0:
+            raise InputError("The communication step must be positive.", got=self.step_size)
+        if sorted(self.order) != sorted(self.components):
+            raise InputError("The order must name each component once.", got=self.order, valid=self.components)
+        named = {"delays": self.delays, "every": self.every, "substeps": self.substeps, "after_step": self.after_step}
+        for what, owners in named.items():
+            for name in owners:
+                self._check_name(name, what)
+        for name, delay in self.delays.items():
+            if not 0 <= delay <= 1000:
+                raise InputError("A delay must be between 0 and 1000 samples.", where=name, got=delay)
+        for what, counts in (("every", self.every), ("substeps", self.substeps)):
+            for name, count in counts.items():
+                if not (isinstance(count, int) and 1 <= count <= 100_000):
+                    raise InputError(
+                        f"'{what}' must be a whole number of steps.", where=name, got=count, valid="1 to 100000"
+                    )
+        names = {
+            name: (dict.fromkeys(v.name for v in c.inputs), dict.fromkeys(v.name for v in c.outputs))
+            for name, c in self.components.items()
+        }
+        for connection in self.connections:
+            self._check(connection, names)
+
+    def _check(self, connection: Connection, names: Mapping[str, tuple[dict[str, None], dict[str, None]]]) -> None:
+        both = f"{connection.source} -> {connection.target}"
+        name, _, variable = connection.target.partition(".")
+        self._check_name(name, both)
+        if variable not in names[name][0]:
+            raise UnknownNameError("input", variable, names[name][0], where=both)
+        name, _, variable = connection.source.partition(".")
+        if name == REFERENCE:
+            return
+        if name not in self.components:
+            raise UnknownNameError("component", name, (*self.components, REFERENCE), where=both)
+        if variable not in names[name][1]:
+            raise UnknownNameError("output", variable, names[name][1], where=both)
+
+    def _check_name(self, name: str, where: str) -> None:
+        if name not in self.components:
+            raise UnknownNameError("component", name, self.components, where=where)
+
+    def replace(self, name: str, component: Component) -> System:
+        """The same system with another component of that name; all else untouched."""
+        self._check_name(name, "System.replace")
+        return replace(self, components={**self.components, name: component})
+
+    def with_delay(self, name: str, samples: float) -> System:
+        """The same system with another delay of the inputs of one component, in samples."""
+        return replace(self, delays={**self.delays, name: samples})
+
+    def describe(self) -> dict[str, Any]:
+        """Order, delay, step and components, for the provenance of a result."""
+        return {
+            "order": list(self.order),
+            "algorithm": "Jacobi" if self.jacobi else "Gauss-Seidel in this order",
+            "step_size_s": self.step_size,
+            "delay_samples": {name: self.delays.get(name, 0.0) for name in self.order},
+            "ticks_per_step": {name: self.every.get(name, 1) for name in self.order},
+            "steps_per_period": {name: self.substeps.get(name, 1) for name in self.order},
+            "outputs_after_step": sorted(self.after_step),
+            "algebraic_loops": self.algebraic_loops,
+            "hold": "zero-order hold; acceleration taken after the new torque is applied",
+            "components": {name: c.describe() for name, c in self.components.items()},
+            "connections": [f"{c.target} <- {c.gain:g} * {c.source}" for c in self.connections],
+        }
+
+
+_TERM = re.compile(
+    r"\s*(?P<sign>[+-]?)\s*(?:(?P<gain>\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*\*\s*)?(?P<name>[A-Za-z_]\w*)\s*"
+)
+_INDEXED = re.compile(r"^(?P<stem>[A-Za-z_]+?)(?P<joint>\d+)$")
+
+
+def closed_loop(
+    plant: Component,
+    controller: Component,
+    *,
+    joint_count: int,
+    step_size: float | None = None,
+    drive_gains: Sequence[float] | None = None,
+    delay_samples: float = 0.0,
+    jacobi: bool = False,
+    injections: Mapping[str, str] | None = None,
+    reference_names: Sequence[str],
+) -> System:
+    """A plant and a controller wired by the names of their variables.
+
+    An input of the controller may also be named by a sum, ``q_ref1 - q1``.
+
+    The controller's ``q_ref<j>``, ``dq_ref<j>``, ``ddq_ref<j>`` come from the columns ``q<j>``, ``dq<j>``,
+    ``ddq<j>`` of the reference, its ``q<j>``, ``dq<j>``, ``ddq<j>`` from the plant, and the plant's ``tau<j>``
+    is the drive gain times ``command<j>``.
+
+    Args:
+        plant, controller: the components.
+        joint_count: number of joints n.
+        step_size: communication step in s; by default the controller's sample time.
+        drive_gains: (n,) g_t of tau = g_t command; 1 by default.
+        delay_samples: delay of the command in samples.
+        jacobi: see :class:`System`.
+        injections: ``command<j>`` -> reference column added to that command (a test signal).
+        reference_names: columns of the reference.
+
+    Raises:
+        InputError: an input of the controller or the plant has no source; the step is unknown.
+    """
+    step = step_size if step_size is not None else controller.sample_time
+    if step is None:
+        raise InputError(
+            "The sample time of the loop is unknown.",
+            where="controller",
+            next_step="Give the control rate (loop: {rate_hz: ...}).",
+        )
+    gains = list(drive_gains) if drive_gains is not None else [1.0] * joint_count
+    if len(gains) != joint_count:
+        raise InputError("One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers")
+    commands = [f"command{j}" for j in range(1, joint_count + 1)]
+    for name in injections or {}:
+        if name not in commands:
+            raise UnknownNameError("command", name, commands, where="injections")
+    connections = _to_controller(controller, {v.name for v in plant.outputs}, reference_names)
+    for j in range(1, joint_count + 1):
+        connections.append(Connection(f"controller.command{j}", f"plant.tau{j}", gains[j - 1]))
+        column = (injections or {}).get(f"command{j}")
+        if column is not None:
+            connections.append(Connection(f"{REFERENCE}.{column}", f"plant.tau{j}", gains[j - 1]))
+    return System(
+        components={"controller": controller, "plant": plant},
+        connections=tuple(connections),
+        order=("controller", "plant"),
+        step_size=step,
+        delays={"plant": delay_samples} if delay_samples else {},
+        jacobi=jacobi,
+    )
+
+
+def _to_controller(controller: Component, plant_outputs: set[str], reference_names: Sequence[str]) -> list[Connection]:
+    """What gives the inputs of the controller, by their names."""
+    connections = []
+    for variable in controller.inputs:
+        for gain, name in _terms(variable.name):
+            source = _source(name, plant_outputs, reference_names)
+            if source is None:
+                raise InputError(
+                    f"Nothing gives '{name}', an input of the controller.",
+                    where="closed loop",
+                    valid=f"reference: {', '.join(reference_names)}; plant: {', '.join(sorted(plant_outputs))}",
+                    next_step="Add the column to the reference, or map the input to another name.",
+                )
+            connections.append(Connection(source, f"controller.{variable.name}", gain))
+    return connections
+
+
+def _terms(name: str) -> list[tuple[float, str]]:
+    """Gains and names of a sum such as ``q_ref1 - 0.5 * q1``; a single name is itself."""
+    found = list(_TERM.finditer(name))
+    if "".join(m.group(0) for m in found) != name or not found:
+        return [(1.0, name)]
+    return [((-1.0 if m["sign"] == "-" else 1.0) * float(m["gain"] or 1.0), m["name"]) for m in found]
+
+
+def _source(name: str, plant_outputs: set[str], reference_names: Sequence[str]) -> str | None:
+    match = _INDEXED.match(name)
+    if match and match["stem"].endswith("_ref"):
+        column = match["stem"].removesuffix("_ref") + match["joint"]
+        return f"{REFERENCE}.{column}" if column in reference_names else None
+    if name in plant_outputs:
+        return f"plant.{name}"
+    return f"{REFERENCE}.{name}" if name in reference_names else None

@@ -1,0 +1,1 @@
+"""Data: trajectories, tables, signals, units, excitation."""

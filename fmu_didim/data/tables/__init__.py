@@ -1,0 +1,11 @@
+"""Files of signals: CSV, MAT, HDF5, Parquet and MF4 tables, and how their columns become signals in SI units."""
+
+from fmu_didim.data.tables.columns import Column, TimeColumn
+from fmu_didim.data.tables.csv_file import CsvLayout
+from fmu_didim.data.tables.read import READERS, read_table, read_trajectory
+from fmu_didim.data.tables.select import Selected, selected
+from fmu_didim.data.tables.table import Table
+
+__all__ = [
+    "READERS", "Column", "CsvLayout", "Selected", "Table", "TimeColumn", "read_table", "read_trajectory", "selected",
+]  # fmt: skip

@@ -1,0 +1,138 @@
+"""The instants of the rows of a file: from its time column, from rounded stamps, or counted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array
+from fmu_didim.data.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, TIME_CONTRADICTS
+from fmu_didim.data.tables.columns import TimeColumn
+from fmu_didim.data.tables.table import Table, split_unit
+from fmu_didim.data.units import known_unit
+
+STAMP_ROUNDING = 0.5
+"""[1] Of a sample period by which rounded stamps may lie off the instants of the rate that is given: a stamp that is
+farther off is nearer to another instant."""
+SAME_RATE = 0.01
+"""[1] Relative difference of the rate that is given from that of the stamps, from which they contradict each
+other."""
+
+TIME_NAMES = ("t", "time", "zeit")
+
+
+def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | None:
+    """The column of the instants of these columns; None where the rows are to be counted.
+
+    Raises:
+        InputError: there is none, or the columns have different ones.
+    """
+    own = {table.times[name] for name in names if name in table.times}
+    if time.name is not None:
+        own = own and own | {table.column(time.name)}
+    elif time.rate_hz is not None:
+        return None
+    else:
+        own = own or set(table.times.values())
+    if len(own) > 1:
+        raise InputError(
+            "Signals of one section are sampled at different instants in the file.", where=table.source,
+            got=", ".join(_rows(table, clock) for clock in sorted(own)),
+            next_step="Name columns of one group (columns: {q1: ...}); reference: and torque: may take different ones. "
+            "Nothing is resampled unasked.",
+        )  # fmt: skip
+    if time.name is not None:
+        return table.column(time.name)
+    found = next(iter(own), None) or _by_name(table) or (table.calendar[0] if len(table.calendar) == 1 else None)
+    if found is None:
+        raise InputError(
+            "The file has no time column.", where=table.source, got=", ".join(table.columns),
+            valid=("t", "time", *(["time: its number"] if not table.has_header else [])),
+            next_step="Name it: time: {name: ..., unit: ms}; or give the rate of the rows: time: {rate_hz: ...}.",
+        )  # fmt: skip
+    return found
+
+
+def _rows(table: Table, clock: str) -> str:
+    return f"{clock}: {table.columns[clock].size} rows" if clock in table.columns else clock
+
+
+def _by_name(table: Table) -> str | None:
+    if not table.has_header:
+        return None
+    named = {name: split_unit(name)[0] for name in table.columns}
+    for usual in TIME_NAMES:
+        exact = [name for name, bare in named.items() if bare == usual]
+        if not exact and len(usual) > 1:  # T is a temperature
+            exact = [name for name, bare in named.items() if bare.casefold() == usual]
+        if len(exact) == 1:
+            return exact[0]
+    return None
+
+
+def instants(table: Table, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:
+    """(N,) instants of the rows in s, and what is to be told of them.
+
+    Raises:
+        InputError: the unit is none of time, or stamps cannot be rounded ones of the rate given.
+    """
+    if clock is None:
+        assert time.rate_hz is not None
+        return time.start_s + np.arange(count) / time.rate_hz, _counted(table, time)
+    seconds = _seconds(table, clock, time)
+    stamps = table.columns[clock]
+    stamps = stamps if seconds == 1.0 else stamps * seconds
+    return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
+
+
+def _seconds(table: Table, clock: str, time: TimeColumn) -> float:
+    unit = time.unit or table.unit(clock)
+    known = known_unit(unit) if unit else None
+    if clock in table.calendar and known != known_unit("s"):
+        raise InputError(
+            "The time column holds dates or times of day, which have no unit.", where=f"{table.source}, column {clock}",
+            got=unit, next_step="Leave out unit: in time: {...}.",
+        )  # fmt: skip
+    if known is not None and known.powers != {"s": 1}:
+        raise InputError(
+            "The unit of the time column is none of time.", where=f"{table.source}, column {clock}", got=unit,
+            next_step="Name another column, or give its unit: time: {name: ..., unit: ms}.",
+        )  # fmt: skip
+    return known.factor if known is not None else 1.0
+
+
+def _counted(table: Table, time: TimeColumn) -> list[Diagnostic]:
+    text = f"Its rows were counted: {time.rate_hz:g} Hz from t = {time.start_s:g} s."
+    beside = _by_name(table)
+    if beside is None:
+        return [Diagnostic(COUNTED_TIME, text, table.source)]
+    stamps = table.columns[beside] * _seconds(table, beside, time)
+    rate = (stamps.size - 1) / float(stamps[-1] - stamps[0]) if stamps[-1] != stamps[0] else np.inf
+    if abs(rate / (time.rate_hz or 1.0) - 1) > SAME_RATE:
+        text += f" By its column {beside} they come at {rate:.6g} Hz."
+        return [Diagnostic(TIME_CONTRADICTS, text, table.source, rate, time.rate_hz, "Hz")]
+    return [Diagnostic(COUNTED_TIME, f"{text} Its column {beside} was not used.", table.source)]
+
+
+def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagnostic]]:
+    """The nearest instants of the rate; its phase is the median of that of the stamps."""
+    places = np.rint((stamps - stamps[0]) * rate)
+    phase = float(np.median(stamps - places / rate))
+    places = np.rint((stamps - phase) * rate)
+    off = float(np.abs(stamps - phase - places / rate).max())
+    twice = int((np.diff(places) < 1).sum())
+    if twice or off >= STAMP_ROUNDING / rate:
+        usual = 1 / float(np.median(np.diff(stamps)))
+        raise InputError(
+            "The stamps are not rounded ones of that rate.", where=source,
+            got=f"{rate:g} Hz; the stamps come at {usual:.6g} Hz, lie up to {1000 * off:.3g} ms off, and {twice} "
+            "of them fall on the instant of another",
+            next_step="Correct time: {rate_hz: ...}, or leave it out.",
+        )  # fmt: skip
+    lacking = int(places[-1] - places[0]) + 1 - stamps.size
+    text = f"Its stamps lie up to {1000 * off:.3g} ms off the instants of {rate:g} Hz, which were taken instead"
+    text += f"; {lacking} rows are missing." if lacking else "."
+    return phase + places / rate, [Diagnostic(STAMPS_ON_GRID, text, source, 1000 * off, None, "ms")]

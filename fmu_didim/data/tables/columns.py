@@ -1,0 +1,213 @@
+"""How a column of a file becomes a signal: its name there, unit, scale, sign, and the side of the gear it is of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from fmu_didim.base.documents import Positive, Strict
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.units import UnitDefinition, known_unit
+
+
+class Column(Strict):
+    """A column of a file; written short as its name alone.
+
+        signal = sign * (scale * number - zero) * (its unit in SI) * torque_constant * gear
+
+    where gear is 1 / gear_ratio of positions, velocities and accelerations, and gear_ratio of torques.
+
+    Attributes:
+        name: in the file; a number counts the columns from 1 where the file has no header.
+        unit: of the numbers times ``scale``, such as deg, rpm, mm, Nm, A; by default what the file states, else SI.
+        scale: such as 0.01 where the file counts hundredths; sign: -1 where the axis counts the other way round.
+        zero: what the file shows, times ``scale`` and in ``unit``, where the signal is zero: the offset of an axis, or
+            of a current sensor.
+        gear_ratio: where the column is of the motor side: turns of the motor in one of the joint; of a prismatic joint
+            rad of the motor for 1 m.
+        torque_constant: of a torque logged as a current, in N.m/A (N/A), of the same kind of ampere as the log.
+    """
+
+    name: str
+    unit: str | None = None
+    scale: float = Field(default=1.0, allow_inf_nan=False)
+    sign: Literal[1, -1] = 1
+    zero: float = Field(default=0.0, allow_inf_nan=False)
+    gear_ratio: Positive | None = None
+    torque_constant: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, value: Any) -> Any:
+        if isinstance(value, (str, int)) and not isinstance(value, bool):
+            return {"name": str(value)}
+        if isinstance(value, dict) and isinstance(value.get("name"), int):
+            return {**value, "name": str(value["name"])}
+        return value
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Column:
+        if self.scale == 0:
+            raise ValueError("scale: 0 would make the signal zero")
+        if self.unit is not None and self.unit != "1" and known_unit(self.unit) is None:
+            raise ValueError(
+                f"the unit '{self.unit}' is not known, or may mean two things; write it as deg, rad, rpm, mm, m, Nm, "
+                "N, A, ms, or as N.m, rad/s2; a factor goes into scale:"
+            )
+        return self
+
+
+class TimeColumn(Strict):
+    """The instants of the rows; written short as the name of the column alone.
+
+    Attributes:
+        name: of the column; by default ``t`` or ``time`` (``Zeit``), with or without a unit behind it.
+        unit: such as ms; by default what the file states, else s.
+        rate_hz: rows are 1 / rate apart. Without ``name``: where the file has no time column, or none to be trusted.
+            With it: the stamps are rounded, and each row belongs to the nearest instant of that rate.
+        start_s: instant of the first row, where there is no time column.
+    """
+
+    name: str | None = None
+    unit: str | None = None
+    rate_hz: Positive | None = None
+    start_s: float = Field(default=0.0, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, value: Any) -> Any:
+        return {"name": str(value)} if isinstance(value, (str, int)) and not isinstance(value, bool) else value
+
+    @model_validator(mode="after")
+    def _is_a_time(self) -> TimeColumn:
+        known = None if self.unit is None else known_unit(self.unit)
+        if self.unit is not None and (known is None or known.powers != {"s": 1}):
+            raise ValueError(f"'{self.unit}' is no unit of time; valid: s, ms, us, ns, min")
+        if self.start_s and (self.name is not None or self.rate_hz is None):
+            raise ValueError("start_s goes with rate_hz and without name")
+        return self
+
+
+MOTION = {"q": 0, "dq": 1, "ddq": 2}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a signal must be in the end.
+
+    Attributes:
+        units: valid SI units, as exponents; empty if any will do.
+        names: the same in words; order: of the derivative of a position, None of a torque; is_torque: of a joint.
+    """
+
+    units: tuple[dict[str, int], ...] = ()
+    names: tuple[str, ...] = ()
+    order: int | None = None
+    is_torque: bool = False
+
+
+def target(signal: str, torque_units: tuple[str, ...] = (), *, is_command: bool = False) -> Target:
+    """What the signal of this name is: ``q<j>``, ``dq<j>``, ``ddq<j>`` and ``tau<j>`` of joints, anything else.
+
+    Args:
+        torque_units: (n,) N.m or N of each joint, where they are known.
+        is_command: whether ``tau<j>`` are commands of any unit.
+    """
+    stem = signal.rstrip("0123456789")
+    number = signal[len(stem) :]
+    if not number or stem not in (*MOTION, "tau") or (stem == "tau" and is_command):
+        return Target()
+    j = int(number)
+    known = torque_units[j - 1 : j] or ("N.m", "N")
+    if stem == "tau":
+        return Target(tuple(_powers(unit) for unit in known), tuple(known), None, True)
+    order = MOTION[stem]
+    lengths = ["rad" if unit == "N.m" else "m" for unit in known]
+    names = tuple(unit + ("", "/s", "/s2")[order] for unit in lengths)
+    return Target(tuple(_powers(unit) for unit in names), names, order)
+
+
+def _powers(unit: str) -> dict[str, int]:
+    known = known_unit(unit)
+    assert known is not None
+    return known.powers
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """signal = factor * number - shift.
+
+    Attributes:
+        unit: of the column; from_file: whether the file states it and numbers had to be converted from it.
+        contradicts: another unit that the file states, or empty.
+    """
+
+    factor: float
+    shift: float = 0.0
+    unit: str = ""
+    from_file: bool = False
+    contradicts: str = ""
+
+
+def conversion(signal: str, column: Column, stated: str, wanted: Target, *, where: str) -> Conversion:
+    """How the numbers of a column become a signal in SI units.
+
+    Args:
+        stated: unit in the file, or empty; wanted: what the signal must be; where: file and column, for messages.
+
+    Raises:
+        InputError: the unit cannot become that of the signal.
+    """
+    unit = column.unit if column.unit is not None else stated
+    definition = known_unit(unit) if unit else None
+    factor = column.sign * column.scale * _gear(column, wanted)
+    if definition is not None:
+        _check(signal, unit, definition, column, wanted, where)
+        factor *= definition.factor
+    if column.torque_constant is not None:
+        factor *= column.torque_constant
+    other = known_unit(stated) if stated and column.unit is not None else None
+    differs = other is not None and definition is not None and other != definition
+    from_file = column.unit is None and definition is not None and definition.factor != 1.0
+    return Conversion(factor, factor / column.scale * column.zero, unit, from_file, stated if differs else "")
+
+
+def _gear(column: Column, wanted: Target) -> float:
+    if column.gear_ratio is None:
+        return 1.0
+    return column.gear_ratio if wanted.order is None else 1.0 / column.gear_ratio
+
+
+def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, wanted: Target, where: str) -> None:
+    powers = definition.powers
+    valid, names = wanted.units, wanted.names
+    if column.gear_ratio is not None and valid:  # the motor turns, whatever the joint does
+        names = ("N.m",) if wanted.is_torque else (("rad", "rad/s", "rad/s2")[wanted.order or 0],)
+        valid = tuple(_powers(name) for name in names)
+    if column.torque_constant is not None:
+        names, valid = ("A",), ({"A": 1},)
+    if definition.offset:
+        raise InputError("A unit with a zero of its own is no unit of this signal.", where=where, got=unit)
+    if not valid or powers in valid:
+        return
+    raise InputError(
+        f"The unit of {signal} is not one of its kind.", where=where, got=unit, valid=" or ".join(names),
+        next_step=_advice(powers, wanted),
+    )  # fmt: skip
+
+
+def _advice(powers: dict[str, int], wanted: Target) -> str:
+    if wanted.is_torque and powers == {"A": 1}:
+        return (
+            "A current becomes a torque by torque_constant: ... (N.m/A, of the same kind of ampere: peak or effective) "
+            "beside unit:, on the motor side with gear_ratio:; or is it the command: quantity: command?"
+        )
+    if not powers and wanted.is_torque:
+        return "Parts of the rated torque: give scale: with the rated torque, and unit: Nm."
+    if wanted.order is not None and powers == {"s": -max(wanted.order, 1)}:
+        return "1/min and Hz may count turns or radians: write unit: rpm (or rev/s) if they count turns."
+    if wanted.order is not None and not powers:
+        return "If these are counts of an encoder: scale: 360/counts with unit: deg."
+    return "Give unit: of the column, of what it really holds; and check that it is the right column."

@@ -1,0 +1,68 @@
+"""Reading a file of signals by its suffix."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from fmu_didim.base.errors import FmuDidimError, InputError
+from fmu_didim.base.files import is_file
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables.columns import TimeColumn
+from fmu_didim.data.tables.csv_file import CsvLayout, read_csv
+from fmu_didim.data.tables.hdf5_file import read_hdf5
+from fmu_didim.data.tables.mat_file import read_mat
+from fmu_didim.data.tables.mf4_file import read_mf4
+from fmu_didim.data.tables.parquet_file import read_parquet
+from fmu_didim.data.tables.select import selected
+from fmu_didim.data.tables.table import Table
+
+READERS: dict[str, Callable[[Path], Table]] = {
+    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".mat": read_mat, ".parquet": read_parquet,
+    ".h5": read_hdf5, ".hdf5": read_hdf5, ".hdf": read_hdf5, ".mf4": read_mf4, ".mdf": read_mf4,
+}  # fmt: skip
+
+
+def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
+    """The columns of a file, as they stand there.
+
+    Args:
+        layout: how a CSV file is written, where that cannot be recognised.
+
+    Raises:
+        InputError: the file is missing, has another format, is damaged or cannot be understood; LibraryError: what
+            reads it does not work as it is installed.
+    """
+    path = Path(path)
+    if not is_file(path):
+        raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READERS)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what matters of a file is told in our words
+            return read_csv(path, layout) if reader is read_csv else reader(path)
+    except FmuDidimError:
+        raise
+    except Exception as error:
+        raise InputError(
+            "The data file cannot be read.", where=str(path), got=f"{type(error).__name__}: {str(error)[:200]}",
+            next_step="Convert it to CSV, UTF-8.",
+        ) from error  # fmt: skip
+
+
+def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
+    """All signals of a file that have the length of its time column, under the names that they have there.
+
+    Units that the file states (``Achse1 [°]``, a row of units, attributes, those of channels) become SI units.
+
+    Args:
+        path: a ``.csv``, ``.txt``, ``.tsv``, ``.mat``, ``.parquet``, ``.h5`` or ``.mf4`` file.
+        time: name of the time column; by default ``t`` or ``time``.
+
+    Raises:
+        InputError: the file is missing, has another format, or holds no such time column.
+    """
+    return selected(read_table(path), time=TimeColumn(name=time)).signals

@@ -1,0 +1,195 @@
+"""Where simulation and measurement disagree: joint, and region of velocity, position, load, time.
+
+For each joint the mean residual in bins of each quantity is compared with the noise; the false-discovery rate over
+all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own are
+found one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.motion import Motion, simulated_motion
+
+BINS = 12
+"""[bins] Of each quantity, with the same number of samples: enough to see where."""
+FEWEST_EDGES = 3
+"""[edges] A quantity that does not fill two bins says nothing."""
+FALSE_DISCOVERIES = 0.01
+"""[1] Expected fraction of the regions named that are none."""
+WINDOW_SCORE = 8.0
+"""[standard deviations] By which the mean of a window must differ before it counts as a force of its own: far beyond
+chance, because model error is no noise."""
+MAXIMUM_WINDOWS = 24
+"""[windows] Looked for on a joint: hardly more are events."""
+LONGEST_WINDOW = 0.3
+"""[1] Fraction of the log that a window may last: a longer one is no event of its own."""
+SHORTEST_WINDOW = 3
+"""[samples] A window of fewer is an outlier of the logger."""
+WINDOW_GRID = 800
+"""[instants] At the edges of windows in the first search; then they are polished."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A range of a quantity in which the residual of a joint has a mean of its own.
+
+    Attributes:
+        joint: from 1; quantity, unit: what is binned; low, high: the range.
+        mean: of the residual there, N.m or N; p_value: of a mean as large by noise alone.
+        share_of_gap: part of the model error of the joint that the means of all bins of this quantity make up.
+    """
+
+    joint: int
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    mean: float
+    p_value: float
+    share_of_gap: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """An interval of time with a torque of its own, N.m or N; the score counts standard deviations."""
+
+    joint: int
+    begin_s: float
+    end_s: float
+    torque: float
+    score: float
+
+
+def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Region]:
+    """Where a model disagrees with the data that it is fitted to; nothing if the plant does not tell its motion.
+
+    Args:
+        description: the robot, None for a plant that is a black box.
+    """
+    motions = []
+    for run in map(fit.simulation, fit.model.estimation_labels):
+        motion = simulated_motion(run, description)
+        if motion is None:
+            return []
+        motions.append((motion, _nearest_ticks(run.experiment, run.step_size)))
+    return regions(fit.residual, motions, fit.noise, fit.model.parameters.torque_units)
+
+
+def _nearest_ticks(experiment: Experiment, step: float) -> NDArray[np.int64]:
+    first = float(experiment.reference.time[0])
+    ticks = np.round((experiment.time - first) / step - experiment.operator.lag).astype(np.int64)
+    return np.clip(ticks, 0, experiment.reference.time.size - 1)
+
+
+def regions(
+    residual: Array, motions: Sequence[tuple[Motion, NDArray[np.int64]]], noise: Noise, units: tuple[str, ...]
+) -> list[Region]:
+    """Regions with a mean residual of their own, the largest share first.
+
+    Args:
+        residual: (N, n); motions: of each experiment that is fitted, at all ticks, with the tick nearest to each
+            sample.
+        units: (n,) ``N.m`` or ``N`` of each joint.
+    """
+    found: list[Region] = []
+    factor = effective_fraction(residual)
+    for j in range(residual.shape[1]):
+        r = residual[:, j]
+        error = max(float(np.mean(r**2)) - float(noise.deviation[j]) ** 2, TINY)
+        turn = "rad" if units[j] == "N.m" else "m"
+        parts = [(_quantities(motion, j, turn), ticks) for motion, ticks in motions]
+        for name, (unit, _) in parts[0][0].items():
+            at = np.concatenate([quantities[name][1][ticks] for quantities, ticks in parts])
+            edges = np.unique(np.quantile(at, np.linspace(0, 1, BINS + 1)))
+            if edges.size < FEWEST_EDGES:
+                continue
+            place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2)
+            counts = np.bincount(place, minlength=edges.size - 1)
+            means = np.bincount(place, r, minlength=edges.size - 1) / np.maximum(counts, 1)
+            deviation = noise.deviation[j] / np.sqrt(np.maximum(counts * factor[j], 1.0))
+            p = 2 * stats.norm.sf(np.abs(means) / deviation)
+            noise_part = float(np.sum(counts * deviation**2)) / r.size
+            share = float(np.clip((np.sum(counts * means**2) / r.size - noise_part) / error, 0.0, 1.0))
+            found += [
+                Region(j + 1, name, unit, float(edges[i]), float(edges[i + 1]), float(means[i]), float(p[i]), share)
+                for i in range(edges.size - 1)
+                if counts[i] > 0
+            ]
+    adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
+    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
+    return sorted(kept, key=lambda r: (-r.share_of_gap, r.p_value))
+
+
+def _quantities(motion: Motion, j: int, turn: str) -> Mapping[str, tuple[str, Array]]:
+    distance = np.zeros(motion.time.size)
+    travelled = np.abs(motion.dq[:, j]) * motion.step
+    for k in range(1, distance.size):
+        reversed_here = motion.dq[k, j] * motion.dq[k - 1, j] < 0
+        distance[k] = 0.0 if reversed_here else distance[k - 1] + travelled[k]
+    return {
+        "velocity": (f"{turn}/s", motion.dq[:, j]),
+        "distance since the last reversal": (turn, distance),
+        "position": (turn, motion.q[:, j]),
+        "acceleration": (f"{turn}/s2", motion.ddq[:, j]),
+        "load": ("N.m" if turn == "rad" else "N", np.abs(motion.load[:, j])),
+        "torque": ("N.m" if turn == "rad" else "N", motion.torque[:, j]),
+        "time": ("s", motion.time),
+    }
+
+
+def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
+    """Intervals in which the residual of a joint has a mean that stands out, by decreasing score.
+
+    The interval with the largest |sum| / sqrt(length) is taken, its mean removed, and the search repeated. The score is
+    measured in the spread of the residual outside, so that model error everywhere is not taken for events.
+    """
+    found: list[Window] = []
+    factor = effective_fraction(residual)
+    for j in range(residual.shape[1]):
+        r = residual[:, j] - np.median(residual[:, j])
+        spread = max(float(stats.median_abs_deviation(r, scale="normal")), float(noise.deviation[j]))
+        rest = r.copy()
+        for _ in range(MAXIMUM_WINDOWS):
+            a, b = _best_window(rest)
+            mean = float(rest[a:b].mean())
+            score = abs(mean) / spread * np.sqrt((b - a) * factor[j])
+            if score < WINDOW_SCORE or b - a > LONGEST_WINDOW * r.size or abs(mean) < spread:
+                break
+            found.append(Window(j + 1, float(time[a]), float(time[b - 1]), mean, float(score)))
+            rest[a:b] -= mean
+    return sorted(found, key=lambda w: -w.score)
+
+
+def _best_window(values: Array) -> tuple[int, int]:
+    """Begin and end (exclusive) of the interval with the largest |sum| / sqrt(length), at least 3 samples long."""
+    thin = max(values.size // WINDOW_GRID, 1)
+    edges = np.append(np.arange(0, values.size, thin), values.size)
+    sums = np.concatenate([[0.0], np.cumsum(values)])[edges]
+    score = np.abs(sums[None, :] - sums[:, None])
+    length = (edges[None, :] - edges[:, None]).astype(float)
+    score = np.where(length >= SHORTEST_WINDOW, score / np.sqrt(np.maximum(length, 1)), -1.0)
+    a, b = np.unravel_index(int(np.argmax(score)), score.shape)
+    return _polished(values, int(edges[a]), int(edges[b]), thin)
+
+
+def _polished(values: Array, a: int, b: int, room: int) -> tuple[int, int]:
+    """The same interval with its ends moved by up to ``room`` samples to where the score is largest."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.arange(max(a - room, 0), min(a + room, values.size) + 1)
+    last = np.arange(max(b - room, 0), min(b + room, values.size) + 1)
+    length = last[None, :] - first[:, None]
+    sums = np.abs(total[last][None, :] - total[first][:, None])
+    score = np.where(length >= SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
+    i, k = np.unravel_index(int(np.argmax(score)), score.shape)
+    return int(first[i]), int(last[k])

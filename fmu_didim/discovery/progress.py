@@ -1,0 +1,78 @@
+"""What a search says while it works, how far it is, and when its time is up."""
+
+from __future__ import annotations
+
+import threading
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from fmu_didim.base.errors import InputError
+
+SAID_EVERY_S = 5.0
+"""[s] Time between two lines that tell how far a piece of work is."""
+
+Say = Callable[[str], None]
+"""Takes a line about a piece of work."""
+
+
+def seconds_left(done: int, count: int, elapsed: float) -> float:
+    """Time in s that the rest of ``count`` equal pieces of work takes, from what the first ``done`` of them took."""
+    return elapsed / done * (count - done) if done else float("inf")
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Progress of a search and the time that it has.
+
+    Attributes:
+        say: called with a line about each piece of work.
+        limit_s: time that there is, None without a limit; ends: reading of ``now`` at which it is up.
+        now: a clock in s.
+    """
+
+    say: Say = field(default=lambda text: None)
+    limit_s: float | None = None
+    ends: float = float("inf")
+    now: Callable[[], float] = clock.perf_counter
+
+    @staticmethod
+    def limited(say: Say, limit_s: float | None) -> Watch:
+        """A watch whose time begins now.
+
+        Raises:
+            InputError: the limit is no positive number.
+        """
+        if limit_s is None:
+            return Watch(say)
+        if not limit_s > 0:
+            raise InputError("The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s")
+        return Watch(say, limit_s, clock.perf_counter() + limit_s)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is up: nothing new is begun then."""
+        return self.now() >= self.ends
+
+    def counted(self, what: str, count: int) -> Callable[[str], None]:
+        """What to call after each of ``count`` pieces of work: it says which one that was, and the time left.
+
+        Args:
+            what: is done to the pieces, such as ``fitting candidate``. The call takes what else there is to say of
+                one; pieces of which there is nothing to say are told now and then only.
+        """
+        begin = last = self.now()
+        done, lock = 0, threading.Lock()
+
+        def one_more(text: str = "") -> None:
+            nonlocal done, last
+            with lock:
+                done += 1
+                now = self.now()
+                if not text and (now - last < SAID_EVERY_S or done == count):
+                    return
+                last = now
+                left = f", about {seconds_left(done, count, now - begin):.0f} s left" if done < count else ""
+                self.say(f"{what} {done} of {count}{left}" + (f": {text}" if text else ""))
+
+        return one_more

@@ -1,0 +1,103 @@
+"""The candidates of a round: screened by their signatures, fitted in the loop, and what became of all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.screening.catalogue import Signature
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_description import EffectAtJoint
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A candidate at its best shapes.
+
+    Attributes:
+        signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
+        surviving: part of the norm of the signature that the base cannot absorb.
+        others: the same candidate at further shapes that are nearly as good, which are tried too if it leads; None in
+            the torque balance, where a signature is the slope itself.
+    """
+
+    signature: Signature
+    coefficients: Array
+    gain: float
+    surviving: float
+    others: tuple[Screened, ...] | None = None
+
+    @property
+    def effect_at(self) -> EffectAtJoint:
+        return self.signature.effect_at
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A candidate fitted in the closed loop.
+
+    Attributes:
+        effect_at: effect and joint; fit: of the model with it; delta_bic: over the model without.
+        size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
+        torque_change: how much it changes the torque when it is switched off and nothing else changes, in the same
+        units.
+        cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
+        implausible: why its values say nothing or cannot be, or an empty string.
+    """
+
+    effect_at: EffectAtJoint
+    fit: Fit
+    delta_bic: float
+    size: float
+    share: float
+    torque_change: float
+    cost: float
+    implausible: str = ""
+
+
+class Outcome(Enum):
+    """What became of a candidate that was worth a fit."""
+
+    FITTED = "fitted"
+    LEFT_EARLY = "left early"
+    """The best was out of its reach, by its signature or in the course of its fit."""
+    NOT_SIMULABLE = "cannot be simulated"
+    NOT_TRIED = "not tried"
+    """The time was up before, or in the middle of its fit."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate of a round and what became of it.
+
+    Attributes:
+        delta_bic: over the model without it, of the point that its fit came to; None without one.
+        share, cost, implausible: as of :class:`Contender`, where it was fitted.
+    """
+
+    effect_at: EffectAtJoint
+    outcome: Outcome
+    delta_bic: float | None = None
+    share: float | None = None
+    cost: float | None = None
+    implausible: str = ""
+
+
+@dataclass(frozen=True)
+class Contest:
+    """The fits of a round.
+
+    Attributes:
+        contenders: those that were fitted, the best first; tried: all candidates, in the order of the fits.
+        unfitted: those that were left early by their signatures.
+    """
+
+    contenders: tuple[Contender, ...]
+    tried: tuple[Tried, ...]
+    unfitted: tuple[Screened, ...] = ()
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the time was up before all candidates were tried."""
+        return any(t.outcome is Outcome.NOT_TRIED for t in self.tried)

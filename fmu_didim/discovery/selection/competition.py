@@ -1,0 +1,367 @@
+"""The competition: every candidate is screened by its signature, the best are fitted in the closed loop.
+
+Screening projects the base out of each signature: only what the present model cannot absorb counts.
+
+    gain = |Q_c' r|^2 - cost log(N f),   Q_c = orthonormal basis of (I - Q Q') C,   Q of the sensitivities of the model
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.plausible import implausible
+from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import delta_bic, explained, joint_gaps
+from fmu_didim.fit.noise.noise import effective_fraction
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.free_parameter import PLANT, plain_name
+from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.workers import side_by_side
+
+SURVIVING = 5e-3
+"""[1] Fraction of a signature that must survive the projection; below, the base parameters absorb it whole."""
+IDLE = 1e-7
+"""[1] Fraction of the largest column of an effect below which another one is rounding."""
+DEPENDENT = 1e-8
+"""[1] Singular value of columns, relative to the largest, below which one tells nothing more."""
+SHORTLIST = 6
+"""[candidates] Fitted in the closed loop, beside the best of each class near them."""
+WORTH = 0.25
+"""[1] Fraction of the best gain of the screening below which a candidate is not fitted: it would have to explain four
+times what its signature says."""
+LEADING = 0.75
+"""[1] Fraction of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
+FURTHER = 3
+"""[shapes] Largest number of those further shapes."""
+REACH = 4.0
+"""[1] Times what its signature explains to first order, beside the base refitted, that a candidate in the torque
+balance may lower chi-square by: where that is not enough for the best so far, it is not fitted. As WORTH, but against
+what the best has really explained."""
+SIZES = (0.5, 1.0, 2.0)
+"""[1] Tried of an effect outside the torque balance, as multiples of what its signature says: gears rattle."""
+ABREAST = 4
+"""[candidates] Fitted against the same best so far: what is left early must not depend on which of them ends
+first."""
+STARTS = 2
+"""[starts] Number of those from which it is fitted."""
+SMALLER = (1.0, 0.3, 0.03)
+"""[1] Fractions of what is proposed from which a fit starts, one after the other, until one can be simulated."""
+LEAST = 5.0
+"""[chi-square] What a candidate must promise to lower chi-square by, for its fit to be carried to the end: less is no
+BIC difference of 10."""
+
+
+@dataclass(frozen=True)
+class Competition:
+    """The candidates for the next effect beside the present model.
+
+    Attributes:
+        builder: builds the loops with them; fit: of the present model.
+    """
+
+    builder: LoopModelBuilder
+    fit: Fit
+
+    @cached_property
+    def base(self) -> BaseProjection:
+        """What the present model can absorb."""
+        return BaseProjection.of_fit(self.fit)
+
+    @cached_property
+    def _white(self) -> BaseProjection:
+        """The same in units of the noise, in which fits are compared."""
+        return BaseProjection.of(self.fit.jacobian, 1 / self.fit.deviation)
+
+    def screen(self, catalogue: SignatureCatalogue) -> list[Screened]:
+        """All candidates that are not in the model yet, each at its best shapes, the best first."""
+        builder, fit, base = self.builder, self.fit, self.base
+        residual = base.rest_of(base.weighted(fit.residual))
+        count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
+        found: dict[EffectAtJoint, list[Screened]] = {}
+        costs: dict[EffectAtJoint, float] = {}
+        # A class is named once on a joint: a second member of it would only mend the form of the first.
+        named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+        asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
+        for signature, (table, rest) in zip(asked, base.rests_of(s.columns for s in asked), strict=True):
+            effect_at = signature.effect_at
+            size = float(np.linalg.norm(table))
+            surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
+            if surviving < SURVIVING:
+                continue
+            coefficients = _coefficients(rest, residual)
+            if effect_at not in costs:
+                costs[effect_at] = builder.cost(effect_at)
+            cost = costs[effect_at] - _idle(table)
+            gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
+            found.setdefault(effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+        return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
+
+    def _best(self, shapes: Sequence[Screened]) -> Screened:
+        """A candidate at its best shapes; one outside the torque balance with others."""
+        ordered = sorted(shapes, key=lambda s: -s.gain)
+        best = ordered[0]
+        if self.builder.effect(best.effect_at).is_linear:
+            return best
+        near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
+        return replace(best, others=tuple(near))
+
+    def shortlist(self, screened: Sequence[Screened], *, size: int = SHORTLIST) -> list[Screened]:
+        """The candidates worth a closed-loop fit: the best, the best of each class near them, a gear on all joints."""
+        worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
+        if not worth:
+            return []
+        chosen = worth[:size]
+        classes = {(self.builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
+        for s in worth[size:]:
+            key = (self.builder.effect(s.effect_at).class_name, s.effect_at.joint)
+            if key not in classes:
+                chosen.append(s)
+                classes.add(key)
+        # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
+        gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
+        return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
+
+    def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = REACH) -> Contest:
+        """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
+        cannot catch up with the best, or is not fitted when the time is up, is no contender. The best is the best
+        plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
+
+        Args:
+            reach: see ``REACH``.
+        """
+        fit, chosen = self.fit, self._largest_gap_first(chosen)
+        best = fit.chi_square - LEAST
+        leading = LEADING * max((s.gain for s in chosen), default=0.0)
+        told = watch.counted("fitting candidate", len(chosen))
+
+        def one(candidate: Screened, best: float) -> Contender | Outcome:
+            found = None
+            if watch.is_over:
+                return Outcome.NOT_TRIED
+            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
+            if self.fit.chi_square - reach * self._promised(candidate) > best:
+                told(f"{named} is out of reach of the best")
+                return Outcome.LEFT_EARLY
+            # Here, where no other fit has to wait for the compiler.
+            self.builder.compile([(*fit.model.added_effects, candidate.effect_at)], watch=watch, workers=1)
+            starts = [candidate.signature.proposal(candidate.coefficients)]
+            if candidate.others is not None and candidate.gain >= leading:
+                starts = self._scanned(candidate)
+            for start in starts:
+                fitted = self.refit(start, give_up_above=best, until=watch.ends)
+                if watch.is_over and (fitted is None or fitted.given_up):
+                    return Outcome.NOT_TRIED
+                if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                    found = fitted
+                    best = min(best, found.chi_square)
+            if found is None:
+                told(f"{named} cannot be simulated")
+                return Outcome.NOT_SIMULABLE
+            result = self.contender(candidate.effect_at, found)
+            told(f"{named}, BIC difference {result.delta_bic:.0f}")
+            return result
+
+        results, workers = list[Contender | Outcome](), fit.model.allowed_workers(fit.values)
+        for first in range(0, len(chosen), ABREAST):
+            together = [partial(one, candidate, best) for candidate in chosen[first : first + ABREAST]]
+            results += side_by_side(together, workers)
+            fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
+            best = min([best, *(c.fit.chi_square for c in fitted)])
+        found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
+        pairs = list(zip(chosen, results, strict=True))
+        unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
+        return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
+
+    def _largest_gap_first(self, chosen: Sequence[Screened]) -> list[Screened]:
+        """Candidates by the gap of their joint, those of no joint in particular first; on one joint as they are."""
+        gaps = joint_gaps(self.fit.residual, self.fit.noise)
+
+        def gap(candidate: Screened) -> float:
+            effect_at = candidate.effect_at
+            own = len(self.builder.joints(effect_at.effect)) == gaps.size
+            return float(gaps[effect_at.joint - 1] if own else gaps.max())
+
+        return sorted(chosen, key=lambda s: -gap(s))
+
+    def _promised(self, candidate: Screened) -> float:
+        """What a candidate lowers chi-square by to first order, with the base refitted; infinite outside the torque
+        balance, where a signature is no slope."""
+        if candidate.others is not None:
+            return np.inf
+        white = self._white
+        rest = white.rest_of(white.weighted(candidate.signature.columns))
+        return float(np.sum((rest @ _coefficients(rest, white.weighted(self.fit.residual))) ** 2))
+
+    def finished(self, candidate: Contender) -> Contender:
+        """A contender whose fit was given up, because another one was better, once more to its minimum: only there
+        can it be judged on held-out data."""
+        if not candidate.fit.given_up:
+            return candidate
+        found = minimise(
+            candidate.fit.model, self.fit.noise, stopping=Stopping(updates=1, check_all=False),
+            jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
+        )  # fmt: skip
+        return self.contender(candidate.effect_at, found)
+
+    def with_shapes_held(self, candidate: Screened) -> Iterator[Contender]:
+        """A candidate outside the torque balance once more, its shapes held at those screened, the best first.
+
+        Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
+        """
+        for screened in (candidate, *(candidate.others or ())):
+            proposal = screened.signature.proposal(screened.coefficients)
+            fitted = self.refit(proposal, hold=True)
+            if fitted is not None:
+                yield self.contender(candidate.effect_at, fitted)
+
+    def _scanned(self, candidate: Screened) -> list[Proposal]:
+        """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted
+        to first order, the best ones first."""
+        tried: list[tuple[float, int, Proposal]] = []
+        for screened in (candidate, *(candidate.others or ())):
+            for size in SIZES:
+                proposal = screened.signature.proposal(size * screened.coefficients)
+                model = self.builder.build(self.fit.model, [proposal])
+                low, high = model.limits
+                try:
+                    residual = model.residual(np.clip(model.start, low, high))
+                except SimulationError:
+                    continue
+                cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
+                tried.append((cost, len(tried), proposal))
+        found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+        return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+
+    def contender(self, effect_at: EffectAtJoint, found: Fit) -> Contender:
+        """What a fit with one more effect is worth."""
+        builder, fit = self.builder, self.fit
+        index = found.model.added_effects.index(effect_at)
+        own = [
+            i
+            for i, parameter in enumerate(found.model.free_parameters)
+            if parameter.effect == index and not parameter.is_shape
+        ]
+        absent = len(builder.parameters_of(effect_at)[0]) - len(own)
+        cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
+        gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
+        size, share = explained(fit.residual, found.residual, fit.noise)
+        raw = self.torque_change_without(effect_at, found)
+        whole = replace(found, model=replace(found.model, workers=fit.model.workers))
+        why = implausible(whole, index, builder.effect(effect_at), builder.link_values(effect_at.joint))
+        return Contender(effect_at, whole, gain, size, share, raw, cost, why)
+
+    def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
+        """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out
+        and nothing else changes; infinite if the loop cannot be run."""
+        without = self.builder.without(found.model, found.model.added_effects.index(effect_at))
+        try:
+            if held_out:
+                labels = found.model.validation_labels
+                torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
+                change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
+            else:
+                change = found.torque - without.torque(without.start)
+        except SimulationError:
+            return np.inf
+        return float(np.sqrt(np.mean((change / found.noise.deviation) ** 2, axis=0)).max())
+
+    def refit(
+        self, proposal: Proposal, *, give_up_above: float = np.inf, until: float = np.inf, hold: bool = False
+    ) -> Fit | None:
+        """The present model with one more effect, fitted; None if no start of it can be simulated.
+
+        Args:
+            give_up_above, until: see :func:`~fmu_didim.fit.solver.least_squares.minimise`.
+            hold: whether its shapes stay as they are proposed.
+        """
+        builder, fit = self.builder, self.fit
+        neutral = builder.effect(proposal.effect_at).neutral
+        for part in SMALLER:
+            values = dict(proposal.values)
+            for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
+                off = neutral.get(name, 0.0)
+                if np.isfinite(off):
+                    values[name] = off + part * (values[name] - off)
+                else:  # a stiffness, with nothing there when it is infinite
+                    values[name] = values[name] / part
+            model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
+            if len(model.free_parameters) == len(fit.model.free_parameters):
+                return None  # all its parameters belong to effects that are there already
+            low, high = model.limits
+            start = np.clip(model.start, low, high)
+            model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
+            model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
+            if model.own_states > fit.model.own_states:  # they may be faster than what the base resolves
+                model = with_fitting_substeps(model, start, fit.noise.deviation)
+            try:
+                torque = model.torque(start)
+                added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
+                slopes = sensitivity(model, start, torque, only=added, exact=False, whole=False)
+            except SimulationError:
+                continue
+            jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
+            return minimise(
+                model, fit.noise,
+                stopping=Stopping(updates=1, give_up_above=give_up_above, until=until, check_all=False),
+                jacobian=jacobian, torque=torque,
+            )  # fmt: skip
+        return None
+
+
+def _tried(effect_at: EffectAtJoint, result: Contender | Outcome) -> Tried:
+    if isinstance(result, Outcome):
+        return Tried(effect_at, result)
+    if result.fit.given_up:
+        return Tried(effect_at, Outcome.LEFT_EARLY, result.delta_bic)
+    return Tried(effect_at, Outcome.FITTED, result.delta_bic, result.share, result.cost, result.implausible)
+
+
+def _coefficients(columns: Array, residual: Array) -> Array:
+    """(m,) least squares of a residual (N n,) on columns (N n, m)."""
+    if columns.shape[1] == 1:  # most are so, and a factorisation takes ten times as long
+        return np.asarray(columns.T @ residual / np.sum(columns**2))
+    return np.asarray(np.linalg.lstsq(columns, residual, rcond=DEPENDENT)[0], dtype=float)
+
+
+def _idle(columns: Array) -> int:
+    """Number of columns (..., m) that are nothing but rounding beside the largest."""
+    if columns.shape[-1] == 1:
+        return 0
+    sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
+    return int(np.sum(sizes <= IDLE * sizes.max(initial=0.0)))
+
+
+def _shapes_held(model: LoopModel, first: int) -> LoopModel:
+    free_parameters = tuple(
+        replace(parameter, lowest=parameter.value, highest=parameter.value)
+        if i >= first and parameter.is_shape
+        else parameter
+        for i, parameter in enumerate(model.free_parameters)
+    )
+    return replace(model, free_parameters=free_parameters)
+
+
+def proposal_of(found: Contender) -> Proposal:
+    """The effect of a contender with its fitted values, by their plain names."""
+    model, joint = found.fit.model, found.effect_at.joint
+    index = model.added_effects.index(found.effect_at)
+    values = {
+        plain_name(parameter.key, joint) if parameter.owner == PLANT else parameter.key: float(value)
+        for parameter, value in zip(model.free_parameters, found.fit.values, strict=True)
+        if parameter.effect == index
+    }
+    return Proposal(found.effect_at, values)

@@ -1,0 +1,1 @@
+"""Dynamics: blocks, robots, effects, base parameters."""

@@ -1,0 +1,154 @@
+"""Physical effects, one per file, and the table of their names.
+
+An effect says where it acts (``place``), what its parameters are, what it is confounded with, what would split it
+from those and what discovery has to know of it, so that no other folder names an effect. Effects in the torque
+balance (:class:`TorqueEffect`) are listed at a joint of a robot description,
+``effects: [motor_inertia, viscous, coulomb, stribeck]``, and become columns of the regressor and terms of the direct
+model, with their own states in the plant where they have any. A description also takes effects from outside the
+tree, ``package.module:Name``.
+
+Where a new one goes: one file here with one final class; the base class asks for what is missing. Its parameters
+are declared in ``own_parameters`` and ``own_shapes``, its equation stands in ``columns`` (``rates`` for states), the
+step of the integration follows from ``damping``, ``stiffness``, ``own_rate`` and ``relaxation``; an effect that says
+how steep it is, is integrated implicitly with the slopes of its columns. Then a row in EFFECTS below. Names of its
+parameters must differ from those of all other effects that may be listed at the same joint; shape parameters that
+mean the same are shared (see ``steps.smoothing_velocity``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.imports import check_allowed, import_object, located, run_code
+from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
+from fmu_didim.dynamics.effects.asymmetric_coulomb import AsymmetricCoulomb
+from fmu_didim.dynamics.effects.asymmetric_viscous import AsymmetricViscous
+from fmu_didim.dynamics.effects.backlash import Backlash
+from fmu_didim.dynamics.effects.base import Effect, MeasurementEffect, NonlinearEffect, Place, PreCheck, TorqueEffect
+from fmu_didim.dynamics.effects.base_tilt import BaseTilt
+from fmu_didim.dynamics.effects.contact_stop import ContactStop
+from fmu_didim.dynamics.effects.contact_stop_lower import ContactStopLower
+from fmu_didim.dynamics.effects.controller_gain import ControllerGain
+from fmu_didim.dynamics.effects.coulomb import Coulomb
+from fmu_didim.dynamics.effects.coupling_friction import CouplingFriction
+from fmu_didim.dynamics.effects.cubic_spring import CubicSpring
+from fmu_didim.dynamics.effects.cubic_viscous import CubicViscous
+from fmu_didim.dynamics.effects.current_ripple import CurrentRipple
+from fmu_didim.dynamics.effects.dead_zone import DeadZone
+from fmu_didim.dynamics.effects.delay import Delay
+from fmu_didim.dynamics.effects.directional_efficiency import DirectionalEfficiency
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
+from fmu_didim.dynamics.effects.external_force import ExternalForce
+from fmu_didim.dynamics.effects.first_order import JointTorque
+from fmu_didim.dynamics.effects.gravity_compensator import GravityCompensator
+from fmu_didim.dynamics.effects.joint import (
+    LINK_PARAMETERS,
+    NOMINAL_ACCELERATION,
+    NOMINAL_SPEED,
+    PAYLOAD,
+    UNITS,
+    Column,
+    JointType,
+    JointUnits,
+    OperatingRange,
+    Parameter,
+    Search,
+    Surroundings,
+    Values,
+)
+from fmu_didim.dynamics.effects.joint_elasticity import JointElasticity
+from fmu_didim.dynamics.effects.load_dependent_friction import LoadDependentFriction
+from fmu_didim.dynamics.effects.log_time_shift import LogTimeShift
+from fmu_didim.dynamics.effects.lugre import LuGre
+from fmu_didim.dynamics.effects.motor_inertia import MotorInertia
+from fmu_didim.dynamics.effects.payload_change import PayloadChange
+from fmu_didim.dynamics.effects.position_dependent_friction import PositionDependentFriction
+from fmu_didim.dynamics.effects.power_viscous import PowerViscous
+from fmu_didim.dynamics.effects.presliding import Presliding
+from fmu_didim.dynamics.effects.quadratic_viscous import QuadraticViscous
+from fmu_didim.dynamics.effects.spliced import SplicedEffect
+from fmu_didim.dynamics.effects.spring import Spring
+from fmu_didim.dynamics.effects.stribeck import Stribeck
+from fmu_didim.dynamics.effects.structure import StructureEffect
+from fmu_didim.dynamics.effects.thermal_friction_drift import ThermalFrictionDrift
+from fmu_didim.dynamics.effects.torque_drift import TorqueDrift
+from fmu_didim.dynamics.effects.torque_offset import TorqueOffset
+from fmu_didim.dynamics.effects.torque_ripple import TorqueRipple
+from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
+from fmu_didim.dynamics.effects.viscous import Viscous
+from fmu_didim.dynamics.effects.wrist_friction import WristFriction
+
+_ALL: tuple[Effect, ...] = (
+    # torque balance
+    MotorInertia(), Viscous(), Coulomb(), TorqueOffset(), AsymmetricCoulomb(), AsymmetricViscous(), QuadraticViscous(),
+    CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
+    DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), Spring(), CubicSpring(),
+    GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(), ThermalFrictionDrift(),
+    TorqueDrift(), ExternalForce(), PayloadChange(),
+    # drive and sensor
+    ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
+    # structure
+    JointElasticity(), Backlash(), BaseTilt(),
+    # measurement
+    LogTimeShift(),
+)  # fmt: skip
+EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ALL}
+DEFAULT_EFFECTS: tuple[str, ...] = ("motor_inertia", "viscous", "coulomb", "torque_offset")
+
+
+def find_effect(name: str) -> Effect:
+    """The effect of this name, or ``module:Name`` (``file.py:Name``) for one outside the tree.
+
+    Raises:
+        UnknownNameError: there is no such effect; InputError: it is no effect.
+    """
+    if ":" not in name:
+        return _found(name)
+    check_allowed(name, where=_WHERE)
+    return _found(located(name))
+
+
+_WHERE = "effects of a joint"
+
+
+@cache
+def _found(name: str) -> Effect:
+    found = EFFECTS.get(name)
+    if ":" in name:
+        found = import_object(name, where=_WHERE)
+        if isinstance(found, type) and issubclass(found, Effect):
+            found = run_code(found, what="effect", where=_WHERE, got=name)
+    elif found is None:
+        raise UnknownNameError("effect", name, EFFECTS)
+    if not isinstance(found, TorqueEffect | NonlinearEffect):
+        raise InputError(f"'{name}' cannot be listed at a joint: it is no effect.", where=_WHERE)
+    return found
+
+
+def effect_catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
+    """All effects of the tree by their names, and further ones, each by the name that is given.
+
+    Raises:
+        InputError, UnknownNameError: as :func:`find_effect`.
+    """
+    return {**EFFECTS, **{name: find_effect(name) for name in further}}
+
+
+def torque_effect(name: str) -> TorqueEffect:
+    """Like :func:`find_effect`, for effects in the torque balance; raises InputError if it acts elsewhere."""
+    found = find_effect(name)
+    if not isinstance(found, TorqueEffect):
+        valid = [n for n, e in EFFECTS.items() if isinstance(e, TorqueEffect)]
+        raise InputError(f"The effect '{name}' acts in the place '{found.place}'.", got=name, valid=valid)
+    return found
+
+
+__all__ = [
+    "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
+    "Column", "Effect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect", "NonlinearEffect",
+    "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "SplicedEffect", "StructureEffect", "Surroundings",
+    "TorqueEffect", "Values", "effect_catalogue", "find_effect", "torque_effect",
+]  # fmt: skip

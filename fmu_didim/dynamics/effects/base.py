@@ -1,0 +1,270 @@
+"""What a physical effect is: its parameters, its equations, where it acts and what it cannot be told from.
+
+:class:`Effect` is the root of all effects, wherever they act. :class:`TorqueEffect` acts in the torque balance
+of a joint: it adds to the inverse dynamic model the torque
+
+    tau_e = sum_i c_i(q, dq, ddq, load, t, z; shapes) * parameter_i,    dz/dt = rates(...; shapes)
+
+linear in its amplitudes, with columns c_i that may depend on shape parameters (constants such as the smoothing
+velocity of Coulomb friction), on the whole motion of the robot, on the transmitted torque, on time and on own
+states z. A new effect is one file with one final class, and one row in ``fmu_didim.dynamics.effects.EFFECTS``.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.effects.first_order import FirstOrder
+from fmu_didim.dynamics.effects.joint import (
+    Column,
+    JointType,
+    OperatingRange,
+    Parameter,
+    Search,
+    Surroundings,
+    Values,
+)
+
+SURE = 2.0
+"""Standard deviations by which a value must lie where no machine can be, to be said to."""
+Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
+Need = Literal["load", "time", "other joints"]
+
+
+@dataclass(frozen=True)
+class PreCheck:
+    """How an effect is looked for to which linear screening is blind: values of its one parameter, tried in full
+    simulations before all other effects.
+
+    Attributes:
+        parameter: its name; in N.m or N.
+        quantiles: of the absolute measured torque of the joint, which are tried as its values.
+    """
+
+    parameter: str
+    quantiles: tuple[float, ...]
+
+
+class Effect(ABC):
+    """One physical effect at one joint, and what discovery knows about it.
+
+    Class attributes, what it is:
+        name: identifier used in a robot description and in results.
+        title: its name in words, for a user.
+        equation: what it does, in one line.
+        place: where it acts.
+        class_name: class of effects that ordinary data cannot tell apart; the own name if it has none.
+        confounded_with: names of effects that data can hardly tell apart from it.
+        signature: one sentence: where the residual of a model without it shows.
+        experiment: what would split it from those it is confounded with.
+        source: where the equation comes from.
+
+    Its parameters:
+        own_parameters: the amplitudes; zero means that the effect is absent.
+        own_shapes: the shape parameters; effects of a joint share those that are equal.
+        is_linear: whether the torque is linear in its parameters, which then are amplitudes of columns.
+        neutral: value of each parameter with which all is as without the effect, 0 if it is not here; infinite where
+            only a limit is.
+        limits: parameter -> lowest and highest sensible value.
+        signed: names of the shape parameters that may be zero or negative; all others are positive.
+
+    Where it acts:
+        elastic: whether it puts a spring between motor and link of its joint.
+        acts_on_base: whether it acts on the base of the robot, so that it is listed at joint 1.
+
+    How it is discovered:
+        is_base: whether it belongs to every base model, so that it is never proposed.
+        is_composed: whether it is made of other effects, which are proposed one by one; it is still named as a member
+            of its class.
+        is_external: whether it stands for torques from outside, which are looked for on their own, in any number.
+        rivals_external_torque: whether it may look like torques from outside and is tried in their place.
+        shows_on_neighbours: whether what it does on one joint shows on others too, so that no signature tells whose it
+            is and all joints are tried.
+        known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
+        sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
+            are chosen for it.
+        pre_check: how it is looked for before all others, if linear screening is blind to it.
+        first_order: outside the torque balance: its change to first order; None if only simulations of the closed
+            loop show it.
+        is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
+            they are neutral, which then is its signature; else simulations with some values are.
+        distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    equation: ClassVar[str]
+    place: ClassVar[Place]
+    class_name: ClassVar[str]
+    confounded_with: ClassVar[tuple[str, ...]] = ()
+    signature: ClassVar[str]
+    experiment: ClassVar[str]
+    source: ClassVar[str]
+
+    own_parameters: ClassVar[tuple[Parameter, ...]] = ()
+    own_shapes: ClassVar[tuple[Parameter, ...]] = ()
+    is_linear: ClassVar[bool]
+    signed: ClassVar[frozenset[str]] = frozenset()
+
+    elastic: ClassVar[bool] = False
+    acts_on_base: ClassVar[bool] = False
+
+    is_base: ClassVar[bool] = False
+    is_composed: ClassVar[bool] = False
+    is_external: ClassVar[bool] = False
+    rivals_external_torque: ClassVar[bool] = False
+    shows_on_neighbours: ClassVar[bool] = False
+    known_at_start: ClassVar[bool] = False
+    sets_ticks: ClassVar[bool] = False
+    pre_check: ClassVar[PreCheck | None] = None
+    first_order: ClassVar[FirstOrder | None] = None
+    is_smooth: ClassVar[bool] = False
+    distance: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls) and not hasattr(cls, "class_name"):
+            cls.class_name = cls.name
+
+    @cached_property
+    def neutral(self) -> Mapping[str, float]:
+        return {p.name: p.neutral for p in (*self.own_parameters, *self.own_shapes) if p.neutral is not None}
+
+    @cached_property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        return {p.name: p.limits for p in (*self.own_parameters, *self.own_shapes) if p.limits is not None}
+
+    def parameters(self, joint_type: JointType) -> tuple[Variable, ...]:
+        """The amplitudes at a joint of this type."""
+        return tuple(p(joint_type) for p in self.own_parameters if p.exists(joint_type))
+
+    def shapes(self, joint_type: JointType) -> tuple[Variable, ...]:
+        """The shape parameters at a joint of this type, with their default values."""
+        return tuple(p(joint_type) for p in self.own_shapes if p.exists(joint_type))
+
+    def search(self, joint_type: JointType) -> Mapping[str, Search]:
+        """The parameters that are searched for when it is unknown whether the effect is there."""
+        grids = {p.name: p.grid(joint_type) for p in (*self.own_parameters, *self.own_shapes)}
+        return {name: grid for name, grid in grids.items() if grid is not None}
+
+    def allows(self, shapes: Mapping[str, float]) -> bool:
+        """Whether these values of its shapes go together: a window ends after it begins."""
+        return True
+
+    def supersedes(self, values: Mapping[str, float]) -> frozenset[str]:
+        """Shapes of other effects of its joint that mean nothing beside it, with these values of its parameters."""
+        return frozenset()
+
+    @property
+    def is_of_log(self) -> bool:
+        """Whether it changes the log as a whole, and not the loop."""
+        return self.place == "measurement"
+
+    @property
+    def is_proposed(self) -> bool:
+        """Whether it takes part in the competition of the candidates."""
+        return not (self.is_base or self.is_composed or self.pre_check is not None)
+
+    def clipped(self, name: str, value: float) -> float:
+        """A value of a parameter moved into its limits."""
+        low, high = self.limits.get(name, (-math.inf, math.inf))
+        return min(max(value, low), high)
+
+    def impossible(self, values: Values, deviations: Values, link: Values) -> str:
+        """Which of the values found no machine can have, in words, or an empty string.
+
+        Args:
+            deviations: their standard deviations; link: inertial parameters of the link, as far as they are known.
+        """
+        least = {p.name: p.least for p in self.own_parameters if p.least is not None and p.name in values}
+        bad = [name for name, bound in least.items() if values[name] < bound - SURE * deviations[name]]
+        return "; ".join(f"{n} = {values[n]:.3g} ± {deviations[n]:.2g} below {least[n]:g}" for n in bad)
+
+    def outside_limits(self, values: Mapping[str, float]) -> str:
+        """Which of these values lie outside their limits, in words, or an empty string."""
+        bad = [name for name, value in values.items() if self.clipped(name, value) != value]
+        return "; ".join(f"{n} = {values[n]:g} must lie in {self.limits[n][0]:g} to {self.limits[n][1]:g}" for n in bad)
+
+
+class TorqueEffect(Effect):
+    """One effect in the torque balance.
+
+    Class attributes:
+        needs: what :class:`Surroundings` beyond the motion of its own joint the columns depend on.
+        reach: number of joints after its own that it acts on or looks at.
+        acts_on_link: whether it acts on the link and sees the link's motion where a gear gives way; else it acts on the
+            motor.
+    """
+
+    place: ClassVar[Place] = "torque balance"
+    is_linear: ClassVar[bool] = True
+    acts_on_link: ClassVar[bool] = False
+    needs: ClassVar[frozenset[Need]] = frozenset()
+    reach: ClassVar[int] = 0
+
+    @property
+    def is_steep(self) -> bool:
+        """Whether it says how steep it is, and its torque follows from motion and states: then it is integrated
+        implicitly, with the slopes of its columns."""
+        says = any(
+            getattr(type(self), method) is not getattr(TorqueEffect, method) for method in ("damping", "stiffness")
+        )
+        return says and not self.needs & {"load"}
+
+    def states(self, joint_type: JointType) -> tuple[Variable, ...]:
+        """Own continuous states; ``start`` is their initial value."""
+        return ()
+
+    @abstractmethod
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
+        """The regressor columns c_i, in the order of the parameters."""
+
+    def rates(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
+        """dz/dt of the own states; may depend on motion, time and states, not on load or acceleration."""
+        return ()
+
+    def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
+        """A bound of |d tau_e / d dq|: it sets the integration step of the direct model.
+
+        Negative where the effect takes away from what another effect of the joint counts.
+        """
+        return ca.SX(0)
+
+    def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
+        """A bound of |d tau_e / d q|, own states that follow q included; sets the step like :meth:`damping`."""
+        return ca.SX(0)
+
+    def own_rate(self, shapes: Values, within: OperatingRange) -> ca.SX:
+        """Rate in 1/s that the integration must resolve whatever the inertia: own states, edges in time."""
+        return ca.SX(0)
+
+    def relaxation(self, shapes: Values, within: OperatingRange) -> ca.SX:
+        """Rate in 1/s at which own states relax that have long settled: explicit integration must stay stable there, no
+        more."""
+        return ca.SX(0)
+
+
+class NonlinearEffect(Effect):
+    """One effect outside the torque balance: its parameters are no amplitudes of columns.
+
+    Each parameter has its value in ``neutral`` and a grid in :meth:`search`.
+    """
+
+    is_linear: ClassVar[bool] = False
+
+
+class MeasurementEffect(NonlinearEffect):
+    """An effect of the torque log as a whole; the loop runs as without it.
+
+    Its one parameter is the lag of the log in s: the samples at t show the torque at t - lag, of all joints.
+    """
+
+    place: ClassVar[Place] = "measurement"

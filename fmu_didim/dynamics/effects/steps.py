@@ -1,0 +1,31 @@
+"""What several effects share: smoothed steps, and the experiment that tells friction by speed."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from fmu_didim.dynamics.effects.joint import Parameter, Search, Surroundings, Values
+
+CONSTANT_SPEEDS = (
+    "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
+)
+smoothing_velocity = Parameter("v0", "velocity", "smoothing velocity of Coulomb friction", (0.01, 0.001))
+"""The shape of :func:`direction`; all effects of a joint share it."""
+instants = Search(0.0, 60.0, 121, logarithmic=False)
+"""Instants of a run, s, at which something may begin or end."""
+
+
+def direction(at: Surroundings, shapes: Values) -> ca.SX:
+    """s(dq) = tanh(dq/v0), the smoothed sign of the velocity."""
+    return ca.tanh(at.dq / shapes["v0"])
+
+
+def ramp(x: ca.SX, width: ca.SX) -> ca.SX:
+    """max(0, x) with a parabola for |x| < width: zero below, exact above, with a continuous slope."""
+    within = ca.fmin(ca.fmax(x + width, 0), 2 * width)
+    return within**2 / (4 * width) + ca.fmax(x - width, 0)
+
+
+def rise(time: ca.SX, at: ca.SX, width: ca.SX) -> ca.SX:
+    """A step from 0 to 1 around the instant ``at``, as wide as ``width``: (1 + tanh((t - at)/width)) / 2."""
+    return (1 + ca.tanh((time - at) / width)) / 2

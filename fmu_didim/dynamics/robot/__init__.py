@@ -1,0 +1,6 @@
+"""Robots: description and models."""
+
+from fmu_didim.dynamics.robot.description import RobotDescription, read_robot, write_robot
+from fmu_didim.dynamics.robot.model import RobotModel
+
+__all__ = ["RobotDescription", "RobotModel", "read_robot", "write_robot"]

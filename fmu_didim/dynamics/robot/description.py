@@ -1,0 +1,249 @@
+"""The robot description: geometry, effects and parameter values, as a YAML document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import yaml
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from fmu_didim.base.documents import FOLDER, Angle, Strict, read_document
+from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.imports import located
+from fmu_didim.data.signals import Variable
+from fmu_didim.dynamics.effects import (
+    DEFAULT_EFFECTS,
+    LINK_PARAMETERS,
+    Effect,
+    JointType,
+    SplicedEffect,
+    TorqueEffect,
+    find_effect,
+)
+
+
+class Joint(Strict):
+    """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
+
+    The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint's
+    position adds to theta (revolute) or d (prismatic).
+
+    Attributes:
+        name: for reading only.
+        type: ``revolute`` or ``prismatic``.
+        alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number.
+        a, d: lengths in m.
+        limits: range of the position of the joint, where it is known.
+        effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
+            looked for beside this file; replaces the default.
+        parameters: values of the link's inertial parameters and of the parameters of its effects, by name without the
+            number of the joint (``ZZ``, ``Fv``, ``v0``); 0 where none is given, or what the effect starts with.
+    """
+
+    name: str = ""
+    type: JointType
+    alpha: Angle = 0.0
+    a: float = 0.0
+    theta: Angle = 0.0
+    d: float = 0.0
+    limits: tuple[Angle, Angle] | None = None
+    effects: tuple[str, ...] = DEFAULT_EFFECTS
+    parameters: Mapping[str, float] = Field(default_factory=dict)
+
+    @field_validator("effects")
+    @classmethod
+    def _known_effects(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        problems = []
+        value = tuple(located(name, (info.context or {}).get(FOLDER, Path())) for name in value)
+        for name in value:
+            try:
+                found = find_effect(name)
+            except InputError as error:
+                problems.append(str(error))
+                continue
+            if found.is_of_log:
+                problems.append(f"{name} belongs to the log, not to the robot: use torque: log_shift_s in the case")
+        doubled = sorted({name for name in value if value.count(name) > 1})
+        problems += [f"effect {name} is listed twice" for name in doubled]
+        if problems:
+            raise ValueError("; ".join(problems))
+        return value
+
+    @model_validator(mode="after")
+    def _known_parameters(self) -> Joint:
+        names = [v.name for v in (*self.linear_parameters(), *self.shapes(), *self.outside_parameters())]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise ValueError(f"several effects have different parameters named {', '.join(doubled)}")
+        unknown = [name for name in self.parameters if name not in names]
+        if unknown:
+            raise ValueError(f"unknown parameters {', '.join(unknown)}; valid: {', '.join(names)}")
+        signed = {name for effect in self.all_effects() for name in effect.signed}
+        positive = [v for v in self.shapes() if v.name not in signed]
+        zero = [v.name for v in positive if not self.parameters.get(v.name, v.start) > 0]
+        if zero:
+            raise ValueError(f"{', '.join(zero)} must be greater than 0")
+        for effect in self.all_effects():
+            outside = effect.outside_limits(self.parameters)
+            if outside:
+                raise ValueError(outside)
+        return self
+
+    @field_validator("limits")
+    @classmethod
+    def _rising(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] < value[1]:
+            raise ValueError("the first limit must be less than the second")
+        return value
+
+    def all_effects(self) -> tuple[Effect, ...]:
+        """The effects of this joint, wherever they act."""
+        return tuple(find_effect(name) for name in self.effects)
+
+    def effect_objects(self) -> tuple[TorqueEffect, ...]:
+        """Those of its effects that act in the torque balance."""
+        return tuple(effect for effect in self.all_effects() if isinstance(effect, TorqueEffect))
+
+    def outside_effects(self) -> tuple[SplicedEffect, ...]:
+        """Those that act outside the plant, in drive or sensor; the plant's equations lack them, the loop has them."""
+        return tuple(effect for effect in self.all_effects() if isinstance(effect, SplicedEffect))
+
+    def outside_parameters(self) -> tuple[Variable, ...]:
+        """The parameters of these, without the joint number."""
+        return tuple(dict.fromkeys(v for e in self.outside_effects() for v in _variables(e, self.type)))
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether its gear gives way."""
+        return any(effect.elastic for effect in self.all_effects())
+
+    def linear_parameters(self) -> tuple[Variable, ...]:
+        """The parameters that are linear in the torque, without the joint number."""
+        return (*LINK_PARAMETERS, *(v for effect in self.effect_objects() for v in effect.parameters(self.type)))
+
+    def shapes(self) -> tuple[Variable, ...]:
+        """All parameters of the plant not linear in the torque, without the joint number; equal ones are shared.
+
+        The shapes of the effects in the torque balance, and all parameters of those in the structure.
+        """
+        shapes = [v for effect in self.effect_objects() for v in effect.shapes(self.type)]
+        structure = [e for e in self.all_effects() if e.place == "structure"]
+        shapes += [v for effect in structure for v in _variables(effect, self.type)]
+        superseded = {name for effect in self.all_effects() for name in effect.supersedes(self.parameters)}
+        return tuple(dict.fromkeys(v for v in shapes if v.name not in superseded))
+
+
+def _variables(effect: Effect, joint_type: JointType) -> tuple[Variable, ...]:
+    return (*effect.parameters(joint_type), *effect.shapes(joint_type))
+
+
+class RobotDescription(Strict):
+    """A serial robot.
+
+    Attributes:
+        name: identifier of the robot (a legal C name).
+        description: what it is; source: where geometry and values come from.
+        gravity: acceleration of gravity in m/s2, in the frame of the base.
+        joints: from the base to the tip, each with its link.
+        identified: the base parameters: ``computed`` (rank-revealing QR), or a mapping from the name of each base
+            parameter to the standard parameter that carries it. All other parameters keep the values given at their
+            joint, 0 by default.
+        known: parameters that a computation of the base parameters must leave alone.
+    """
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    name: str = Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
+    description: str = ""
+    source: str = ""
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    joints: tuple[Joint, ...] = Field(min_length=1)
+    identified: Literal["computed"] | Mapping[str, str] = "computed"
+    known: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _joints_in_reach(self) -> RobotDescription:
+        problems = [
+            f"effect {effect.name} at joint {j} needs {effect.reach} more joint(s) after it"
+            for j, joint in enumerate(self.joints, start=1)
+            for effect in joint.effect_objects()
+            if j + effect.reach > len(self.joints)
+        ]
+        if problems:
+            raise ValueError("; ".join(problems))
+        of_base = [effect.name for joint in self.joints[1:] for effect in joint.all_effects() if effect.acts_on_base]
+        if of_base:
+            raise ValueError(f"{of_base[0]} belongs to joint 1")
+        return self
+
+    @model_validator(mode="after")
+    def _known_names(self) -> RobotDescription:
+        names = [v.name for v in self.standard_parameters()]
+        used = list(self.known)
+        if not isinstance(self.identified, str):
+            used += list(self.identified.values())
+            doubled = {n for n in self.identified.values() if list(self.identified.values()).count(n) > 1}
+            if doubled:
+                raise ValueError(f"identified names {', '.join(sorted(doubled))} twice")
+        unknown = [name for name in used if name not in names]
+        if unknown:
+            raise ValueError(f"unknown standard parameters {', '.join(unknown)}; valid: {', '.join(names)}")
+        return self
+
+    def elastic_joints(self) -> tuple[int, ...]:
+        """Joints whose gears give way, from 0."""
+        return tuple(j for j, joint in enumerate(self.joints) if joint.is_elastic)
+
+    def standard_parameters(self) -> tuple[Variable, ...]:
+        """All parameters that are linear in the torque, named with the joint number, with their values."""
+        return tuple(
+            Variable(f"{v.name}{j}", v.unit, "parameter", joint.parameters.get(v.name, v.start), v.description)
+            for j, joint in enumerate(self.joints, start=1)
+            for v in joint.linear_parameters()
+        )
+
+    def shape_parameters(self) -> tuple[Variable, ...]:
+        """All shape parameters, named with the joint number, with their values."""
+        return tuple(
+            Variable(f"{v.name}_{j}", v.unit, "parameter", joint.parameters.get(v.name, v.start), v.description)
+            for j, joint in enumerate(self.joints, start=1)
+            for v in joint.shapes()
+        )
+
+    def with_values(self, values: Mapping[str, float]) -> RobotDescription:
+        """The same robot with other values of standard or shape parameters; raises UnknownNameError.
+
+        Args:
+            values: by name with the joint number (``ZZ1``, ``v0_2``; ``T_2`` of a lag in the drive).
+        """
+        places = {
+            name: (j, own)
+            for j, joint in enumerate(self.joints)
+            for name, own in (
+                *((f"{v.name}{j + 1}", v.name) for v in joint.linear_parameters()),
+                *((f"{v.name}_{j + 1}", v.name) for v in (*joint.shapes(), *joint.outside_parameters())),
+            )
+        }
+        changed: list[dict[str, float]] = [dict(joint.parameters) for joint in self.joints]
+        for name, value in values.items():
+            if name not in places:
+                raise UnknownNameError("parameter", name, places, where=f"robot '{self.name}'")
+            j, own = places[name]
+            changed[j][own] = float(value)
+        joints = tuple(
+            joint.model_copy(update={"parameters": p}) for joint, p in zip(self.joints, changed, strict=True)
+        )
+        return self.model_copy(update={"joints": joints})
+
+
+def write_robot(robot: RobotDescription, path: Path | str) -> None:
+    """Write a robot description as YAML; :func:`read_robot` gives it back."""
+    content = robot.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    content = {"schema": robot.schema_version, **content}
+    Path(path).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def read_robot(path: Path | str) -> RobotDescription:
+    """Read and validate a robot description; raises InputError with all its problems."""
+    return read_document(RobotDescription, path)

@@ -1,0 +1,185 @@
+"""Recursive Newton-Euler inverse dynamics in CasADi.
+
+Source: Khalil and Dombre, *Modeling, Identification and Control of Robots*, section 9.5, with the
+inertia and the first moments taken about the origin of the link frame, so that the torque is linear
+in all inertial parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.base.symbolic import jacobian
+from fmu_didim.dynamics.effects import PAYLOAD, Surroundings, TorqueEffect
+from fmu_didim.dynamics.robot.description import RobotDescription
+
+
+def rigid_body_torque(
+    robot: RobotDescription,
+    q: ca.SX,
+    dq: ca.SX,
+    ddq: ca.SX,
+    parameters: Mapping[str, ca.SX],
+    *,
+    gravity: ca.SX | None = None,
+) -> ca.SX:
+    """Torques of the links alone, gravity, inertia and Coriolis terms, shape (n,).
+
+    Args:
+        robot: geometry.
+        q, dq, ddq: (n,) joint positions, velocities, accelerations (rad or m, ...).
+        parameters: inertial parameters by name (``ZZ1``, ``M1``, ...).
+        gravity: (3,) in m/s2; that of the description by default.
+    """
+    rotations, offsets = _geometry(robot, q)
+    axis = ca.SX([0.0, 0.0, 1.0])
+    omega, domega = ca.SX(3, 1), ca.SX(3, 1)
+    # Gravity enters as an acceleration of the base.
+    acceleration = -(ca.SX(robot.gravity) if gravity is None else gravity)
+    spread = ca.SX(3, 3)
+    forces: list[ca.SX] = []
+    moments: list[ca.SX] = []
+    for j, joint in enumerate(robot.joints):
+        back = rotations[j].T
+        carried = back @ omega
+        spin = axis * dq[j] if joint.type == "revolute" else ca.SX(3, 1)
+        acceleration = back @ (acceleration + spread @ offsets[j])
+        domega = back @ domega
+        omega = carried + spin
+        if joint.type == "revolute":
+            domega = domega + axis * ddq[j] + ca.cross(carried, spin)
+        else:
+            acceleration = acceleration + axis * ddq[j] + 2 * ca.cross(carried, axis * dq[j])
+        spread = ca.skew(domega) + ca.skew(omega) @ ca.skew(omega)
+        inertia, first, mass = _inertial(parameters, j + 1)
+        forces.append(mass * acceleration + spread @ first)
+        moments.append(inertia @ domega + ca.cross(omega, inertia @ omega) + ca.cross(first, acceleration))
+    return _balance(robot, rotations, offsets, forces, moments)
+
+
+def _geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Rotation of frame j in frame j-1, and position of its origin, for each joint."""
+    rotations, offsets = [], []
+    for j, joint in enumerate(robot.joints):
+        theta = joint.theta + q[j] if joint.type == "revolute" else ca.SX(joint.theta)
+        d = joint.d + q[j] if joint.type == "prismatic" else ca.SX(joint.d)
+        ct, st = (_exact(ca.cos(theta)), _exact(ca.sin(theta)))
+        ca_, sa = _exact(ca.SX(np.cos(joint.alpha))), _exact(ca.SX(np.sin(joint.alpha)))
+        rotations.append(
+            ca.vertcat(ca.horzcat(ct, -st, 0), ca.horzcat(ca_ * st, ca_ * ct, -sa), ca.horzcat(sa * st, sa * ct, ca_))
+        )
+        offsets.append(ca.vertcat(joint.a, -d * sa, d * ca_))
+    return rotations, offsets
+
+
+def _exact(value: ca.SX) -> ca.SX:
+    """Constants within rounding of -1, 0 or 1 made exact, so that zero terms vanish from the code."""
+    if value.is_constant():
+        number = float(value)
+        if abs(number - round(number)) < 1e-14:
+            return ca.SX(round(number))
+    return value
+
+
+def _inertial(parameters: Mapping[str, ca.SX], j: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    p = {name: parameters[f"{name}{j}"] for name in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")}
+    inertia = ca.vertcat(
+        ca.horzcat(p["XX"], p["XY"], p["XZ"]),
+        ca.horzcat(p["XY"], p["YY"], p["YZ"]),
+        ca.horzcat(p["XZ"], p["YZ"], p["ZZ"]),
+    )
+    return inertia, ca.vertcat(p["MX"], p["MY"], p["MZ"]), p["M"]
+
+
+def _balance(
+    robot: RobotDescription,
+    rotations: Sequence[ca.SX],
+    offsets: Sequence[ca.SX],
+    forces: list[ca.SX],
+    moments: list[ca.SX],
+) -> ca.SX:
+    """Backward recursion: force and moment at each joint, projected on its axis."""
+    force, moment = ca.SX(3, 1), ca.SX(3, 1)
+    torques: list[ca.SX] = []
+    for j in reversed(range(len(robot.joints))):
+        force = forces[j] + force
+        moment = moments[j] + moment
+        torques.append(moment[2] if robot.joints[j].type == "revolute" else force[2])
+        force = rotations[j] @ force
+        moment = rotations[j] @ moment + ca.cross(offsets[j], force)
+    return ca.vertcat(*reversed(torques))
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """A torque effect at its joint.
+
+    Attributes:
+        effect: what acts; joint: number of its joint, from 0; states: places of its states in z.
+    """
+
+    effect: TorqueEffect
+    joint: int
+    states: slice
+
+    def surroundings(
+        self,
+        robot: RobotDescription,
+        motion: tuple[ca.SX, ca.SX, ca.SX],
+        time: ca.SX,
+        z: ca.SX,
+        load: ca.SX,
+        link: Mapping[str, ca.SX],
+    ) -> Surroundings:
+        """What it sees; z are the states of all effects."""
+        own = tuple(z[i] for i in range(self.states.start, self.states.stop))
+        kind = robot.joints[self.joint].type
+        return Surroundings(self.joint, kind, *motion, load=load, time=time, state=own, link=link)
+
+
+def placed_effects(robot: RobotDescription) -> list[PlacedEffect]:
+    """All effects of a robot, joint by joint, with the places of their states."""
+    result, begin = [], 0
+    for j, joint in enumerate(robot.joints):
+        for effect in joint.effect_objects():
+            end = begin + len(effect.states(joint.type))
+            result.append(PlacedEffect(effect, j, slice(begin, end)))
+            begin = end
+    return result
+
+
+def own_parameters(
+    robot: RobotDescription, placed: PlacedEffect, parameters: Mapping[str, ca.SX], shapes: Mapping[str, ca.SX]
+) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+    """Amplitudes and shapes of an effect, named without the joint number."""
+    joint, number = robot.joints[placed.joint], placed.joint + 1
+    return (
+        {v.name: parameters[f"{v.name}{number}"] for v in placed.effect.parameters(joint.type)},
+        {v.name: shapes[f"{v.name}_{number}"] for v in placed.effect.shapes(joint.type)},
+    )
+
+
+def add_effect(
+    torque: list[ca.SX],
+    placed: PlacedEffect,
+    at: Surroundings,
+    amplitudes: Mapping[str, ca.SX],
+    shapes: Mapping[str, ca.SX],
+) -> None:
+    """Add the torque of an effect to the rows (n) that it acts on."""
+    columns = placed.effect.columns(at, shapes)
+    for amplitude, column in zip(amplitudes.values(), columns, strict=True):
+        rows = column if isinstance(column, Mapping) else {placed.joint: column}
+        for row, entry in rows.items():
+            torque[row] = torque[row] + amplitude * entry
+
+
+def link_columns(
+    rigid: ca.SX, joint: int, parameters: Mapping[str, ca.SX], names: Sequence[str] = PAYLOAD
+) -> dict[str, ca.SX]:
+    """Columns (n,) of the rigid-body regressor for some inertial parameters of a link, joint from 0."""
+    return {name: jacobian(rigid, parameters[f"{name}{joint + 1}"]) for name in names}

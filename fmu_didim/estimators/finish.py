@@ -1,0 +1,225 @@
+"""From the last point of the iterations to an estimate: the efficient finish, refinement of the integration,
+statistics.
+
+DIDIM's fixed point solves W'(y - tau_s) = 0 and is consistent; the minimum of |y - tau_s|^2 solves
+S'(y - tau_s) = 0 and reaches the Cramer-Rao bound. From DIDIM's answer a few steps suffice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.confounding import refuse_confounded
+from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
+from fmu_didim.fit.estimate import Estimate, Stage, Status
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.log_noise import known_noise
+from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
+from fmu_didim.fit.solver.accuracy import integration_change
+from fmu_didim.fit.solver.least_squares import NO_STEP, Stopping, minimise
+from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
+from fmu_didim.fit.statistics import covariance_white
+from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.loop_model import LoopModel
+
+INTEGRATION_TOLERANCE = 1e-5
+"""[1] Change of the torque by twice the substeps of the rule, relative to its size, that is allowed in any case."""
+CLEARLY_BETTER = 0.5
+"""[1] Residual with twice the substeps over that before, below which they explain the data better."""
+INTEGRATION_SHIFT = 0.02
+"""[standard deviations] Twice the substeps may move no value by more: nobody would see it beside the noise."""
+MAXIMUM_REFINEMENTS = 4
+"""[refinements] Of the integration, by twice the substeps each."""
+NEXT_STEP = 0.01
+"""[standard deviations] A step of the finish that would be smaller is not made: nobody would see it beside the
+noise."""
+FINISH_TOLERANCE = 1e-6
+"""[1] Relative change of the values at which it stops at the latest: data without noise."""
+FINISH_ITERATIONS = 15
+"""[steps] Of the efficient finish."""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The minimum of the torque error.
+
+    Attributes:
+        fit: the closed loop there; iterations: those of the finish.
+        integration_error: what twice the substeps of the plant change there.
+        known: how well the values are known.
+        remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
+        rivals: parameter and its value at other minima that the data hardly tell from this one.
+    """
+
+    fit: Fit
+    integration_error: IntegrationError
+    known: Uncertainty
+    iterations: tuple[Iteration, ...] = ()
+    remarks: tuple[str, ...] = ()
+    roughness: Roughness | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
+
+
+def efficient_finish(
+    start: Fit,
+    *,
+    tolerance: float | None,
+    progress: Callable[[Iteration], None],
+    stage: str = "finish",
+    maximum_iterations: int = FINISH_ITERATIONS,
+) -> Minimum:
+    """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
+
+    Args:
+        tolerance: see :class:`~fmu_didim.fit.solver.least_squares.Stopping`; None: until the next step would be far
+            below the standard deviations. stage: names the iterations.
+    """
+    iterations: list[Iteration] = []
+    remarks: list[str] = []
+    stopping = Stopping(
+        maximum_iterations, tolerance=FINISH_TOLERANCE if tolerance is None else tolerance,
+        next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
+    )  # fmt: skip
+    fit, model = start, start.model
+    refuse_confounded(
+        whitened(fit.jacobian, fit.deviation), fit.values, model.names,
+        torque=float(np.linalg.norm(model.measured / fit.deviation)),
+    )  # fmt: skip
+    sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
+    for left in reversed(range(MAXIMUM_REFINEMENTS)):
+        fit = minimise(
+            model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
+            steps=fit.steps, stage=stage, progress=progress,
+        )  # fmt: skip
+        iterations.extend(fit.iterations)
+        error = integration_error(fit)
+        if error.excess <= 1 or not left:
+            break
+        model = _finer(fit.model, fit.values, error.excess)
+        if fit.model.substeps is None:  # more than the case or the rule says
+            change = f"{100 * error.relative:.2g} %"
+            remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
+        fit = replace(fit, model=model, torque=model.torque(fit.values))
+    if error.excess > 1:
+        moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
+        remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
+    return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+
+
+def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
+    """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
+    doubled."""
+    if model.substeps is None:
+        return replace(model, substep_factor=2 * model.substep_factor)
+    more = max(model.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
+    return replace(model, substeps=more if more < model.automatic_substeps(values) else None)
+
+
+@dataclass(frozen=True)
+class IntegrationError:
+    """What twice the substeps of the plant change.
+
+    Attributes:
+        relative: of the torque, relative to its size; shift: (p,) of the values, in their standard deviations; NaN
+            where the substeps cannot be chosen.
+        excess: the largest change over what is allowed.
+    """
+
+    relative: float
+    shift: Array
+    excess: float
+
+
+def integration_error(fit: Fit) -> IntegrationError:
+    """The error of the integration at a fit, by a run with twice the substeps.
+
+    The values would move by (S'S)^-1 S' d tau, which can be far more, in standard deviations, than the torque changes
+    in those of the noise: errors of the integration are systematic.
+    """
+    model = fit.model
+    if not model.can_refine:
+        return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
+    torque = replace(model, substep_factor=2 * model.substep_factor).torque(fit.values)
+    change = torque - fit.torque
+    relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
+    sensitivity = whitened(fit.jacobian, fit.deviation)
+    moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
+    shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
+    if model.substeps is None and relative <= INTEGRATION_TOLERANCE:
+        # Only data without noise can ask for more than the rule: where finer steps explain them better.
+        left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
+        if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
+            return IntegrationError(relative, shift, 0.0)
+    excess = integration_change(model, fit.torque, torque)
+    return IntegrationError(relative, shift, max(excess, float(shift.max()) / INTEGRATION_SHIFT))
+
+
+def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
+    """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
+    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; and of samples that are not
+    independent only so many as would leave the same uncertainty."""
+    total = model.measured.size - count
+    if model.torque_deviation is not None and inflation <= 1:
+        return float(total)
+    return total / model.joint_count / inflation**2
+
+
+def torque_estimate(
+    minimum: Minimum,
+    *,
+    estimator: str,
+    settled: bool,
+    iterations: Sequence[Iteration],
+    stages: Mapping[str, Stage],
+) -> Estimate:
+    """The estimate at a minimum, or at another point of the closed loop."""
+    fit, model, known = minimum.fit, minimum.fit.model, minimum.known
+    return Estimate(
+        estimator=estimator,
+        model=replace(model, substeps=None, substep_factor=1),
+        covariance=known.covariance,
+        freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
+        time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
+        measured=model.measured,
+        simulated=fit.torque,
+        noise=fit.deviation,
+        condition_number=fit.condition_number,
+        status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
+        iterations=tuple(iterations),
+        stages=stages,
+        integration_error=minimum.integration_error.relative,
+        integration_shift=minimum.integration_error.shift,
+        integration=model.integration(fit.values),
+        colours=known.colours,
+        known_noise=known_noise(model),
+        noise_is_stated=model.torque_deviation is not None,
+        fit=fit,
+        roughness=minimum.roughness,
+        rivals=minimum.rivals,
+        remarks=minimum.remarks,
+        advice="" if settled else _advice(model, iterations),
+    )
+
+
+def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
+    """What to do where the steps have not settled; empty where the status says it."""
+    begin = "The iterations did not settle: the values are those of the last one. "
+    if iterations and iterations[-1].note == NO_STEP:
+        finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
+        return (
+            f"{begin}No step lowers the error any further. Where the plant's own step "
+            f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."
+        )
+    if model.parameters.has_regressor:
+        return ""
+    return (
+        f"{begin}Increase maximum_iterations, start nearer to the truth (start: {{name: value}}), or check the "
+        "controller and the delay of the loop."
+    )

@@ -1,0 +1,201 @@
+"""The motion that a measured torque implies: the controller inverted by the loop itself.
+
+A controller that tracks makes a torque of its tracking error, tau = C(e), and so the measured torque tells the motion q
+= q_ref - C^-1(tau). C is whatever stands in the loop, a law, an FMU, a lag in a drive. It is inverted by simulating the
+controller with an almost massless plant, so that its torque matches the measured one:
+
+    m (ddq - ddq_ref) + d (dq - dq_ref) = tau - tau_measured,        m = |C(i w)| / w^2
+
+with the response C(i w) of the controller to a small oscillation of the joint at the bandwidth w, and d such that the
+loop is well damped there. Below w, e = C^-1(tau_measured). No parameter of the robot takes part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fmu_didim.base.errors import DivergedError, SimulationError
+from fmu_didim.components.control import ControlComponent
+from fmu_didim.cosim import Connection, Recording, simulate
+from fmu_didim.cosim.system import REFERENCE
+from fmu_didim.data.signals import Array, Variable, trajectory
+from fmu_didim.estimators.reference_start import Motion, reference_motion
+from fmu_didim.model.external_torque import held, with_external_torques
+from fmu_didim.model.loop_model import Simulation
+
+BANDWIDTH = 0.25
+"""[rad] Phase in a period of the slowest component at which a light plant still follows the torque: sampled loops of
+half that speed are stable."""
+BANDWIDTHS = 6
+"""[bandwidths] Tried, each half of the one before, for drives with lag or delay."""
+DAMPING_RATIO = 0.7
+"""[1] Of the loop with a light plant, at its bandwidth: no resonance."""
+PERIODS = 12
+"""[periods] Of the oscillation by which the response of a controller is measured."""
+SHARE_OF_RANGE = 1e-4
+"""[1] Size of that oscillation, of the range of a joint: no drive saturates by it."""
+NOT_FOLLOWED = 0.3
+"""[1] Part of the measured torque of a joint that the loop with a light plant may leave: with more it does not
+follow."""
+SERIES = 1e-6
+"""[1] Decay in a step below which it is computed by its series."""
+
+DRIVE = "light_plant_drive"
+"""Columns of the reference that stand for all but the torque of the controller, as an acceleration."""
+
+
+def implied_motion(run: Simulation) -> Motion:
+    """q, dq, ddq (K, n) at all ticks of an experiment, as its measured torque implies them, whatever the plant is.
+
+    Raises:
+        SimulationError: the torque of the loop does not follow from the motion of the joints, or follows it too late.
+    """
+    loop = _Loop(run)
+    reason = ""
+    for halvings in range(BANDWIDTHS):
+        try:
+            found, left = loop.dragged(BANDWIDTH / loop.slowest / 2**halvings)
+        except DivergedError as error:
+            reason = error.what
+            continue
+        if left <= NOT_FOLLOWED:
+            return found
+        reason = f"{100 * left:.0f} % of the measured torque are left"
+    raise SimulationError("No motion was found in which the controller gives the measured torque.", got=reason)
+
+
+def stiffness(run: Simulation, frequency: float) -> Array:
+    """(n,) complex response -d tau_j / d q_j of the controller at a frequency in rad/s; raises SimulationError."""
+    return _Loop(run).response(frequency)
+
+
+class _Loop:
+    """The loop of one experiment with a light plant in place of the robot."""
+
+    def __init__(self, run: Simulation) -> None:
+        model = self._model = run.model
+        self._run, self._system = run, run.system
+        self._step = self._system.step_size
+        self.slowest = self._step * max(self._system.every.values(), default=1)
+        reference = run.experiment.reference
+        external = with_external_torques(reference, run.external_torques)
+        self._reference = held(external, model.subdivision) if model.subdivision > 1 else external
+        self._joints = range(1, model.joint_count + 1)
+        self._check()
+        # What the plant gets late, the reference must be late for, too.
+        late = self._system.delays.get(model.plant_name, 0.0) * self._step
+        motion = reference_motion(reference, model.joint_count)
+        time = self._reference.time
+        self._q, self._dq, self._ddq = (
+            np.column_stack([np.interp(time + late, reference.time, column) for column in table.T]) for table in motion
+        )
+
+    def _check(self) -> None:
+        offered = {f"{self._model.plant_name}.{name}{j}" for name in ("q", "dq", "ddq") for j in self._joints}
+        for connection in self._system.connections:
+            if connection.source.startswith(f"{self._model.plant_name}.") and connection.source not in offered:
+                raise SimulationError(
+                    "The torque of the loop does not follow from the motion of the joints.", got=connection.source
+                )
+
+    def dragged(self, bandwidth: float) -> tuple[Motion, float]:
+        """The motion q, dq, ddq (K, n) that was wanted, and what part of the measured torque it does not explain.
+
+        Args:
+            bandwidth: w, in rad/s.
+        """
+        response = self.response(bandwidth)
+        if not (np.abs(response) > 0).all():
+            raise SimulationError("The torque of the loop does not follow from the motion of the joints.")
+        mass = np.abs(response) / bandwidth**2
+        damping = np.maximum(2 * DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
+        drive = self._ddq + (damping * self._dq - self._target()) / mass
+        found = self._moved(drive, 1 / mass, damping / mass)
+        operator, every, measured = self._run.operator, self._model.subdivision, self._run.experiment.torque
+        left = measured - operator.apply(self._run.logged_torque(found)[::every][operator.ticks])
+        q, dq, ddq = (found.table(self._model.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
+        return (q, dq, ddq), float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(measured, axis=0)))
+
+    def _target(self) -> Array:
+        """(K, n) the measured torque at all ticks: a cubic spline through the middles of its samples."""
+        operator = self._run.operator
+        places = np.asarray(operator.matrix @ operator.ticks.astype(float))
+        places, rows = np.unique(places, return_index=True)
+        spline = CubicSpline(places, self._run.experiment.torque[rows])
+        ticks = np.arange(self._reference.time.size) / self._model.subdivision
+        return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
+
+    def response(self, bandwidth: float) -> Array:
+        """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the begin of the reference."""
+        n, time = self._model.joint_count, self._step * np.arange(self._reference.time.size)
+        length = min(PERIODS * 2 * np.pi / bandwidth, time[-1])
+        time = time[: int(length / self._step) + 1]
+        window = np.sin(np.pi * np.clip(time / length, 0, 1)) ** 2
+        shape = np.gradient(np.gradient(window * np.sin(bandwidth * time), self._step), self._step)
+        nothing = np.zeros(n)
+        still = self._moved(self._ddq[: time.size], nothing, nothing)
+        result = np.zeros(n, dtype=complex)
+        for j in range(n):
+            size = SHARE_OF_RANGE * (float(np.ptp(self._q[:, j])) or 1.0)
+            drive = self._ddq[: time.size].copy()
+            drive[:, j] += size * shape
+            moved = self._moved(drive, nothing, nothing)
+            kernel = window * np.exp(-1j * bandwidth * time)
+            torque, position = (
+                kernel @ (table(moved) - table(still))[:, j]
+                for table in (self._run.logged_torque, lambda run: run.table(self._model.joint_signals("q")))
+            )
+            result[j] = -torque / position
+        return result
+
+    def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
+        """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
+        name, joints = self._model.plant_name, self._joints
+        plant = light_plant(self._step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
+        wires = tuple(Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in joints)
+        system = replace(
+            self._system,
+            components={**self._system.components, name: plant},
+            connections=(*self._system.connections, *wires),
+        )
+        columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
+        columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
+        reference = trajectory(self._reference.time[: drive.shape[0]], columns)
+        return simulate(system, reference, bounds=self._model.position_bounds(self._run.label))
+
+
+def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:
+    """Joints that do not feel each other,  ddq = tau / m + drive - rate dq, exact for held inputs.
+
+    Args:
+        step: in s; inverse_mass: (n,) 1/m; rate: (n,) 1/s; start: (2 n,) q and dq.
+    """
+    import control
+
+    n = rate.size
+    decay = np.exp(-rate * step)
+    # Velocity and position that an acceleration held for a step leaves; for small rates by the series.
+    slow = rate * step < SERIES
+    safe = np.where(slow, 1.0, rate)
+    velocity = np.where(slow, step * (1 - rate * step / 2), (1 - decay) / safe)
+    position = np.where(slow, step**2 / 2 * (1 - rate * step / 3), (step - velocity) / safe)
+    unit, nothing = np.eye(n), np.zeros((n, n))
+    a = np.block([[unit, np.diag(velocity)], [nothing, np.diag(decay)]])
+    b = np.vstack([np.diag(position), np.diag(velocity)]) @ np.hstack([np.diag(inverse_mass), unit])
+    c = np.vstack([np.eye(2 * n), np.hstack([nothing, -np.diag(rate)])])
+    d = np.vstack([np.zeros((2 * n, 2 * n)), np.hstack([np.diag(inverse_mass), unit])])
+    names = {s: [f"{s}{j}" for j in range(1, n + 1)] for s in ("tau", DRIVE, "q", "dq", "ddq", "x_q", "x_dq")}
+    inputs, outputs = names["tau"] + names[DRIVE], names["q"] + names["dq"] + names["ddq"]
+    states = names["x_q"] + names["x_dq"]
+    system = control.ss(a, b, c, d, step, inputs=inputs, outputs=outputs, states=states, name="light_plant")
+    return ControlComponent(
+        system=system,
+        inputs=tuple(Variable(v, "", "input") for v in inputs),
+        outputs=tuple(Variable(v) for v in outputs),
+        initial_state=tuple(float(v) for v in start),
+        origin="light plant",
+        sample_time=step,
+    )

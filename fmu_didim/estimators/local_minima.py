@@ -1,0 +1,165 @@
+"""Minima beyond a barrier: light joints whose loop resonates above half the rate of the log.
+
+Such a resonance shows folded back in the samples, and several inertias explain it nearly alike: along the inertia of
+the joint the torque error has a minimum at each, and the iterations end in the one they started in. With a resonance
+at f and a log at the rate R, minima lie apart by
+
+    d ln I = R / f,   because f goes with I^(-1/2) and folds back anew every R/2
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.finish import Minimum
+from fmu_didim.estimators.inverse_simulation import stiffness
+from fmu_didim.fit.fit import Fit, point, sum_of_squares
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.model.workers import side_by_side
+
+SCANNED = 100
+"""[samples] From the begin of a log, on which other minima are looked for first; the lowest are then compared on
+all."""
+OTHER_MINIMA = 3
+"""[minima] Left for lower ones at most."""
+FARTHEST_FACTOR = 6.0
+"""[1] Ratio of inertias up to which a resonance that is folded back is looked for elsewhere."""
+DAMPED = 0.5
+"""[1] Damping ratio by the controller from which a loop does not ring: it overshoots by 16 %, once, and no resonance
+is folded back. Friction, which is not counted, damps it further."""
+SCAN_STEP = 0.15
+"""[1] Largest step of that search: half of the width of the valleys of a TX40's last joint at 100 Hz."""
+SCAN_PART = 0.125
+"""[1] Step of it over the distance of two minima: each has four points on its slopes."""
+VALLEYS = 3
+"""[minima] Compared on the whole log, the lowest ones."""
+HARDLY_WORSE = 10.8
+"""[chi-square] By which another minimum may be worse, before its other values have been fitted, and count as one that
+the data do not exclude: of one degree of freedom, 0.1 % by chance."""
+
+
+@dataclass(frozen=True)
+class Valley:
+    """A local minimum of the torque error along an inertia, the other values held.
+
+    Attributes:
+        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual.
+    """
+
+    place: int
+    factor: float
+    cost: float
+
+    def values(self, values: Array) -> Array:
+        """(p,) with that inertia changed."""
+        result = values.copy()
+        result[self.place] *= self.factor
+        return result
+
+
+def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
+    """The same minimum, or a lower one beyond it, with those that the data can hardly tell from it.
+
+    Args:
+        finish: minimises the torque error from a point.
+    """
+    for _ in range(OTHER_MINIMA):
+        fit = minimum.fit
+        found = valleys(fit)
+        lower = min(found, key=lambda valley: valley.cost, default=None)
+        if lower is None or lower.cost >= fit.chi_square:
+            rivals = tuple(
+                (fit.model.names[valley.place], float(valley.values(fit.values)[valley.place]))
+                for valley in found
+                if valley.cost < fit.chi_square + HARDLY_WORSE
+            )
+            return replace(minimum, rivals=rivals)
+        other = finish(point(fit.model.with_values(lower.values(fit.values)), NoiseOfResidual(fit.model)))
+        name, here, there = fit.model.names[lower.place], fit.values[lower.place], other.fit.values[lower.place]
+        text = (
+            f"The torque error has several minima along {name}: {here:.4g} was left for {there:.4g}, where it is "
+            "smaller. A log at a higher rate would show one alone."
+        )
+        minimum = replace(other, iterations=(*minimum.iterations, *other.iterations), remarks=(*other.remarks, text))
+    return minimum
+
+
+def valleys(fit: Fit) -> list[Valley]:
+    """Minima of the torque error beyond barriers, along each inertia that has any: the lowest few of a grid."""
+    model = fit.model.integrated_as(fit.values)
+    folded = folded_inertias(model, fit.values)
+    if not folded:
+        return []
+    begin, workers = _first_samples(model, SCANNED), model.allowed_workers(fit.values)
+    found = []
+    for place, distance in folded.items():
+        step = min(SCAN_STEP, SCAN_PART * distance)
+        count = math.ceil(math.log(FARTHEST_FACTOR) / step)
+        factors = np.exp(step * np.arange(-count, count + 1))
+        trials = [Valley(place, float(factor), np.inf).values(fit.values) for factor in factors]
+        costs = np.array(side_by_side([partial(_cost, begin, trial, fit.deviation) for trial in trials], workers))
+        lower = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
+        best = [i for i in lower[np.argsort(costs[lower])] if i != count][:VALLEYS]
+        found += [Valley(place, float(factors[i]), _cost(model, trials[i], fit.deviation)) for i in best]
+    return found
+
+
+def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
+    """Places of the motor or link inertias of joints whose loop rings above half the rate of the log, with the distance
+    d ln I of their minima; the highest resonance first. With the response C of the controller at half the rate w
+
+        2 pi f = sqrt(|C| / M_jj),    damping ratio = Im C / (2 w M_jj 2 pi f)
+    """
+    parameters = model.parameters
+    if not isinstance(parameters, RobotParameters):
+        return {}
+    run = model.simulation(values)
+    rate = run.experiment.rate_hz
+    if np.pi * rate * run.step_size > 1:
+        return {}  # the control is not faster than the log
+    try:
+        response = stiffness(run, np.pi * rate)
+    except SimulationError:
+        return {}
+    robot, base = parameters.model, parameters.base
+    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(run.theta)
+    inertia = np.diag(mass)
+    resonance = np.sqrt(np.abs(response) / inertia) / (2 * np.pi)
+    found = {}
+    for j in np.argsort(-resonance):
+        own = [i for i, name in enumerate(base.standard) if name in (f"Ia{j + 1}", f"ZZ{j + 1}", f"M{j + 1}")]
+        if resonance[j] <= rate / 2 or not own:
+            continue
+        damping = response[j].imag / (4 * np.pi**2 * rate * inertia[j] * resonance[j])
+        if damping < DAMPED:
+            found[own[-1]] = float(rate / resonance[j])
+    return found
+
+
+def _first_samples(model: LoopModel, count: int) -> LoopModel:
+    """The model with the first samples of each fitted experiment alone."""
+    for label in model.estimation_labels:
+        one = model.experiments[label]
+        if one.time.size > count:
+            short = replace(one, time=one.time[:count], torque=one.torque[:count], operator=one.operator.before(count))
+            model = model.with_experiment(label, short)
+    return model
+
+
+def _cost(model: LoopModel, values: Array, deviation: Array) -> float:
+    if mass_matrix_problem(model, values):
+        return np.inf
+    try:
+        return sum_of_squares(model.residual(values), deviation)
+    except SimulationError:
+        return np.inf

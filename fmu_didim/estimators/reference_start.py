@@ -1,0 +1,145 @@
+"""Base parameters from the reference trajectory alone: the motion is taken for the one that was wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import signal
+
+from fmu_didim.data.signals import Array, Trajectory, derivative, white_noise
+from fmu_didim.fit.statistics import least_squares
+from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.prediction import sampled_regressor
+
+SMOOTHED = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+"""[1] Cut-offs of the low-pass of a reference from which accelerations are computed, of its rate, tried in this
+order; half of it is none. The last one is 5 Hz at 1 kHz, about where the motion of an arm ends."""
+SMOOTHED_ORDER = 4
+"""[1] Of that filter, a Butterworth one run forward and backward."""
+NOISE_OF_ACCELERATION = 0.1
+"""[1] Fraction of the deviation of an acceleration that its noise may have: 1 % of its power."""
+
+Rows = Callable[[Array], tuple[Array, Array]]
+"""Regressor (N, n, b) and known torque (N, n) at the samples, for what is observed beyond the motion (K, no)."""
+
+
+Motion = tuple[Array, Array, Array]
+"""q, dq, ddq at all ticks of a reference, (K, n) each."""
+
+
+def from_reference(model: LoopModel) -> Array:
+    """Values (p,): the base parameters by least squares of the measured torque on the regressor of the reference
+    motion, all others where they start.
+
+    Needs no initial values of the base parameters at all: a controller that tracks well makes q = q_ref nearly true.
+    """
+    values, count = model.start, model.linear_count
+    columns, target = rows_of(model, whole_reference)
+    names = model.names[:count]
+    values[:count] = least_squares(columns.reshape(-1, count), target.reshape(-1), names=names).solution
+    return values
+
+
+def whole_reference(run: Simulation) -> Motion:
+    """The motion that was wanted in an experiment; smoothed where its accelerations would be noise, because they were
+    computed from a reference that is rounded or was measured."""
+    reference, joints = run.experiment.reference, range(1, run.model.joint_count + 1)
+    q, dq, ddq = reference_motion(reference, run.model.joint_count)
+    if all(f"ddq{j}" in reference.names for j in joints):
+        return q, dq, ddq
+    has_velocity = all(f"dq{j}" in reference.names for j in joints)
+    return _smoothed(reference.time, (q, dq, ddq), has_velocity)
+
+
+def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
+    """The motion with accelerations of no more than a small fraction of noise.
+
+    White noise of deviation s in a position sampled at the rate f becomes, below the cut-off c of a low-pass,
+
+        s_ddq = s (2 pi)^2 c^2 sqrt(2 c / (5 f)),   and from a velocity   s_ddq = s 2 pi c sqrt(2 c / (3 f))
+
+    Args:
+        motion: q, dq, ddq, (K, n) each; has_velocity: whether dq was given and ddq alone comes from it.
+    """
+    q, dq, ddq = motion
+    given, order = (dq, 1) if has_velocity else (q, 2)
+    noise = np.array([white_noise(column) for column in given.T])
+    rate = (time.size - 1) / (time[-1] - time[0])
+    for part in SMOOTHED:
+        cutoff = part * rate
+        if cutoff < rate / 2:
+            filtered = signal.butter(SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
+            smooth = signal.sosfiltfilt(filtered, given, axis=0)
+            q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
+            ddq = derivative(time, dq)
+        size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))
+        if (size <= NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
+            break
+    return q, dq, ddq
+
+
+def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
+    """Regressor (N, n, b) and what the base parameters have to explain (N, n) of the measured torque, on motions that
+    were not simulated.
+
+    Args:
+        motion: of an experiment, at all ticks of its reference.
+    """
+    runs = [model.simulation(model.start, label) for label in model.estimation_labels]
+    pairs = [rows_on(run, motion(run)) for run in runs]
+    known = np.concatenate([known for _, known in pairs])
+    return np.concatenate([columns for columns, _ in pairs]), model.measured - known
+
+
+def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
+    """W (N, n, b) and the torque of all that is known (N, n) at the samples of an experiment, on a motion that was not
+    simulated.
+
+    Args:
+        whole: q, dq, ddq at all ticks of its reference.
+    """
+    ticks, model = run.operator.ticks, run.model
+    q, dq, ddq = (table[ticks] for table in whole)
+
+    def rows(observed: Array) -> tuple[Array, Array]:
+        return sampled_regressor(run, (q, dq, ddq), observed[ticks])
+
+    time = run.experiment.reference.time
+    return rows(observed_on(model.parameters, time, whole, model.measured_in(run.label), rows))
+
+
+def observed_on(
+    parameters: Parameters, time: Array, motion: tuple[Array, Array, Array], torque: Array, rows: Rows
+) -> Array:
+    """What the regressor depends on beyond a motion that was not simulated, (K, no).
+
+    Loads follow from a least squares fit without the effects that depend on them.
+
+    Args:
+        time: (K,) in s; motion: q, dq, ddq, (K, n) each.
+        torque: (N, n) measured; rows: regressor and known torque at its samples.
+    """
+    observed = parameters.observed_along(time, *motion)
+    if not parameters.observes_load:
+        return observed
+    columns, known = rows(observed)
+    flat = columns.reshape(-1, columns.shape[2])[:, : parameters.count]
+    # Without loads the columns of those effects are zero.
+    kept = np.flatnonzero(np.abs(flat).max(axis=0))
+    theta = np.zeros(parameters.count)
+    names = tuple(parameters.names[i] for i in kept)
+    theta[kept] = least_squares(flat[:, kept], (torque - known).reshape(-1), names=names).solution
+    return parameters.observed_along(time, *motion, theta)
+
+
+def reference_motion(reference: Trajectory, joint_count: int) -> Motion:
+    """q, dq, ddq of a reference; derivatives by cubic spline where not given."""
+    joints = range(1, joint_count + 1)
+    tables = [reference.select([f"q{j}" for j in joints])]
+    for kind in ("dq", "ddq"):
+        wanted = [f"{kind}{j}" for j in joints]
+        given = set(wanted) <= set(reference.names)
+        tables.append(reference.select(wanted) if given else derivative(reference.time, tables[-1]))
+    return tables[0], tables[1], tables[2]

@@ -1,0 +1,134 @@
+"""Where an estimation starts: given values, the robot description, or a motion that was not simulated.
+
+Least squares of the measured torque on the regressor of a motion needs no initial values at all. The motion is the one
+that the measured torque implies, by the inverse of the controller, or the reference. Inertias that no link can have, as
+errors of the motion give light links, are replaced by the nearest possible ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameError
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.inverse_simulation import implied_motion
+from fmu_didim.estimators.reference_start import Motion, rows_of, whole_reference
+from fmu_didim.fit.feasibility import nearest_physical
+from fmu_didim.fit.noise.weighting import weighted_solution, whitened
+from fmu_didim.fit.statistics import covariance_white
+from fmu_didim.model.free_parameter import DELAY, delay_parameter
+from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.parameters import RobotParameters
+
+START_MARGIN = 1e-5
+"""[1] Smallest eigenvalue of the pseudo-inertia of a link at a start, as a fraction of the robot's: what is to be
+simulated must have some inertia."""
+NOMINAL_DEVIATION = 0.3
+"""[1] Relative standard deviation of the values of a description where they hold a start."""
+NOMINAL_FLOOR = 0.01
+"""[1] Least size that they count with there, in units of the value at which a parameter alone makes up the torque."""
+
+Start = str | Mapping[str, float]
+KINDS = {
+    "torque": "the motion that the measured torque implies",
+    "reference": "the reference trajectory",
+    "nominal": "the values of the description, corrected by the measured torque",
+    "description": "the values of the description",
+}
+"""What a start is in words, in the order in which they are tried."""
+
+
+def start_sequence(model: LoopModel, start: Start) -> tuple[Start, ...]:
+    """The start of a case, and those that are tried where it fails."""
+    if not model.parameters.has_regressor:
+        return (start,)
+    return (start, *(kind for kind in KINDS if kind != start))
+
+
+def start_text(start: Start) -> str:
+    """A start in words."""
+    return KINDS.get(start, start) if isinstance(start, str) else "the values of the case"
+
+
+def start_values(model: LoopModel, start: Start) -> Array:
+    """Values (p,) to start from.
+
+    Args:
+        start: ``torque`` (see :func:`~fmu_didim.estimators.inverse_simulation.implied_motion`), ``reference``,
+            ``nominal``
+            (as ``torque``, every value held at that of the description as by a measurement), ``description`` (the
+            values of the robot description, regrouped), or values by name; base parameters that are missing start at
+            0, all others where they stand.
+
+    Parameters of a plant without description start at its own values instead.
+
+    Raises:
+        InputError: another word; UnknownNameError: a name is not among the free parameters; SimulationError: the
+            controller cannot be inverted; IdentificationError: the motion does not tell the parameters apart.
+    """
+    if isinstance(start, str) and start not in KINDS:
+        raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
+    if start == "description" or (isinstance(start, str) and not model.parameters.has_regressor):
+        return model.start
+    if isinstance(start, str):
+        motion = whole_reference if start == "reference" else implied_motion
+        return _fitted(model, motion, held=start == "nominal")
+    for name in start:
+        if name not in model.names:
+            raise UnknownNameError("base parameter", name, model.names, where="start")
+    missing = model.start
+    if model.parameters.has_regressor:
+        missing[: model.linear_count] = 0.0
+    values = [start.get(name, value) for name, value in zip(model.names, missing, strict=True)]
+    # An experiment's own value starts at that of all where it is not given.
+    for i in range(model.parameters.count, model.linear_count):
+        key = model.free_parameters[i].key
+        if model.names[i] not in start and key in start:
+            values[i] = start[key]
+    return np.array(values, dtype=float)
+
+
+def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: bool) -> Array:
+    """Values (p,): base parameters by weighted least squares on a motion, as physical links can have them.
+
+    Args:
+        held: whether each is held at its value in the description, which counts as measured.
+    """
+    columns, target = rows_of(model, motion)
+    count = model.linear_count
+    solution, deviation = weighted_solution(model, columns, target)
+    found, table = solution.solution, whitened(columns, deviation)
+    if held:
+        size = np.linalg.norm(target / deviation) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
+        prior = NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), NOMINAL_FLOOR * size)
+        table = np.vstack([table, np.diag(1 / prior)])
+        right = np.concatenate([(target / deviation).reshape(-1), model.start[:count] / prior])
+        found = np.linalg.lstsq(table, right, rcond=None)[0]
+    values = model.start
+    values[:count] = found
+    return _physical(model, values, covariance_white(table))
+
+
+def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:
+    """The nearest values (p,) that physical links can have, those that all experiments share."""
+    parameters = model.parameters
+    if not isinstance(parameters, RobotParameters):
+        return values
+    shared = slice(0, parameters.count)
+    try:
+        near = nearest_physical(
+            parameters.model, parameters.base, values[shared], covariance[shared, shared], margin=START_MARGIN
+        )
+    except IdentificationError:  # what the description knows is not physical: the guards say more
+        return values
+    values[shared] = near.values
+    return values
+
+
+def with_free_delay(model: LoopModel) -> LoopModel:
+    """The model with the delay of its command free, if it is not so yet."""
+    if any(parameter.owner == DELAY for parameter in model.free_parameters):
+        return model
+    return model.with_free([delay_parameter(float(model.systems[model.first].delays.get(model.plant_name, 0.0)))])

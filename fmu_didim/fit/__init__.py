@@ -1,0 +1,1 @@
+"""The engine: sensitivities, least squares, noise, covariance, estimates."""

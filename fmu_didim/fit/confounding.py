@@ -1,0 +1,69 @@
+"""Which parameters the data cannot tell apart: nearly collinear columns of the sensitivity.
+
+A direction v (of columns of length one) with a small singular value s is one along which the parameters may move
+together and the torque hardly changes. It is confounded if s is below what derivatives are exact to, or if noise lets
+two or more parameters move along it by more than their own size and by a good part of the torque, while each of them
+alone would be known well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.statistics import LEADING
+
+COLLINEAR = 1e-6
+"""[1] Singular value, of columns of length one over the square root of their number, below which errors of the
+derivatives (1e-6 of a column) decide what is identified."""
+UNKNOWN_SIZE = 1.0
+"""[1] A parameter is not known at all if its standard deviation is more than this fraction of its value,"""
+UNKNOWN_TORQUE = 0.05
+"""[1] and moves the torque by more than this fraction of it: that many a small parameter is not significant says
+nothing yet."""
+INFLATION = 10.0
+"""[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
+others."""
+
+
+def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> tuple[str, ...]:
+    """Names of the parameters that cannot be told apart, an empty tuple where all can.
+
+    Args:
+        columns: (r, p) whitened sensitivity; values: (p,) at which it was taken.
+        torque: norm of the whitened measured torque.
+    """
+    length = np.linalg.norm(columns, axis=0)
+    if (length == 0).any():
+        return tuple(name for name, size in zip(names, length, strict=True) if size == 0)
+    _, singular, vectors = np.linalg.svd(np.linalg.qr(columns / length)[1])
+    found: set[int] = set()
+    for s, v in zip(singular, vectors, strict=True):
+        together = np.flatnonzero(np.abs(v) > LEADING * np.abs(v).max())
+        if together.size < 2:
+            continue
+        if s < COLLINEAR * np.sqrt(values.size):
+            found |= {int(i) for i in together}
+            continue
+        # Along v noise moves parameter i by |v_i| / s standard deviations of it alone.
+        inflated = np.abs(v) / s
+        larger = inflated > UNKNOWN_SIZE * np.abs(values) * length
+        unknown = larger & (inflated > UNKNOWN_TORQUE * torque)
+        both = [int(i) for i in together if unknown[i] and inflated[i] > INFLATION]
+        if len(both) > 1:
+            found |= set(both)
+    return tuple(names[i] for i in sorted(found))
+
+
+def refuse_confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> None:
+    """Raise IdentificationError with the names of what :func:`confounded` finds."""
+    found = confounded(columns, values, names, torque=torque)
+    if found:
+        raise IdentificationError(
+            "The data cannot tell some parameters apart.", got=", ".join(found), where="identify",
+            next_step="Leave one of them out (its value is then taken as known), or add an experiment that separates "
+            "them, with another payload, gain or motion.",
+        )  # fmt: skip

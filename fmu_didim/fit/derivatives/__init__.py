@@ -1,0 +1,1 @@
+"""Derivatives of the closed loop by its free parameters."""

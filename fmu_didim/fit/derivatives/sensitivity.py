@@ -1,0 +1,266 @@
+"""How the torque changes with the free parameters of a loop: S = d tau / d values.
+
+Three ways, the best one that a parameter allows:
+
+* one run of the loop with its derivatives, where the equations of all components are known
+  (:func:`fmu_didim.cosim.derivatives.with_derivatives`): exact for all parameters of all components at once;
+* a forward difference, where the simulation is smooth in the parameter because the integrator of the plant is ours;
+* a central difference with a step that is found, elsewhere (:mod:`fmu_didim.fit.derivatives.differences`): so that the
+  columns err by little beside the smallest singular value of all of them, on which the deviations depend.
+
+Where compiled code runs the loop, simulations run side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.components.derivatives import derivative_name
+from fmu_didim.cosim import System
+from fmu_didim.cosim.derivatives import with_derivatives
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import KEPT_STEP, STEP, Difference, Ladder, Steps
+from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
+from fmu_didim.model.external_torque import EXTERNAL_TORQUE
+from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
+from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.prediction import Prediction
+from fmu_didim.model.workers import side_by_side
+
+SHORTER_STEP = 30.0
+"""[1] Where neither that step nor its opposite can be simulated, one so many times shorter."""
+SMOOTH_STEP = 3e-7
+"""[1] Of the value at which a parameter alone would make up the whole torque. The simulations of our own plants are
+smooth in the parameters, so that truncation and rounding both stay at some 1e-6 of the sensitivity."""
+ROUGHNESS = 0.1
+"""[1] Error of a column, relative to its norm, that a search among many models goes on with."""
+SMOOTH = 1e-3
+"""[1] The same of a fit, until the columns are known that a column has to be told from."""
+SHARE_OF_SINGULAR = 0.02
+"""[1] Errors of the columns, of length one, over the smallest singular value of all of them: no deviation is wrong by
+a larger part. Shorter or longer steps are tried where it is more."""
+COLUMNS_A_THREAD = 16
+"""[columns] Columns of a sensitivity that are worth a run of their own: they cost about as much as the simulation
+does."""
+
+
+def sensitivity(
+    model: LoopModel,
+    values: Array,
+    torque: Array,
+    *,
+    only: Sequence[int] = (),
+    sizes: Array | None = None,
+    exact: bool = True,
+    whole: bool = True,
+    steps: Steps | None = None,
+) -> Array:
+    """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
+
+    Columns of parameters that are held, their limits being one, are zero: they explain nothing.
+
+    Args:
+        torque: (N, n) at the values.
+        sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
+        exact: False where a search compares many models, for which forward differences do.
+        whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
+        steps: of central differences that were found before, which are kept; those that are found now are added.
+    """
+    steps = {} if steps is None else steps
+    chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
+    model = model.integrated_as(values)  # other steps of the integration would look like a change
+    tables, tasks = {}, []
+    for label, rows in model.rows.items():
+        table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
+        acting = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
+        run = model.simulation(values, label)
+        beginning = None if whole else Beginning.of(run, torque[rows])
+        if exact:
+            varied = by_variation(run, [chosen[k] for k in missing], beginning)
+            for k in [k for k in missing if chosen[k] in varied]:
+                table[:, :, k] = varied[chosen[k]]
+            missing = [k for k in missing if chosen[k] not in varied]
+        one = _Experiment(run, torque[rows], sizes, exact, beginning)
+        tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
+    workers = model.allowed_workers(values) if len(tasks) > 1 else 1
+    _fill(tables, tasks, steps, SMOOTH if exact else ROUGHNESS, workers)
+    if exact and any(task.ladder for task in tasks):
+        # Only now it is known which columns are hard to tell apart.
+        size = np.sqrt(np.mean(torque**2, axis=0))
+        smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
+        wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
+        _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
+    return np.concatenate(list(tables.values()))
+
+
+def smallest_singular_value(table: Array) -> float:
+    """Of columns (N, n, p) of length one; those that are zero are left out."""
+    columns = table.reshape(-1, table.shape[2])
+    length = np.linalg.norm(columns, axis=0)
+    columns = columns[:, length > 0] / length[length > 0]
+    return float(np.linalg.svd(columns, compute_uv=False)[-1]) if columns.size else 1.0
+
+
+def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> Array:
+    """(b,) size of each base parameter, never zero: the value at which it would make up the whole torque."""
+    if prediction.regressor is not None:
+        norms = np.linalg.norm(prediction.regressor, axis=(0, 1))
+        return np.asarray(np.linalg.norm(prediction.torque) / np.where(norms > 0, norms, np.inf))
+    size = np.maximum(np.abs(values), np.abs(model.start))[: model.linear_count]
+    return np.where(size > 0, size, 1.0)
+
+
+def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
+    """What the steps of a parameter are relative to."""
+    return float(sizes[i] if sizes is not None and i < sizes.size else model.free_parameters[i].scale)
+
+
+def by_variation(
+    run: Simulation, wanted: Sequence[int], beginning: Beginning | None = None, *, lasting: bool = False
+) -> Mapping[int, Array]:
+    """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
+
+    Args:
+        beginning: of the experiment, where columns that repeat need not be followed to its end.
+        lasting: whether all these parameters are known to act all the time.
+    """
+    model = run.model
+    places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
+    if not places:
+        return {}
+    groups = _groups(list(places.values()), model.workers)
+    tasks = [partial(with_derivatives, run.system, group) for group in groups]
+    varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
+    if len(varied) < len(groups):
+        return {}
+    systems = list(zip(varied, map(len, groups), strict=True))
+    table = None
+    late = not lasting and any(not _lasts(model.free_parameters[i]) for i in places)
+    if beginning is not None and not late:
+        first = _followed_all(beginning.cut(run), systems)
+        table = None if first is None else beginning.repetition.continued(first)
+    if table is None:
+        table = _followed_all(run, systems)
+    return {} if table is None else {i: table[:, :, lane] for lane, i in enumerate(places)}
+
+
+def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str, str]]]:
+    """The parameters in groups of equal size, one a thread, as long as each has enough to do beside the simulation."""
+    count = max(1, min(workers, len(places) // COLUMNS_A_THREAD))
+    size = -(-len(places) // count)
+    return [places[first : first + size] for first in range(0, len(places), size)]
+
+
+def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
+    """(N, n, p) derivatives of the torque from systems with so many each, side by side; None where Python would run
+    the loop."""
+    tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.workers)
+    found = [table for table in tables if table is not None]
+    return np.concatenate(found, axis=2) if len(found) == len(systems) else None
+
+
+def _followed(run: Simulation, varied: System, count: int) -> Array | None:
+    """(N, n, count) derivatives of the torque at the samples; None where Python would run the loop."""
+    recording = run.record(system=varied)
+    if not recording.compiled:
+        return None
+    columns = [
+        np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
+        for name in run.model.logged
+    ]
+    return run.sampled(np.stack(columns, axis=1))
+
+
+def _lasts(parameter: FreeParameter) -> bool:
+    """Whether a parameter acts all the time: one of an effect may begin late, of which the first period shows
+    nothing."""
+    return parameter.effect is None and parameter.owner != EXTERNAL_TORQUE
+
+
+def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
+    """Component and parameter by which the loop is differentiated; None for what is no parameter of a component."""
+    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE):
+        return None
+    if parameter.owner == BASE:
+        return model.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
+    return (model.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column to be simulated: ``k`` of the table of an experiment, of parameter ``i``, by a forward difference or by
+    central ones."""
+
+    label: str
+    k: int
+    i: int
+    forward: Callable[[], Array] | None
+    ladder: Ladder | None
+
+    def simulated(self, steps: Steps, wanted: float) -> Difference:
+        """With a step whose error is wanted; the one that was found before is kept while it serves as well as then."""
+        if self.ladder is None:
+            assert self.forward is not None
+            return Difference(self.forward())
+        known = steps.get((self.label, self.i))
+        if known is None:
+            found = self.ladder.best(wanted)
+            return replace(found, step=found.step and replace(found.step, sought=wanted))
+        allowed = max(wanted, KEPT_STEP * known.error * known.curved) if known.is_sought(wanted) else wanted
+        found = self.ladder.best(allowed, known.place)
+        return replace(found, step=found.step and found.step.after(known, wanted))
+
+    def falls_short(self, steps: Steps, wanted: float) -> bool:
+        """Whether a better step than the known one is to be looked for."""
+        known = steps.get((self.label, self.i)) if self.ladder else None
+        return known is not None and known.error > wanted and not known.is_sought(wanted)
+
+
+def _fill(tables: Mapping[str, Array], columns: Sequence[_Column], steps: Steps, wanted: float, workers: int) -> None:
+    """Simulate columns into the tables of their experiments."""
+    found = side_by_side([partial(column.simulated, steps, wanted) for column in columns], workers)
+    for column, difference in zip(columns, found, strict=True):
+        tables[column.label][:, :, column.k] = difference.column
+        if difference.step is not None:
+            steps[column.label, column.i] = difference.step
+
+
+class _Experiment:
+    """Columns of one experiment by differences."""
+
+    def __init__(
+        self, run: Simulation, torque: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
+    ) -> None:
+        self._run, self._torque, self._sizes, self._exact, self._beginning = run, torque, sizes, exact, beginning
+        self._smooth = run.model.can_refine or run.model.plant.equations() is not None
+
+    def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
+        """What simulates the column (N, n) of a parameter: a forward difference, or central ones."""
+        parameter = self._run.model.free_parameters[i]
+        timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
+        if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
+            return partial(self._forward, i, parameter), None
+        return None, Ladder(self._run, self._torque, i, step_size(self._run.model, i, self._sizes))
+
+    def _forward(self, i: int, parameter: FreeParameter) -> Array:
+        step = STEP * parameter.scale
+        if self._exact and self._sizes is not None and i < self._sizes.size:
+            step = SMOOTH_STEP * float(self._sizes[i])
+        here = self._run.values[i]
+        for size in (step, -step, step / SHORTER_STEP):
+            there = here + size
+            if not parameter.lowest <= there <= parameter.highest:
+                continue
+            beginning = self._beginning if _lasts(parameter) else None
+            try:
+                change = change_of_torque(self._run.moved(i, there), self._torque, beginning)
+                return np.asarray(change / (there - here))
+            except SimulationError:
+                continue
+        return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing

@@ -1,0 +1,69 @@
+"""The linear least squares problem of one step, with limits and damping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+
+SAME_DIRECTION = 1e-10
+"""[1] Singular value of columns of length one, relative to the largest, below which a step leaves a direction
+alone."""
+UNKNOWN_DIRECTION = 1e-14
+"""[1] The same where standard deviations are taken: what can only just be told must show its large deviation."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
+
+    Attributes:
+        table: (p, p) columns of length one; right: (p,); scale: (p,) lengths of the columns, zero for idle parameters.
+    """
+
+    table: Array
+    right: Array
+    scale: Array
+
+    @staticmethod
+    def of(jacobian: Array, residual: Array) -> Equations:
+        """From (N, n, p) and (N, n), both weighted."""
+        flat = jacobian.reshape(-1, jacobian.shape[2])
+        scale = np.linalg.norm(flat, axis=0)
+        q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
+        return Equations(r, q.T @ residual.ravel(), scale)
+
+    def deviations(self) -> Array:
+        """(p,) standard deviations by (S'S)^-1; those of idle parameters, or of such as cannot be told apart, are
+        those that the others would leave them."""
+        free = self.scale > 0
+        result = np.full(self.scale.size, np.inf)
+        inverse = np.linalg.pinv(self.table[:, free], rcond=UNKNOWN_DIRECTION)
+        result[free] = np.linalg.norm(inverse, axis=1) / self.scale[free]
+        return result
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the columns of length one."""
+        singular = np.linalg.svd(self.table[:, self.scale > 0], compute_uv=False)
+        return float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else np.inf
+
+    def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
+        """The step with parameters at a limit held there, and how much it promises to lower the cost."""
+        size = self.scale.size
+        free = self.scale > 0
+        step = np.zeros(size)
+        for _ in range(size):
+            step = np.zeros(size)
+            table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
+            right = np.concatenate([self.right, np.zeros(int(free.sum()))])
+            step[free] = np.linalg.lstsq(table, right, rcond=SAME_DIRECTION)[0] / self.scale[free]
+            # At a limit and pushed outwards: held.
+            stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
+            if not stuck.any():
+                break
+            free &= ~stuck
+        promised = self.right @ self.right - np.sum((self.right - self.table @ (step * self.scale)) ** 2)
+        return step, float(promised)

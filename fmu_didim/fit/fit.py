@@ -1,0 +1,107 @@
+"""A point of the closed loop with its sensitivity: what a fit starts from and comes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import Steps
+from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
+from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.weighting import Weighting
+from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.prediction import Prediction, predict
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A point of the closed loop, usually a minimum.
+
+    Attributes:
+        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        noise: of the data, as it was known or as the weights stand for it.
+        deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
+        settled: whether the steps became small, by the tolerance; given_up: whether they ended early, at no minimum,
+            because nothing good enough was in reach.
+        iterations: the history, where it was asked for; simulations: how many it took.
+        prediction: torque with the regressor, where it is known.
+        steps: of the central differences in the sensitivity.
+    """
+
+    model: LoopModel
+    values: Array
+    torque: Array
+    jacobian: Array
+    noise: Noise
+    deviation: Array
+    chi_square: float
+    settled: bool = False
+    given_up: bool = False
+    iterations: tuple[Iteration, ...] = ()
+    simulations: int = 0
+    prediction: Prediction | None = None
+    steps: Steps = field(default_factory=dict)
+
+    @property
+    def residual(self) -> Array:
+        """(N, n) measured minus simulated torque."""
+        return self.model.measured - self.torque
+
+    def simulation(self, label: str) -> Simulation:
+        """An experiment, held out or not, with these values."""
+        return self.model.simulation(self.values, label)
+
+    def residual_in(self, label: str) -> Array:
+        """(N, n) measured minus simulated torque of one experiment, held out or not; raises SimulationError."""
+        return self.model.residual(self.values, label)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
+        weighted = (self.jacobian * self.noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
+        scale = np.linalg.norm(weighted, axis=0)
+        scale[scale == 0] = np.inf
+        return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
+
+    @property
+    def condition_number(self) -> float:
+        """Of the weighted sensitivity with columns of length one."""
+        return Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
+
+
+def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:
+    """The closed loop at the values of a model: torque and exact sensitivity.
+
+    Args:
+        prediction: saves the first simulation where it is known.
+
+    Raises:
+        SimulationError: the values cannot be simulated.
+    """
+    values = model.start
+    prediction = prediction or predict(model, values)
+    sizes = parameter_sizes(model, values, prediction)
+    steps: Steps = {}
+    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes, steps=steps)
+    residual = model.measured - prediction.torque
+    deviation = weighting.deviation(residual, jacobian)
+    return Fit(
+        model,
+        values,
+        prediction.torque,
+        jacobian,
+        weighting.noise(deviation),
+        deviation,
+        sum_of_squares(residual, deviation),
+        prediction=prediction,
+        steps=steps,
+    )
+
+
+def sum_of_squares(residual: Array, deviation: Array) -> float:
+    """Of a residual (N, n) divided by deviations (n,)."""
+    return float(np.sum((residual / deviation) ** 2))

@@ -1,0 +1,157 @@
+"""The gap between simulation and measurement, and what a comparison of two models is worth.
+
+    gap_j = sqrt( max( mean(r_j^2) / sigma_j^2 - 1, 0 ) )        model error of joint j in units of its noise
+
+is what remains of the residual r when the noise is taken out; 1 means a model error as large as the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
+from fmu_didim.fit.statistics import CONFIDENCE
+
+BOOTSTRAP = 2000
+"""[draws] Of the bootstrap: the ends of a 95 % interval then stand still."""
+BLOCK_S = 0.5
+"""[s] Length of the blocks of the bootstrap: longer than the memory of friction and of the loop."""
+VARIANCE_FLOOR = 0.25
+"""[1] Of the variance of the noise, below which no residual counts as better: a BIC difference is that of model
+error. Half of the noise in size, which may be an upper bound."""
+
+
+def joint_gaps(residual: Array, noise: Noise) -> Array:
+    """(n,) gap of each joint in units of its noise."""
+    return np.asarray(np.sqrt(np.maximum(np.mean(residual**2, axis=0) / noise.deviation**2 - 1, 0.0)))
+
+
+def total_gap(residual: Array, noise: Noise) -> float:
+    """Gap over all joints: root of the mean square, each joint in units of its noise."""
+    return float(np.sqrt(max(float(np.mean((residual / noise.deviation) ** 2)) - 1, 0.0)))
+
+
+def gaps(fit: Fit) -> dict[str, Array]:
+    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
+    result = {}
+    for label in fit.model.experiments:
+        try:
+            result[label] = joint_gaps(fit.residual_in(label), fit.noise)
+        except SimulationError:
+            result[label] = np.full(fit.model.joint_count, np.inf)
+    return result
+
+
+def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
+    """Gain in the Bayesian information criterion by a larger model, > 0 in favour of it.
+
+        sum_j N f_j log(s_j^2 before / s_j^2 after) - cost log(sum_j N f_j)
+
+    with the variances s^2 of the residuals (N, n), never below the noise, and f from the colour of the better residual,
+    so that model error that neither explains is not taken for independent noise.
+
+    Args:
+        cost: parameters that the larger model has more.
+
+    Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
+    """
+    factor = effective_fraction(after)
+    floor = VARIANCE_FLOOR * noise.deviation**2
+    first = np.maximum(np.mean(before**2, axis=0), floor)
+    second = np.maximum(np.mean(after**2, axis=0), floor)
+    count = before.shape[0] * factor
+    return float(np.sum(count * np.log(first / second)) - cost * np.log(max(float(count.sum()), 2.0)))
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """RMS after / RMS before on the same samples: value and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: int = 0) -> Ratio:
+    """Ratio of the weighted RMS of two residuals (N, n), with the interval of a block bootstrap.
+
+    Args:
+        block: samples in a block.
+        seed: of the bootstrap.
+
+    Source: Kuensch, Annals of Statistics 17 (1989): the blocks keep the correlation of neighbouring samples.
+    """
+    first, second = (np.sum((r / noise.deviation) ** 2, axis=1) for r in (before, after))
+    count = max(first.size // max(block, 1), 1)
+    edges = np.linspace(0, first.size, count + 1).astype(int)
+    sums = np.array([[first[a:b].sum(), second[a:b].sum()] for a, b in pairwise(edges)])
+    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
+    totals = sums[drawn].sum(axis=1)
+    ratios = np.sqrt(totals[:, 1] / np.maximum(totals[:, 0], TINY))
+    value = float(np.sqrt(second.sum() / max(float(first.sum()), TINY)))
+    outside = (1 - CONFIDENCE) / 2
+    return Ratio(value, float(np.quantile(ratios, outside)), float(np.quantile(ratios, 1 - outside)))
+
+
+def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
+    """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
+    if not before.model.validation_labels:
+        return None
+    try:
+        first, second = _held_out(before), _held_out(after)
+    except SimulationError:
+        return Ratio(np.inf, np.inf, np.inf)
+    return rms_ratio(first, second, before.noise, block=_block(before), seed=seed)
+
+
+def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
+    """Joint, from 1, and its ratio of the held-out RMS of two models; nothing where there is none to compare."""
+    if not before.model.validation_labels:
+        return []
+    try:
+        first, second = _held_out(before), _held_out(after)
+    except SimulationError:
+        return []
+    noise, block = before.noise, _block(before)
+    own = [replace(noise, deviation=noise.deviation[[j]]) for j in range(first.shape[1])]
+    return [(j + 1, rms_ratio(first[:, [j]], second[:, [j]], one, block=block, seed=seed)) for j, one in enumerate(own)]
+
+
+def _held_out(fit: Fit) -> Array:
+    """(Nv, n) residual of all held-out experiments."""
+    labels = fit.model.validation_labels
+    return np.concatenate([fit.residual_in(label) for label in labels])
+
+
+def _block(fit: Fit) -> int:
+    """Samples in a block of the bootstrap."""
+    return max(round(BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
+
+
+def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
+    """What a larger model explains: RMS in units of the noise, on the joint where it explains most, and the share of
+    the gap of all joints."""
+    first = np.mean((before / noise.deviation) ** 2, axis=0)
+    second = np.mean((after / noise.deviation) ** 2, axis=0)
+    size = float(np.sqrt(max(float((first - second).max()), 0.0)))
+    room = float(np.sum(np.maximum(first - 1, 0.0)))
+    return size, float(np.clip(np.sum(first - second) / room, 0.0, 1.0)) if room > 0 else 0.0
+
+
+def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> float:
+    """What a larger model explains on the joint where it explains most, as a fraction of the first model's gap there.
+
+    Args:
+        first, before, after: residuals (N, n) of the first model, and without and with what is new.
+    """
+    squares = [np.mean((residual / noise.deviation) ** 2, axis=0) for residual in (first, before, after)]
+    joint = int(np.argmax(squares[1] - squares[2]))
+    room = float(squares[0][joint] - 1.0)
+    gained = float(squares[1][joint] - squares[2][joint])
+    return gained / room if room > 0 else 1.0

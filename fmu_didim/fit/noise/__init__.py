@@ -1,0 +1,1 @@
+"""The noise of the torque, and the weights that follow from it."""

@@ -1,0 +1,165 @@
+"""The noise of logs on their grids, as a residual shows it.
+
+The fit takes up a part of the noise e, most of it where the motion is slow, so the residual r = (I - S Phi') e of
+sensitivity S and influence Phi is smaller than the noise. What noise of a given autocovariance Omega would lose so,
+S Phi' Omega + Omega Phi S' - S Phi' Omega Phi S', is added to the autocovariances of r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import fft
+
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.autoregression import (
+    autocorrelation,
+    autoregression,
+    largest_order,
+    portmanteau,
+    portmanteau_p,
+)
+
+GATE_LAGS = 3
+"""[samples] A residual is white if its correlations up to this lag are: colour shows there first."""
+NOT_WHITE = 0.05
+"""[1] Probability of the correlations of all joints by chance, below which they have a colour. A false alarm costs
+little, since what is then estimated is nearly white; a colour that is not seen costs coverage."""
+CLEARLY_NOT_WHITE = 0.01
+"""[1] The same of one joint where all together look white; there are several to ask."""
+LONGEST_GAP = 1000
+"""[samples] A longer gap in a log counts as so long: nothing remembers across."""
+FEWEST_COLOURED = 20
+"""[samples] Fewer are too few to see a colour in."""
+
+
+@dataclass(frozen=True)
+class JointNoise:
+    """Noise of a joint in logs of one rate: its variance, and the coefficients (p,) of its autoregression, none if it
+    is white."""
+
+    variance: float
+    coefficients: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log on its grid, with rows of zeros where samples are missing: which are there (M, 1), residual (M, n),
+    sensitivity and influence (M, n, p)."""
+
+    there: Array
+    residual: Array
+    sensitivity: Array
+    influence: Array
+
+    @classmethod
+    def of(cls, places: Indices, *tables: Array) -> Log:
+        # Samples so far apart have nothing to do with each other, however long the pause was.
+        places = np.cumsum(np.append(0, np.minimum(np.diff(places), LONGEST_GAP)))
+
+        def on_grid(values: Array) -> Array:
+            result = np.zeros((int(places[-1]) + 1, *values.shape[1:]))
+            result[places] = values
+            return result
+
+        return cls(on_grid(np.ones((places.size, 1))), *(on_grid(table) for table in tables))
+
+    def coloured(self, noises: Sequence[JointNoise]) -> Array:
+        """(M, n, p) Omega Phi."""
+        count = self.there.size
+        length = fft.next_fast_len(2 * count, real=True)
+        result = np.empty_like(self.influence)
+        for j, noise in enumerate(noises):
+            result[:, j] = noise.variance * self.influence[:, j]
+            if noise.coefficients.size:
+                column = np.zeros(length)
+                column[:count] = autocorrelation(noise.coefficients, count)
+                column[length - count + 1 :] = column[count - 1 : 0 : -1]
+                spectrum = fft.rfft(column).real[:, None] * fft.rfft(result[:, j], length, axis=0)
+                result[:, j] = fft.irfft(spectrum, length, axis=0)[:count]
+        return np.asarray(result * self.there[:, :, None])
+
+    def lost(self, noises: Sequence[JointNoise], covariance: Array, lags: int) -> Array:
+        """(lags + 1, n) what the fit takes from the sums of products of its residual: S Phi' Omega + Omega Phi S'
+        - S C S'."""
+        through, s = self.coloured(noises), self.sensitivity
+        return _lagged(s, through - s @ covariance, lags) + _lagged(through, s, lags)
+
+
+def _lagged(a: Array, b: Array, lags: int) -> Array:
+    """(lags + 1, n) sums over t of a_t b_(t + lag) of tables (M, n) or (M, n, p)."""
+    count, axes = a.shape[0], "mjp"[: a.ndim]
+    found = np.zeros((lags + 1, a.shape[1]))
+    for lag in range(min(lags, count - 1) + 1):
+        found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:])
+    return found
+
+
+@dataclass(frozen=True)
+class LogsOfOneRate:
+    """Logs of one rate."""
+
+    rate_hz: float
+    logs: tuple[Log, ...]
+
+    @property
+    def samples(self) -> int:
+        """How many there are."""
+        return int(sum(log.there.sum() for log in self.logs))
+
+    def pairs(self, lags: int) -> Array:
+        """(lags + 1,) how many pairs of samples are so far apart; at least one, so that nothing is divided by zero."""
+        counts = np.sum([_lagged(log.there, log.there, lags) for log in self.logs], axis=0)
+        return np.asarray(np.maximum(counts[:, 0], 1.0))
+
+    def shares(self, noises: Sequence[JointNoise]) -> Array:
+        """(n, p, p) Phi' Omega Phi of each joint."""
+        return np.asarray(
+            sum(np.einsum("mjp,mjq->jpq", log.influence, log.coloured(noises), optimize=True) for log in self.logs)
+        )
+
+    def autocovariance(self, noises: Sequence[JointNoise], covariance: Array, lags: int) -> Array:
+        """(lags + 1, n) of the noise, from the residual and what noises like these lose in it."""
+        left = np.sum([_lagged(log.residual, log.residual, lags) for log in self.logs], axis=0)
+        lost = np.sum([log.lost(noises, covariance, lags) for log in self.logs], axis=0)
+        # A joint whose residual is larger than its noise, because values that other joints decide are off, is taken as
+        # it is: by how much they are off is not known, only how much they might be.
+        return np.asarray((left + lost * (lost[0] > 0)) / self.pairs(lags)[:, None])
+
+    def white(self) -> list[JointNoise]:
+        """White noise of each joint, by its residual."""
+        left = np.sum([_lagged(log.residual, log.residual, 0) for log in self.logs], axis=0)[0]
+        return [JointNoise(float(v)) for v in left / np.maximum(self.samples - self.fitted, 1.0)]
+
+    @property
+    def fitted(self) -> Array:
+        """(n,) samples of each joint that the fit uses up."""
+        return np.asarray(sum(np.einsum("mjp,mjp->j", log.sensitivity, log.influence) for log in self.logs))
+
+    def not_white(self, covariances: Array, floor: Array) -> list[bool]:
+        """Which joints (n,) have a colour, by autocovariances (K + 1, n): all if together they do not look white,
+        else those that clearly do not; never those whose residual is rounding."""
+        lags, pairs = GATE_LAGS, self.pairs(GATE_LAGS)
+        is_noise = covariances[0] > floor**2
+        if self.samples < FEWEST_COLOURED or not is_noise.any():
+            return [False] * is_noise.size
+        sums = [portmanteau(column, pairs, lags) * real for column, real in zip(covariances.T, is_noise, strict=True)]
+        together = portmanteau_p(sum(sums), lags * int(is_noise.sum())) < NOT_WHITE
+        each = [portmanteau_p(one, lags) < CLEARLY_NOT_WHITE for one in sums]
+        return [bool(real and (together or own)) for real, own in zip(is_noise, each, strict=True)]
+
+    def refitted(self, noises: Sequence[JointNoise], coloured: Sequence[bool], covariance: Array) -> list[JointNoise]:
+        """Those with a colour anew, from the residual and what they lose in it."""
+        if not any(coloured):
+            return list(noises)
+        largest = largest_order(self.samples)
+        found = self.autocovariance(noises, covariance, largest)
+        # Means of fewer and fewer products, drawn towards zero so that they belong to noise that can be.
+        found *= 1 - np.arange(largest + 1)[:, None] / sum(log.there.size for log in self.logs)
+        return [
+            JointNoise(float(column[0]), autoregression(column, self.samples, largest)) if wanted else noise
+            for noise, wanted, column in zip(noises, coloured, found.T, strict=True)
+        ]

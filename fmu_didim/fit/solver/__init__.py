@@ -1,0 +1,1 @@
+"""Least squares of the closed loop."""

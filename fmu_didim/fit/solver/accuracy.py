@@ -1,0 +1,76 @@
+"""As many substeps of the plant as the noise of the data asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.model.loop_model import LoopModel
+
+POLISHING = 2
+"""[steps] From the minimum of one integration to that of a finer one, a small fraction of the noise away."""
+INTEGRATION_SHARE = 0.01
+"""[standard deviations] Twice the substeps of the plant may change the torque of a joint by this much of its noise: a
+hundredth moves no parameter by more than a hundredth of its standard deviation."""
+
+
+def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | None = None) -> LoopModel:
+    """The model with the fewest substeps of its plant whose doubling changes the torque by less than a hundredth of
+    the noise, at each joint.
+
+    A model whose substeps a case states, or whose equations are not known, stays as it is. Where even half of the
+    substeps by the rule change the torque by more, the rule holds.
+
+    Args:
+        values: (p,) where the torque is looked at.
+        deviation: (n,) noise of each joint; by default what the model knows of it, else the residual at the values.
+    """
+    automatic = replace(model, substeps=None)
+    if not model.chooses_substeps:
+        return automatic
+    most, count, torque = automatic.automatic_substeps(values), model.fewest_substeps(values), None
+    while 2 * count <= most:
+        finer = _torque(replace(model, substeps=2 * count), values)
+        torque = _torque(replace(model, substeps=count), values) if torque is None else torque
+        if torque is not None and finer is not None and integration_change(model, torque, finer, deviation) <= 1:
+            return replace(model, substeps=count)
+        count, torque = 2 * count, finer
+    return automatic
+
+
+def integrated(fit: Fit) -> Fit:
+    """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
+    model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
+    if model.substeps == fit.model.substeps:
+        return fit
+    return minimise(model, fit.noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
+
+
+def integration_change(model: LoopModel, torque: Array, finer: Array, deviation: Array | None = None) -> float:
+    """Change of the torque (N, n) by finer integration over what is allowed, at the joint where it is worst.
+
+    Args:
+        deviation: (n,) noise; by default what the model knows of it, else the residual.
+    """
+    if deviation is None:
+        deviation = model.torque_deviation
+    if deviation is None:
+        deviation = _rms(model.measured - finer)
+    allowed = np.maximum(INTEGRATION_SHARE * deviation, np.finfo(float).tiny)
+    return float(np.max(_rms(finer - torque) / allowed))
+
+
+def _rms(table: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(table**2, axis=0)))
+
+
+def _torque(model: LoopModel, values: Array) -> Array | None:
+    try:
+        return model.torque(values)
+    except SimulationError:
+        return None

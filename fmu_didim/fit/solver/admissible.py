@@ -1,0 +1,53 @@
+"""What may be simulated, and what may be returned."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.model.free_parameter import DELAY
+from fmu_didim.model.loop_model import LoopModel
+
+CHECKED_POSITIONS = 200
+"""[positions] Along the reference, at which the inertia matrix is checked."""
+FARTHEST = 1.0
+"""[1] Relative error of the torque beyond which a model explains less than nothing: zero would be nearer."""
+
+
+def mass_matrix_problem(model: LoopModel, values: Array) -> str:
+    """Why the plant cannot be simulated with values (p,) along the references, or an empty string."""
+    names = [f"q{j}" for j in range(1, model.joint_count + 1)]
+    for label, experiment in model.experiments.items():
+        reference, theta = experiment.reference, model.theta(values, label)
+        if not set(names) <= set(reference.names):
+            positions = np.zeros((1, model.joint_count))
+        else:
+            ticks = np.unique(np.linspace(0, reference.time.size - 1, CHECKED_POSITIONS).astype(np.int64))
+            positions = reference.select(names)[ticks]
+        reason = model.parameters.inertia_problem(positions, theta)
+        if reason:
+            return reason
+    return ""
+
+
+def physical_problem(model: LoopModel, values: Array, deviation: Array) -> str:
+    """Why no machine can have these values ± deviation, (p,) each, or an empty string."""
+    count = model.parameters.count
+    at_limit = [
+        f"{parameter.name} = {value:.4g}"
+        for parameter, value in zip(model.free_parameters, values, strict=True)
+        if value in (parameter.lowest, parameter.highest) and parameter.owner != DELAY  # none at all is an answer
+    ]
+    return (
+        mass_matrix_problem(model, values)
+        or model.parameters.physical_problem(values[:count], deviation[:count])
+        or (f"at a limit given in the case: {', '.join(at_limit)}" if at_limit else "")
+    )
+
+
+def tracking_problem(measured: Array, simulated: Array) -> str:
+    """Whether the simulated torque explains less than nothing of the measured one, or an empty string."""
+    error = np.linalg.norm(measured - simulated) / np.linalg.norm(measured)
+    if error > FARTHEST:
+        return f"the simulated torque is farther from the measured one than zero is ({100 * error:.0f} %)"
+    return ""

@@ -1,0 +1,66 @@
+"""One run of the real system: what it was asked to do, and what was logged of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.cosim import Indices, SampleOperator, grid_places
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.model.external_torque import ExternalTorque
+
+Role = Literal["estimation", "validation"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of the real system.
+
+    Attributes:
+        reference: what the controller was given, one row a control period; columns ``q<j>`` and, where
+            known, ``dq<j>``, ``ddq<j>``.
+        time: (N,) instants of the torque log, s; torque: (N, n) joint torque, N.m or N.
+        operator: how the log follows from the held command.
+        positions: measured positions ``q<j>``, for the estimators that need them.
+        label: name shown to the user.
+        role: whether the parameters are fitted to it, or only judged by it.
+        external_torques: torques from outside the model that are known to have acted.
+        stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
+        told: what is to be told of how its files were read.
+    """
+
+    reference: Trajectory
+    time: Array
+    torque: Array
+    operator: SampleOperator
+    positions: Trajectory | None = None
+    label: str = "estimation"
+    role: Role = "estimation"
+    external_torques: tuple[ExternalTorque, ...] = ()
+    stamps: Array | None = None
+    told: tuple[Diagnostic, ...] = ()
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate of the torque log, counting the samples that are missing."""
+        return float(self.places[-1] / (self.time[-1] - self.time[0]))
+
+    @property
+    def places(self) -> Indices:
+        """(N,) place of each sample when those count, too, that the logger has dropped."""
+        return grid_places(self.time)
+
+    def with_gaps(self, values: Array) -> Array:
+        """(M, ...) values (N, ...) of the samples with rows of NaN for those that are missing."""
+        places = self.places
+        result = np.full((places[-1] + 1, *values.shape[1:]), np.nan)
+        result[places] = values
+        return result
+
+    def after(self, seconds: float) -> Experiment:
+        """The same without the samples of the first ``seconds`` of the reference."""
+        first = int(np.searchsorted(self.time, self.reference.time[0] + seconds - 1e-9))
+        return replace(self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first))

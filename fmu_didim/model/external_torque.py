@@ -1,0 +1,57 @@
+"""Torques that act on a joint from outside the model for a while, as columns of the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.data.signals import Array, Trajectory, trajectory
+
+EXTERNAL_TORQUE = "external_torque"
+
+
+@dataclass(frozen=True)
+class ExternalTorque:
+    """A torque that acts on a joint from outside the model for a while.
+
+    Attributes:
+        joint: from 1; begin_s, end_s: when, in the time of the loop; torque: N.m or N, positive along the joint.
+        is_logged: whether the torque log shows it, as when it was added to the command.
+    """
+
+    joint: int
+    begin_s: float
+    end_s: float
+    torque: float
+    is_logged: bool = False
+
+    def moved(self, name: str, value: float) -> ExternalTorque:
+        """The same with another ``begin_s``, ``end_s`` or ``torque``."""
+        values = {"begin_s": self.begin_s, "end_s": self.end_s, "torque": self.torque, name: value}
+        return ExternalTorque(self.joint, is_logged=self.is_logged, **values)
+
+    def along(self, time: Array) -> Array:
+        """(K,) its mean over each control period that begins at ``time``, equally spaced."""
+        step = float(time[1] - time[0])
+        held = np.minimum(time + step, self.end_s) - np.maximum(time, self.begin_s)
+        return np.asarray(self.torque * np.clip(held / step, 0.0, 1.0))
+
+
+def with_external_torques(reference: Trajectory, external_torques: Sequence[ExternalTorque]) -> Trajectory:
+    """The reference with a column ``external_torque<j>`` for each joint on which one acts."""
+    if not external_torques:
+        return reference
+    columns = {name: reference.column(name) for name in reference.names}
+    for external in external_torques:
+        name = f"{EXTERNAL_TORQUE}{external.joint}"
+        columns[name] = columns.get(name, np.zeros(reference.time.size)) + external.along(reference.time)
+    return trajectory(reference.time, columns)
+
+
+def held(reference: Trajectory, count: int) -> Trajectory:
+    """A reference with ``count`` rows for each, held."""
+    step = reference.step / count
+    time = reference.time[0] + step * np.arange(reference.time.size * count)
+    return replace(reference, time=time, values=np.repeat(reference.values, count, axis=0))

@@ -1,0 +1,123 @@
+"""A simulated motion with the torques that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.dynamics.robot.observed_states import following_links
+from fmu_didim.model.loop_model import Simulation
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated motion at ticks, and the torques that go with it.
+
+    Attributes:
+        time: (K,) s; q, dq, ddq: (K, n); torque: (K, n) logged torque; load: (K, n) transmitted torque of each joint,
+            that of the links alone; step: s between ticks, which are equally spaced.
+        links: joint (from 0) -> (K, n, 4) torque for one unit of each of PAYLOAD of its link.
+    """
+
+    time: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    load: Array
+    step: float
+    links: Mapping[int, Array]
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return int(self.q.shape[1])
+
+
+def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array) -> Motion:
+    """The motion with its loads.
+
+    Args:
+        model: the robot; chi: (ns,) standard parameters.
+    """
+    rows = model.regressor_rows(q, dq, ddq, observed=following_links(model, q, dq, ddq))
+    names = [v.name for v in model.parameters]
+    own = _is_inertial(model)
+    links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
+    load = rows[:, :, own] @ chi[own]
+    return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
+
+
+def simulated_motion(run: Simulation, description: RobotDescription | None) -> Motion | None:
+    """The simulated motion of an experiment at all ticks; None if the plant does not give it.
+
+    Args:
+        description: the robot, whose equations give the loads; None for a plant that is a black box.
+    """
+    if description is None:
+        return _from_outputs(run)
+    robot, model = RobotModel(description), run.model
+    recording = run.record(all_ticks=True)
+    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.logged])
+    known = model.parameters.values(run.theta)
+    chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
+    return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
+
+
+def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
+    """Position and velocity (N,) of a joint, counted from 1, along a reference; what it does not tell follows from the
+    other, the position from zero on, and both are zero where it tells neither."""
+    q, dq, step = f"q{joint}", f"dq{joint}", reference.step
+    if q in reference.names:
+        position = reference.column(q)
+        return position, np.gradient(position, step)
+    velocity = reference.column(dq) if dq in reference.names else np.zeros(reference.time.size)
+    return _summed(velocity, step), velocity
+
+
+def _summed(velocity: Array, step: float) -> Array:
+    """Positions (N, ...) from velocities that hold over a step each."""
+    position = np.zeros_like(velocity)
+    np.cumsum(velocity[:-1] * step, axis=0, out=position[1:])
+    return position
+
+
+def _from_outputs(run: Simulation) -> Motion | None:
+    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack dq.
+
+    A position that the plant does not tell is the integral of its velocity, from the reference's on. Loads and payloads
+    are unknown and given as zero.
+    """
+    model = run.model
+    joints = range(1, model.joint_count + 1)
+    given = {v.name for v in model.plant.outputs}
+    if not {f"dq{j}" for j in joints} <= given:
+        return None
+    recording = run.record(all_ticks=True)
+    dq = recording.table(model.joint_signals("dq"))
+    step = float(recording.time[1] - recording.time[0])
+    reference = run.experiment.reference
+    q = np.column_stack(
+        [
+            recording.applied[f"{model.plant_name}.q{j}"]
+            if f"q{j}" in given
+            else joint_reference(reference, j)[0][0] + _summed(dq[:, j - 1], step)
+            for j in joints
+        ]
+    )
+    links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
+    return Motion(
+        time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
+        torque=run.logged_torque(recording), load=np.zeros_like(q), step=step, links=links,
+    )  # fmt: skip
+
+
+def _is_inertial(model: RobotModel) -> Array:
+    names = {v.name for v in LINK_PARAMETERS}
+    return np.array([v.name.rstrip("0123456789") in names for v in model.parameters])

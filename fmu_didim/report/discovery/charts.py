@@ -1,0 +1,107 @@
+"""The charts of a discovery: torque and residual of base and final model, over time and over what they depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables import read_trajectory
+from fmu_didim.report.discovery import words
+from fmu_didim.report.drawing.charts import Chart, Panel, Series
+from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, against_chart, colour_charts
+from fmu_didim.report.drawing.torque_charts import SHOWN, Simulated, samples_text, torque_chart
+from fmu_didim.report.identification.page import Experiment
+from fmu_didim.report.numbers import joint_unit, pretty_unit
+from fmu_didim.results.findings import FindingsDocument, FrictionResult
+
+MODELS = {"base model": "base", "final model": "final"}
+"""Name in a legend -> column of the simulated torque."""
+PANELS = 2
+FRICTION_HEIGHT = 240
+
+
+def drawn_experiments(document: FindingsDocument, folder: Path) -> list[Experiment]:
+    """The charts of each experiment whose torques were saved."""
+    found: list[Experiment] = []
+    for key, name in document.files.items():
+        if key.startswith(words.SIGNALS):
+            label = key.removeprefix(words.SIGNALS)
+            every = document.files.get(f"{words.SIMULATED}{label}")
+            dense = read_trajectory(folder / every) if every is not None else None
+            part = _experiment(document, label, len(found) + 1, read_trajectory(folder / name), dense)
+            found += [part] if part is not None else []
+    return found
+
+
+def _experiment(
+    document: FindingsDocument, label: str, number: int, signals: Trajectory, dense: Trajectory | None
+) -> Experiment | None:
+    units, joints = document.torque_unit, range(1, len(document.torque_unit) + 1)
+    models = _models(signals, len(units))
+    if not models:
+        return None
+    measured = signals.select([f"measured{j}" for j in joints])
+    simulated = {}
+    for model, column in models.items():
+        names = [f"{column}{j}" for j in joints]
+        every = (None, None) if dense is None else (dense.time, dense.select(names))
+        simulated[model] = Simulated(signals.select(names), *every)
+    title = words.experiment_name(document, label)
+    torque = torque_chart(
+        f"torque-{number}", f"Torque, {title}", signals.time, measured, simulated, units, noise=document.noise.std
+    )
+    residuals = [_residuals(signals, models, j) for j in joints]
+    against = [
+        against_chart(
+            f"binned-{number}-{j}-{quantity}", j, quantity, units[j - 1],
+            signals.column(f"{QUANTITIES[quantity].column}{j}"), residuals[j - 1],
+        )
+        for j in (joints if number == 1 else ())  # once, for the data in which the regions were found
+        for quantity in panel_quantities(document, signals, j)
+    ]  # fmt: skip
+    colour = colour_charts(str(number), title, signals.time, residuals, units)
+    return Experiment(title, samples_text(signals.time), torque, against, colour)
+
+
+def _models(signals: Trajectory, joints: int) -> dict[str, str]:
+    """The models whose torque the table holds; one of two that are the same."""
+    names = set(signals.names)
+    found = {
+        m: c for m, c in MODELS.items() if {f"{s}{j}" for j in range(1, joints + 1) for s in (c, "measured")} <= names
+    }
+    if len(found) == 2 and all(
+        np.array_equal(signals.column(f"base{j}"), signals.column(f"final{j}")) for j in range(1, joints + 1)
+    ):
+        del found["final model"]
+    return found
+
+
+def _residuals(signals: Trajectory, models: dict[str, str], joint: int) -> Residuals:
+    measured = signals.column(f"measured{joint}")
+    return {m: (SHOWN[m], measured - signals.column(f"{column}{joint}")) for m, column in models.items()}
+
+
+def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int) -> list[str]:
+    """The quantities that a joint is drawn against: of its strongest regions first, then velocity and position."""
+    ranked = sorted((r for r in document.regions if r.joint == joint), key=lambda r: -r.share_of_gap)
+    wanted = dict.fromkeys([*(r.quantity for r in ranked if r.quantity in QUANTITIES), "velocity", "position"])
+    return [name for name in wanted if f"{QUANTITIES[name].column}{joint}" in signals.names][:PANELS]
+
+
+def friction_charts(document: FindingsDocument) -> list[Chart]:
+    """The friction of base and final model over velocity, with the interval of the final one."""
+    return [_friction(found, document.torque_unit) for found in document.friction]
+
+
+def _friction(found: FrictionResult, units: Sequence[str]) -> Chart:
+    velocity = np.array(found.velocity)
+    series = [
+        Series("base model", velocity, np.array(found.base), "base"),
+        Series("final model, 95 %", velocity, np.array(found.final), "final", band=np.array(found.half_width)),
+    ]
+    panel = Panel(f"friction ({joint_unit(units, found.joint - 1)})", series, f"Joint {found.joint}", FRICTION_HEIGHT)
+    title = f"Friction of joint {found.joint} over its velocity"
+    return Chart(f"friction-{found.joint}", title, [panel], f"velocity ({pretty_unit(found.unit)})")

@@ -1,0 +1,97 @@
+"""The verdict of a discovery: what the model lacks, and what adding it is worth."""
+
+from __future__ import annotations
+
+from math import inf
+
+from fmu_didim.report.discovery.regions import strongest_regions
+from fmu_didim.report.discovery.words import gap_text, located
+from fmu_didim.report.numbers import capitalised
+from fmu_didim.report.verdict import Banner
+from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
+
+HEADS = {
+    "nothing": ("good", "NOTHING MISSING"),
+    "named": ("good", "NAMED"),
+    "named_with_remainder": ("doubtful", "NAMED IN PART"),
+    "unknown": ("refused", "UNKNOWN"),
+    "disagreement": ("doubtful", "THE EXPERIMENTS DO NOT AGREE"),
+    "unfinished": ("doubtful", "NOT FINISHED"),
+}
+DOUBTED = {"nothing": "NOTHING FOUND", "named": "NAMED, WITH DOUBTS"}
+"""Heads of answers that are good unless the verdict doubts them."""
+
+
+def verdict_of(document: FindingsDocument) -> Banner:
+    """The verdict as a sentence for the one who runs the drive."""
+    grade, head = HEADS[document.answer]
+    if document.verdict != "valid" and document.answer in DOUBTED:
+        grade, head = "doubtful", DOUBTED[document.answer]
+    sentences = [capitalised(document.text)]
+    if document.unfinished is not None:
+        sentences += [f"{document.unfinished.text} {document.unfinished.next_step}".rstrip(".")]
+    if document.findings:
+        sentences.append("; ".join(_named(f, first=k == 0) for k, f in enumerate(document.findings)))
+    judged = _experiments(document, "validation") or _experiments(document, "estimation")
+    if judged:
+        label = max(judged, key=lambda label: _size(document.gap[label].after))
+        sentences.append(_change(document.gap[label], _data(document, label), bool(document.findings)))
+    if document.answer == "named_with_remainder":
+        sentences += _remainder(document)
+    if document.answer == "unknown":
+        worst = strongest_regions(document, count=1)
+        sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"]
+    return Banner(grade, head, ". ".join(sentences) + ".", document.reasons)
+
+
+def _named(finding: FindingResult, *, first: bool) -> str:
+    where = located(finding.effect, finding.joint)
+    text = f"{capitalised(where) if first else where}: {finding.title}"
+    if count := len(finding.ambiguous):
+        others = "another one" if count == 1 else f"one of {count} others"
+        text += f" (or {others} that these data cannot tell from it)"
+    return text
+
+
+def _experiments(document: FindingsDocument, role: str) -> list[str]:
+    """Labels of the experiments that have this role."""
+    return [label for label in document.gap if document.roles.get(label) == role]
+
+
+def _data(document: FindingsDocument, label: str) -> str:
+    """What the data of an experiment are called; of several the one that is meant."""
+    role = document.roles[label]
+    data = "held-out data" if role == "validation" else "estimation data"
+    several = _experiments(document, role)
+    return data if len(several) == 1 else f"the {data} that fit worst, {label},"
+
+
+def _size(gap: float | None) -> float:
+    return inf if gap is None else gap
+
+
+def _change(pair: GapPair, data: str, changed: bool) -> str:
+    on = f"on {data}"
+    if not changed:
+        return f"The gap {on} is {gap_text(pair.before)} times the noise"
+    if pair.before is None or pair.after is None:
+        which = "base" if pair.before is None else "final"
+        return f"The {which} model cannot be simulated {on}"
+    how = "falls" if pair.after < pair.before else "does not fall: it goes"
+    return f"The gap {on} {how} from {gap_text(pair.before)} to {gap_text(pair.after)} times the noise"
+
+
+def _remainder(document: FindingsDocument) -> list[str]:
+    """Where most of what is left lies."""
+    fitted = _experiments(document, "estimation")
+    left = {
+        (label, j): v
+        for label in fitted
+        for j, v in enumerate(document.gap[label].after_per_joint, start=1)
+        if v is not None
+    }
+    if len({j for _, j in left}) < 2:
+        return []
+    label, worst = max(left, key=lambda place: left[place])
+    on = "on estimation data" if len(fitted) == 1 else f"in the experiment {label}"
+    return [f"Most of what remains is on joint {worst}: {gap_text(left[label, worst])} times the noise {on}"]

@@ -1,0 +1,155 @@
+"""Charts of what a model leaves: against velocity and position, its spectrum, its autocorrelation.
+
+For noise alone of N samples the spectrum is flat within the bounds of a chi-square distribution, and all but one in
+twenty autocorrelations lie within 1.96 / sqrt(N). Sources: Welch, IEEE Trans. AU-15 (1967); Box, Jenkins, Time Series
+Analysis, chapter 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal, stats
+
+from fmu_didim.data.signals import Array
+from fmu_didim.report.drawing.charts import Chart, Panel, Series
+from fmu_didim.report.numbers import pretty_unit
+
+PANEL_HEIGHT = 140
+BINS = 24
+SMALLEST_BIN = 5
+"""Samples; with fewer the standard error says little."""
+MOST_POINTS = 2000
+"""With more samples the cloud of single ones is left out."""
+SEGMENTS = 8
+"""Of a spectrum, half overlapping; fewer where a segment would be shorter than SHORTEST_SEGMENT samples."""
+SHORTEST_SEGMENT = 32
+LAGS = 40
+"""Autocorrelations that are drawn."""
+CONFIDENCE = 0.95
+STEP_TOLERANCE = 0.01
+"""Part of a step by which stamps may differ and still count as equally spaced."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a residual can be drawn against: its column without the joint number, and how its axis is called."""
+
+    column: str
+    title: str
+    linear: str
+    angular: str
+
+    def unit(self, torque_unit: str) -> str:
+        """The unit for a joint with this unit of torque."""
+        return pretty_unit(self.linear if torque_unit == "N" else self.angular)
+
+
+QUANTITIES = {
+    "velocity": Quantity("dq", "velocity", "m/s", "rad/s"),
+    "position": Quantity("q", "position", "m", "rad"),
+    "torque": Quantity("base", "simulated torque", "N", "N.m"),
+}
+"""By their names in the regions of a discovery; those whose column a table of signals has."""
+Residuals = Mapping[str, tuple[str, Array]]
+"""Name of each model -> how it is drawn, and measured - simulated torque (N,) of one joint."""
+
+
+def against_chart(name: str, joint: int, quantity: str, torque_unit: str, at: Array, residuals: Residuals) -> Chart:
+    """Mean residual of a joint, from 1, in bins of a quantity (N,), with twice its standard error, and each sample.
+
+    The bins hold equally many samples. The error is s / sqrt(N) of the residuals in the bin, as if they were
+    independent; model error and coloured noise make the true one larger.
+    """
+    kind, unit = QUANTITIES[quantity], pretty_unit(torque_unit)
+    series = []
+    for model, (style, values) in residuals.items():
+        centre, mean, error = binned(at, values)
+        if len(residuals) == 1 and at.size <= MOST_POINTS:
+            series.append(Series("samples", at, values, "faint", "points", legend=False))
+        series.append(Series(model, centre, mean, style, error=2 * error))
+    panel = Panel(f"residual ({unit})", series, f"Joint {joint}, against {kind.title}", 170, levels=(0.0,))
+    title = f"Residual of joint {joint} against {kind.title}"
+    return Chart(name, title, [panel], f"{kind.title} ({kind.unit(torque_unit)})")
+
+
+def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array, Array]:
+    """Centre, mean and standard error of the mean of (N,) values in bins of (N,) ``at`` with equally many samples."""
+    edges = np.unique(np.quantile(at, np.linspace(0, 1, min(bins, max(at.size // SMALLEST_BIN, 1)) + 1)))
+    if edges.size < 2:
+        return at[:1], np.array([values.mean()]), np.zeros(1)
+    place = np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2)
+    count = np.bincount(place, minlength=edges.size - 1)
+    full = np.maximum(count, 1)
+    mean = np.bincount(place, values, minlength=count.size) / full
+    centre = np.bincount(place, at, minlength=count.size) / full
+    square = np.bincount(place, (values - mean[place]) ** 2, minlength=count.size)
+    error = np.sqrt(square / np.maximum(count - 1, 1) / full)
+    kept = count >= min(SMALLEST_BIN, at.size)
+    return centre[kept], mean[kept], error[kept]
+
+
+def longest_even(time: Array) -> slice:
+    """The longest stretch of (N,) instants that are equally spaced, for what needs a grid."""
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if steps.size else 1.0
+    breaks = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
+    ends = np.concatenate([[-1], breaks, [time.size - 1]])
+    longest = int(np.argmax(np.diff(ends)))
+    return slice(int(ends[longest]) + 1, int(ends[longest + 1]) + 1)
+
+
+def spectrum(values: Array, rate_hz: float) -> tuple[Array, Array, tuple[float, float]]:
+    """Frequencies (m,) in Hz above zero, power density (m,) of (N,) values by Welch, and the bounds of white noise.
+
+    The bounds hold CONFIDENCE of the densities of white noise as strong as the values.
+    """
+    length = min(max(2 * values.size // (SEGMENTS + 1), SHORTEST_SEGMENT), values.size)
+    frequency, density = signal.welch(values, rate_hz, nperseg=length)
+    segments = max((values.size - length) // (length - length // 2) + 1, 1)
+    freedom = 36 * segments**2 / (19 * segments - 1)  # of Hann windows that overlap by half: Welch, 1967
+    law = stats.chi2(freedom)
+    level = 2 * float(values.var()) / rate_hz / freedom
+    tail = (1 - CONFIDENCE) / 2
+    return frequency[1:], density[1:], (level * float(law.ppf(tail)), level * float(law.isf(tail)))
+
+
+def autocorrelation(values: Array, lags: int) -> Array:
+    """Correlation (lags,) of (N,) values with themselves, 1, 2, ... samples later."""
+    centred = values - values.mean()
+    power = float(centred @ centred) or 1.0
+    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+
+
+def colour_charts(
+    name: str, title: str, time: Array, residuals: Sequence[Residuals], units: Sequence[str]
+) -> list[Chart]:
+    """Spectrum and autocorrelation of the residuals of all joints with what noise alone would keep to.
+
+    Args:
+        time: (N,) s; residuals: of each joint, the last model of each is the one whose bounds are drawn.
+    """
+    even = longest_even(time)
+    count = even.stop - even.start
+    if count < SHORTEST_SEGMENT:
+        return []
+    rate = (count - 1) / float(time[even.stop - 1] - time[even.start])
+    lags = np.arange(1, min(LAGS, count // 4) + 1)
+    white = float(stats.norm.isf((1 - CONFIDENCE) / 2)) / np.sqrt(count)
+    spectra, correlations = [], []
+    for j, (unit, models) in enumerate(zip(units, residuals, strict=True), start=1):
+        densities, stems, bounds = [], [], None
+        for model, (style, values) in models.items():
+            frequency, density, bounds = spectrum(values[even], rate)
+            densities.append(Series(model, frequency, density, style))
+            stems.append(Series(model, lags, autocorrelation(values[even], lags.size), style, "stems"))
+        head = f"Joint {j}"
+        label = f"({pretty_unit(unit)})²/Hz"
+        spectra.append(Panel(label, densities, head, PANEL_HEIGHT, range=bounds, log=True))
+        correlations.append(Panel("correlation", stems[-1:], head, PANEL_HEIGHT, (-white, white), levels=(0.0,)))
+    return [
+        Chart(f"spectrum-{name}", f"Spectrum of the residual, {title}", spectra, "frequency (Hz)", log=True),
+        Chart(f"autocorrelation-{name}", f"Autocorrelation of the residual, {title}", correlations, "lag (samples)"),
+    ]

@@ -1,0 +1,99 @@
+"""Charts over time: measured and simulated torque with the residual below, joint by joint; and the iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.report.drawing.charts import Chart, Panel, Series
+from fmu_didim.report.numbers import at, percentage, pretty_unit
+from fmu_didim.results.result import IterationResult
+
+TORQUE_HEIGHT, RESIDUAL_HEIGHT, HISTORY_HEIGHT = 190, 92, 150
+SHOWN = {"base model": "base", "final model": "final"}
+"""Name of each of two models -> how it is drawn; a model alone is ``simulated``."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The torque of a model: at the samples of the log, and where it is known at every tick.
+
+    Attributes:
+        at_samples: (N, n); time, torque: (K,) s and (K, n) at the control rate, or None.
+    """
+
+    at_samples: Array
+    time: Array | None = None
+    torque: Array | None = None
+
+    def drawn(self, samples: Array, joint: int) -> tuple[Array, Array]:
+        """Instants and torques of a joint, counted from 0, as closely as they are known over the samples (N,)."""
+        if self.time is None or self.torque is None:
+            return samples, self.at_samples[:, joint]
+        inside = (self.time >= samples[0]) & (self.time <= samples[-1])
+        return self.time[inside], self.torque[inside, joint]
+
+
+def torque_chart(
+    name: str,
+    title: str,
+    time: Array,
+    measured: Array,
+    models: Mapping[str, Simulated],
+    units: Sequence[str],
+    *,
+    percent: Sequence[float | None] = (),
+    noise: Sequence[float | None] = (),
+) -> Chart:
+    """Measured torque as points, simulated torque as a line, the residual below, with two sigma of the noise.
+
+    Args:
+        time: (N,) s; measured: (N, n); models: one or two, by name; units: (n,) FMI units of the joints.
+        percent, noise: relative error and standard deviation of each joint, as far as they are known.
+    """
+    panels = []
+    for j, unit in enumerate(units):
+        error, band = at(percent, j), at(noise, j)
+        head = f"Joint {j + 1}" + (f", relative error {percentage(error)}" if error is not None else "")
+        torques = [Series("measured", time, measured[:, j], "measured", "points")]
+        residuals = []
+        for model, found in models.items():
+            is_one = len(models) == 1
+            torques.append(Series(model, *found.drawn(time, j), "simulated" if is_one else SHOWN.get(model, "final")))
+            left = "residual" if is_one else model
+            style = "residual" if is_one else SHOWN.get(model, "final")
+            residuals.append(Series(left, time, measured[:, j] - found.at_samples[:, j], style, legend=is_one))
+        shown = pretty_unit(unit)
+        panels.append(Panel(f"{'force' if unit == 'N' else 'torque'} ({shown})", torques, head, TORQUE_HEIGHT))
+        noisy = None if band is None else (-2 * band, 2 * band)
+        panels.append(Panel(f"residual ({shown})", residuals, height=RESIDUAL_HEIGHT, range=noisy, levels=(0.0,)))
+    return Chart(name, title, panels, "time (s)")
+
+
+def history_chart(history: Sequence[IterationResult]) -> Chart:
+    """Relative torque error and change of the values by iteration; iterations with a note are crosses at the top."""
+    ticks = [(float(k), f"{it.stage} {it.number}") for k, it in enumerate(history, start=1)]
+    place = np.array([k for k, _ in ticks])
+    panels: list[Panel] = []
+    for label, values in (
+        ("torque error (%)", [it.relative_error_percent for it in history]),
+        ("change of the values", [it.change for it in history]),
+    ):
+        y = np.array([np.nan if v is None or v <= 0 else v for v in values])
+        known = y[np.isfinite(y)]
+        is_log = bool(known.size and known.max() > 10 * known.min())
+        series = [Series(label.partition(" (")[0], place, y, "simulated")]
+        failed = np.array([bool(it.note) for it in history])
+        if failed.any() and not panels:
+            top = np.where(np.isfinite(y[failed]), y[failed], known.max() if known.size else 100.0)
+            series.append(Series("with a note", place[failed], top, "failed", "points"))
+        panels.append(Panel(label, series, height=HISTORY_HEIGHT, log=is_log))
+    return Chart("iterations", "Torque error and change of the values by iteration", panels, "iteration", ticks=ticks)
+
+
+def samples_text(time: Array) -> str:
+    """What is said of signals at (N,) instants."""
+    return f"{time.size} samples over {time[-1] - time[0]:.6g} s"

@@ -1,0 +1,249 @@
+"""From an estimate and its validations to what ``result.json`` holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.checks.agreement import Agreement
+from fmu_didim.checks.consistency import Consistency
+from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.validation import Validation
+from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.fit.estimate import Estimate, RefusedError, Status
+from fmu_didim.checks.identification import Checks
+from fmu_didim.results.result import (
+    AgreementResult,
+    ColumnResult,
+    ConsistencyResult,
+    ErrorResult,
+    ExperimentResult,
+    IntegrationResult,
+    IterationResult,
+    NoiseResult,
+    ParameterResult,
+    ResultDocument,
+    StageResult,
+    UnconstrainedResult,
+)
+from fmu_didim.model.free_parameter import BASE, PLANT
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.statistics import correlation, relative_error_percent
+
+
+def consistency_result(found: Consistency) -> ConsistencyResult:
+    """The comparison of plant and robot description as it is saved."""
+    warnings = found.warnings()
+    return ConsistencyResult(
+        agrees=not warnings,
+        worst=found.worst,
+        points=found.points,
+        torque_difference=list(found.torque),
+        columns={name: ColumnResult(**asdict(column)) for name, column in (found.columns or {}).items()},
+        method=found.method,
+        acceleration="difference of velocities" if found.by_differences else "output of the plant",
+        warnings=warnings,
+    )
+
+
+def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(v) for name, v in zip(names, values, strict=False)}
+
+
+def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[IterationResult]:
+    return [
+        IterationResult(
+            stage=it.stage,
+            number=it.number,
+            relative_error_percent=float(it.relative_error_percent),
+            change=float(it.change),
+            condition_number=float(it.condition_number),
+            parameters=_by_name(names, it.parameters),
+            note=it.note,
+        )
+        for it in iterations
+    ]
+
+
+def result_document(
+    name: str,
+    estimate: Estimate,
+    validations: Sequence[Validation],
+    *,
+    checks: Checks,
+    description: str = "",
+    case: str = "",
+) -> ResultDocument:
+    """The document of an estimate and its validations.
+
+    Args:
+        checks: what they found of it; case: file of the case, for the commands that reasons name.
+    """
+    model, judgement = estimate.model, checks.judgement
+    notes = [str(remark) for remark in judgement.remarks]
+    if model.parameters.has_regressor and not model.gives_acceleration:
+        notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
+    return ResultDocument(
+        name=name,
+        description=description,
+        verdict=judgement.verdict,
+        reasons=judgement.saved(case),
+        status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
+        advice=estimate.advice or estimate.status.value,
+        estimator=estimate.estimator,
+        iterations=estimate.iteration_count,
+        finish_iterations=len(estimate.iterations) - estimate.iteration_count,
+        parameters=_parameters(estimate),
+        stages={
+            stage: StageResult(
+                value=_by_name(estimate.names, content.value),
+                std=_by_name(estimate.names, content.standard_deviation),
+                formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
+            )
+            for stage, content in estimate.stages.items()
+        },
+        regrouping=model.parameters.relations(),
+        correlations=estimate.correlations(),
+        correlation=np.round(correlation(estimate.covariance), 4).tolist(),
+        condition_number=estimate.condition_number,
+        noise_std=[float(v) for v in estimate.noise],
+        noise=[NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()}) for test in checks.residual],
+        torque_unit=list(model.parameters.torque_units),
+        experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
+        relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
+        fitted_error_percent=_fitted_errors(validations),
+        integration_error=float(estimate.integration_error),
+        integration_shift=float(np.max(estimate.integration_shift)),
+        integration=IntegrationResult(**asdict(estimate.integration)) if estimate.integration is not None else None,
+        history=_history(estimate.names, estimate.iterations),
+        loop=model.system(model.start).describe(),
+        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        simulated={v.label: f"simulated_{v.label}.csv" for v in validations if v.every is not None},
+        checks=model.parameters.checks(),
+        remarks=[*estimate.remarks, *notes],
+        provenance=dict(estimate.provenance),
+    )
+
+
+def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
+    model, intervals = estimate.model, estimate.interval()
+    standard = dict(zip(model.parameters.names, model.parameters.plant_names, strict=True))
+    described = dict(zip(model.parameters.names, map(float, model.parameters.nominal()), strict=True))
+    return {
+        parameter.name: ParameterResult(
+            value=float(estimate.value[i]),
+            std=float(estimate.standard_deviation[i]),
+            rel_std_percent=float(estimate.relative_deviation_percent[i]),
+            interval=(float(intervals[i, 0]), float(intervals[i, 1])),
+            unit=estimate.units[i],
+            standard=standard[parameter.key] if parameter.owner == BASE else "",
+            of=PLANT if parameter.owner == BASE else parameter.owner,
+            experiment=parameter.experiment,
+            described=described.get(parameter.key) if parameter.owner == BASE else None,
+        )
+        for i, parameter in enumerate(model.free_parameters)
+    }
+
+
+def _errors(total: float, per_joint: Array) -> ErrorResult:
+    return ErrorResult(total=total, per_joint=[float(e) for e in per_joint])
+
+
+def _fitted_errors(validations: Sequence[Validation]) -> ErrorResult:
+    """Of all fitted experiments, one below the other."""
+    fitted = [v for v in validations if v.role == "estimation"]
+    measured, simulated = (np.concatenate([getattr(v, name) for v in fitted]) for name in ("measured", "simulated"))
+    return _errors(*relative_error_percent(measured, simulated))
+
+
+def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
+    noise = np.sqrt(((validation.measured - validation.simulated) ** 2).mean(axis=0))
+    found = dict(
+        noise_std=[float(v) if np.isfinite(v) else None for v in noise],
+        relative_error_percent=_errors(validation.total_percent, validation.per_joint_percent),
+        agreement=None if agreement is None else _agreement(agreement),
+        failure=validation.failure,
+    )
+    return _data(model, validation.label).model_copy(update=found)
+
+
+def _agreement(found: Agreement) -> AgreementResult:
+    return AgreementResult(
+        p_value=found.p_value,
+        agrees=found.agrees,
+        differs_most=found.parameter,
+        change_in_std=found.change_in_std,
+    )
+
+
+def _data(model: LoopModel, label: str) -> ExperimentResult:
+    """What is known of an experiment without a result."""
+    experiment = model.experiments[label]
+    return ExperimentResult(
+        role=experiment.role,
+        samples=int(experiment.time.size),
+        rate_hz=round(experiment.rate_hz, 6),
+        noise_std=[],
+        relative_error_percent=ErrorResult(total=None, per_joint=[]),
+        own=[p.name for p in model.free_parameters if p.experiment == label],
+        agreement=None,
+    )
+
+
+def refused_document(
+    name: str,
+    model: LoopModel,
+    estimator: str,
+    error: FmuDidimError,
+    provenance: Mapping[str, Any],
+    *,
+    known: Sequence[Diagnostic] = (),
+) -> ResultDocument:
+    """The document of a refusal: the reason, the iterations, and where they led; no answer.
+
+    Args:
+        known: what was found before the work.
+    """
+    iterations = error.iterations if isinstance(error, RefusedError) else ()
+    return ResultDocument(
+        name=name,
+        verdict="refused",
+        reasons=[diagnostic_result(found) for found in by_weight(known) if found.code.severity is not REMARK],
+        status="refused",
+        advice=str(error),
+        estimator=estimator,
+        iterations=len(iterations),
+        finish_iterations=0,
+        parameters={},
+        unconstrained=_unconstrained(model, error),
+        stages={},
+        regrouping=model.parameters.relations(),
+        correlations=[],
+        condition_number=None,
+        noise_std=[],
+        torque_unit=list(model.parameters.torque_units),
+        experiments={label: _data(model, label) for label in model.experiments},
+        relative_error_percent={},
+        integration_error=None,
+        history=_history(model.names, iterations),
+        loop=model.systems[model.first].describe(),
+        signals={},
+        remarks=[str(found) for found in by_weight(known) if found.code.severity is REMARK],
+        provenance=dict(provenance),
+    )
+
+
+def _unconstrained(model: LoopModel, error: FmuDidimError) -> dict[str, UnconstrainedResult]:
+    if not isinstance(error, RefusedError) or error.values is None or not np.isfinite(error.values).all():
+        return {}
+    deviation = np.full(error.values.size, np.nan) if error.deviation is None else error.deviation
+    return {
+        name: UnconstrainedResult(value=float(value), std=float(sigma), unit=unit)
+        for name, value, sigma, unit in zip(model.names, error.values, deviation, model.units, strict=False)
+    }

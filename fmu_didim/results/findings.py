@@ -1,0 +1,272 @@
+"""The saved result of a discovery: ``findings.json``; its models are the schema of the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field, ValidationError
+
+from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.base.documents import Number, Saved
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import whole_file
+
+FINDINGS_FILE = "findings.json"
+Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]
+ANSWER_TEXT: dict[str, str] = {
+    "nothing": "nothing that matters is missing in the model",
+    "named": "the missing effects are named",
+    "named_with_remainder": "effects are named, part of the gap remains",
+    "unknown": "something is missing that no effect of the catalogue explains",
+    "disagreement": "the experiments do not agree: what was held out is predicted far worse than what was fitted",
+    "unfinished": "the search is not at its end: more or other effects may be missing",
+}
+
+
+class _Document(Saved):
+    model_config = ConfigDict(populate_by_name=True)
+
+
+class ValueFound(_Document):
+    """A parameter with its 95 % interval.
+
+    Attributes:
+        name: with the number of the joint; unit: FMI unit string; value: estimate, in the unit.
+        std: standard deviation; null where the data do not bound the value; interval: of 95 %, by Student's t.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: Number
+    interval: tuple[Number, Number]
+
+
+class Rival(_Document):
+    """Another effect that may stand for the same gap.
+
+    Attributes:
+        effect: its name in the catalogue; title: in words; joint: from 1.
+    """
+
+    effect: str
+    title: str
+    joint: int
+    bic_behind: Number = Field(description="BIC difference to the best; null: same class, not fitted on its own")
+
+
+class GapPair(_Document):
+    """Gap before and after, in units of the noise, over all joints and of each joint.
+
+    Attributes:
+        before, after: over all joints; null where the model cannot be simulated.
+        before_per_joint, after_per_joint: of each joint.
+    """
+
+    before: Number
+    after: Number
+    before_per_joint: list[Number]
+    after_per_joint: list[Number]
+
+
+class FindingResult(_Document):
+    """One named effect.
+
+    Attributes:
+        effect: its name in the catalogue; title: in words; equation: what it does, in one line.
+        class_: of effects that ordinary data cannot tell apart.
+        place: where it acts: torque balance, drive, sensor, structure or measurement.
+        parameters: its amplitudes and shapes.
+        share_of_gap: part of the squared gap of its joint that it closes.
+        delta_bic: gain in BIC over the model without it.
+        ambiguous: what these data cannot tell from it.
+    """
+
+    effect: str
+    title: str
+    class_: str = Field(alias="class")
+    joint: int = Field(description="from 1; 1 also for what concerns the whole log")
+    place: str
+    equation: str
+    parameters: list[ValueFound]
+    share_of_gap: float
+    delta_bic: float
+    ambiguous: list[Rival]
+    experiment: str = Field(description="what would split it from the ambiguous ones")
+    gap: dict[str, GapPair] = Field(description="by label of the experiment")
+    ratio_interval: tuple[Number, Number] | None = Field(description="95 % interval of the held-out RMS ratio")
+
+
+class RegionResult(_Document):
+    """Where the residual of the base model has a mean of its own.
+
+    Attributes:
+        joint: from 1; quantity: what the residual goes with, such as ``velocity``; unit: of low and high.
+        low, high: range of the quantity; mean: of the residual there, in the unit of the torque of the joint.
+        share_of_gap: part of the squared model error of the joint that the means of all bins of the quantity explain.
+        p_value: probability of such a mean by noise alone.
+    """
+
+    joint: int
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    mean: float
+    share_of_gap: float
+    p_value: float
+
+
+class WindowResult(_Document):
+    """An interval of time with a torque from outside.
+
+    Attributes:
+        joint: from 1; begin_s, end_s: on the clock of the reference.
+        score: mean of the residual there, in its standard deviations.
+        experiment: label of the experiment.
+    """
+
+    joint: int
+    begin_s: float
+    end_s: float
+    torque: float = Field(description="on the joint, positive along it; the drive must make up for it")
+    score: float
+    experiment: str
+
+
+class NoiseResult(_Document):
+    """Noise of the torque log.
+
+    Attributes:
+        source: how it was found: ``periods`` that repeat, or the ``residual`` above the frequencies of the motion.
+        std: standard deviation of each joint; correlation: of neighbouring samples, of each joint.
+        period_s: length of the periods that were compared, null without; periods: how many of them.
+    """
+
+    source: str
+    std: list[float]
+    correlation: list[float]
+    period_s: Number
+    periods: int
+
+
+class UnfinishedResult(_Document):
+    """How far a search is that did not come to its end.
+
+    Attributes:
+        text: why it ended; next_step: what to do about it.
+    """
+
+    code: str = Field(description="of the diagnostic")
+    text: str
+    next_step: str
+    rounds: int = Field(description="that are complete")
+    untried: list[tuple[str, int]] = Field(description="effect and joint of the candidates that were not tried")
+
+
+class CandidateResult(_Document):
+    """A candidate that was worth a fit in the closed loop, and what became of it.
+
+    Attributes:
+        effect: its name in the catalogue; joint: from 1.
+        outcome: what became of it.
+    """
+
+    round: int = Field(description="from 1")
+    effect: str
+    joint: int
+    outcome: Literal["fitted", "left early", "cannot be simulated", "not tried"]
+    delta_bic: Number = Field(description="over the model without it, of the point that its fit came to")
+    share_of_gap: Number = Field(
+        None, description="part of the squared gap that it closes; null where it was not fitted"
+    )
+    parameters: Number = Field(None, description="that it counts as; null where it was not fitted")
+    implausible: str = Field("", description="why its values say nothing or cannot be")
+    accepted: bool = Field(False, description="whether it was added in this round")
+
+
+class FrictionResult(_Document):
+    """The friction of a joint as a function of its velocity alone.
+
+    Attributes:
+        joint: from 1; velocity: over the range of the motion; unit: of it.
+        base, final: torque by the base and by the final model, in the unit of the torque of the joint.
+    """
+
+    joint: int
+    unit: str
+    velocity: list[float]
+    base: list[float]
+    final: list[float]
+    half_width: list[float] = Field(description="of the 95 % interval of the final model's")
+
+
+class FindingsDocument(_Document):
+    """The content of ``findings.json``; while the search goes on, the best answer so far.
+
+    Attributes:
+        name: of the case.
+        findings: the effects that were named, in the order in which they were added.
+        ratio_interval: 95 % interval of the RMS of final over base model on held-out data; null without.
+        noise: of the torque logs.
+        regions: where the residual of the base model has a mean of its own.
+        windows: intervals of time with a torque from outside.
+        base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
+        friction: of the joints where an effect was found that depends on their velocity alone.
+        torque_unit: FMI unit string of the torque of each joint.
+        seconds: that the search took.
+        notes: what is to be known of data and search.
+        provenance: versions, digests of all files that were read, options, thresholds, catalogue and loop.
+    """
+
+    schema_version: Literal[4] = 4
+    name: str
+    answer: Answer = Field(description="what the model lacks")
+    text: str = Field(description="the answer in words")
+    verdict: Verdict = Field(description="whether the answer and the values of the final model may be used")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
+    findings: list[FindingResult]
+    roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")
+    gap: dict[str, GapPair] = Field(description="base model and final model, by label of the experiment")
+    error_percent: dict[str, tuple[Number, Number]] = Field(description="relative torque error before and after")
+    ratio_interval: tuple[Number, Number] | None
+    noise: NoiseResult
+    regions: list[RegionResult]
+    windows: list[WindowResult]
+    refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")
+    candidates: list[CandidateResult] = Field([], description="of each round")
+    base_parameters: list[ValueFound]
+    base_fit: list[ValueFound] = Field([])
+    regrouping: list[str] = Field([], description="of the base parameters: relations such as ZZ1R = ZZ1 + Ia1")
+    friction: list[FrictionResult] = Field([])
+    torque_unit: list[str]
+    seconds: float
+    notes: list[str]
+    files: dict[str, str] = Field(description="what was written beside this file")
+    provenance: dict[str, Any]
+
+
+def findings_schema() -> dict[str, Any]:
+    """JSON Schema of ``findings.json``."""
+    return FindingsDocument.model_json_schema(by_alias=True)
+
+
+def save_findings(document: FindingsDocument, folder: Path) -> Path:
+    """Write ``findings.json``, in the place of an earlier one when all is written."""
+    path = folder / FINDINGS_FILE
+    with whole_file(path) as temporary:
+        temporary.write_text(document.model_dump_json(indent=1, by_alias=True), encoding="utf-8")
+    return path
+
+
+def load_findings(path: Path | str) -> FindingsDocument:
+    """Read ``findings.json`` or its folder; raises InputError if it is none."""
+    path = Path(path)
+    path = path / FINDINGS_FILE if path.is_dir() else path
+    try:
+        return FindingsDocument.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, ValidationError) as error:
+        raise InputError("This is no saved discovery.", where=str(path), got=str(error)[:500]) from error

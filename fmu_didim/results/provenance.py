@@ -1,0 +1,86 @@
+"""From what a result came: versions, hashes of the inputs, options, the loop."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from fmu_didim.fit import statistics
+from fmu_didim.fit import confounding, log_noise
+from fmu_didim.checks import held_out, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.checks.data import log, torque_channel, timing
+from fmu_didim.estimators import finish, local_minima
+from fmu_didim.checks import identification
+from fmu_didim.fit.derivatives import differences
+from fmu_didim.fit import equations, uncertainty
+from fmu_didim.fit.solver import least_squares
+from fmu_didim.fit.noise import noise, residual_noise, weighting
+from fmu_didim.estimators import reference_start
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.data.tables import clock
+from fmu_didim.base.constants import recorded
+
+DECIDING = (
+    (clock, ("STAMP_ROUNDING", "SAME_RATE")),
+    (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
+    (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
+    (weighting, ("NOISE_FLOOR",)),
+    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
+    (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
+    (differences, ("STEP", "KNOWN_WITHIN")),
+    (equations, ("SAME_DIRECTION",)),
+    (least_squares, ("ITERATIONS", "STALE", "CONTRACTION", "KEPT_PROMISE", "LEFT_BY_JITTER", "EQUAL")),
+    (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
+    (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
+    (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
+    (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
+    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
+    (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),
+    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
+    (log_noise, ("NOT_NOISE", "CHANCE")),
+    (residual, ("STILL_NOT_WHITE",)),
+    (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
+    (sampling_kind, ("NEARLY",)),
+    (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
+    (confounding, ("COLLINEAR", "INFLATION")),
+    (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
+)
+"""Constants on which an identification depends, by module."""
+PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
+
+
+def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping[str, str]) -> dict[str, Any]:
+    """The record that goes with an estimate.
+
+    Args:
+        estimator: its name and options.
+        files: name -> SHA-256 of the files read.
+    """
+    return {
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "estimator": dict(estimator),
+        "joint_weights": model.joint_weights,
+        "low_pass_hz": model.low_pass.cutoff_hz if model.low_pass else None,
+        "substep_factor": model.substep_factor,
+        "files": dict(files),
+        "experiments": {label: _experiment(experiment) for label, experiment in model.experiments.items()},
+        "shape_parameters": model.parameters.shape_values(),
+        "thresholds": recorded(DECIDING),
+    }
+
+
+def _experiment(experiment: Experiment) -> dict[str, Any]:
+    return {
+        "role": experiment.role,
+        "reference_sha256": experiment.reference.digest(),
+        "torque_samples": int(experiment.time.size),
+        "torque_rate_hz": round(experiment.rate_hz, 6),
+        "first_s": float(experiment.time[0]),
+        "last_s": float(experiment.time[-1]),
+    }

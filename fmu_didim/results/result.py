@@ -1,0 +1,283 @@
+"""The saved result of an identification: ``result.json`` and the torque tables beside it.
+
+The models of this module are the schema of the file (``result_schema()`` gives it as JSON Schema);
+``schema_version`` rises when a field changes its meaning or goes away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.validation import Validation
+from fmu_didim.base.documents import Number, Saved
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import trajectory, write_csv
+
+RESULT_FILE = "result.json"
+
+
+class ParameterResult(Saved):
+    """One identified parameter."""
+
+    value: float = Field(description="estimate, in the unit")
+    std: float = Field(description="standard deviation, in the unit")
+    rel_std_percent: Number = Field(description="100 std / |value|; null if the value is zero")
+    interval: tuple[float, float] = Field(description="95 % confidence interval")
+    unit: str = Field(description="FMI unit string")
+    standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
+    of: str = Field(default="plant", description="plant, delay, log, or the name of another component of the loop")
+    experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
+    described: Number = Field(
+        default=None,
+        description="value by the robot description, regrouped likewise, such as from CAD; null where none",
+    )
+
+
+class UnconstrainedResult(Saved):
+    """A value that was refused."""
+
+    value: float = Field(description="where the iterations led, in the unit")
+    std: Number = Field(description="standard deviation; null where that is no minimum")
+    unit: str = Field(description="FMI unit string")
+
+
+class StageResult(Saved):
+    """Values at the end of a stage, by parameter.
+
+    Attributes:
+        value: name of each parameter -> estimate; std: its standard deviation, in the same unit.
+    """
+
+    value: dict[str, float]
+    std: dict[str, float]
+    formulas: dict[str, dict[str, float]] = Field(description="standard deviations by other formulas")
+
+
+class ErrorResult(Saved):
+    """Relative torque error 100 |y - y_s| / |y|.
+
+    Attributes:
+        total: over all joints, in percent; per_joint: of each joint, in percent.
+    """
+
+    total: Number
+    per_joint: list[Number]
+
+
+class IterationResult(Saved):
+    """One iteration.
+
+    Attributes:
+        stage: ``didim`` or ``finish``, or that of another estimator; number: within the stage, from 1.
+        relative_error_percent: of the simulated torque; null where it could not be simulated.
+        change: of the values in this step, relative to them.
+        condition_number: of the scaled regressor or sensitivity.
+        parameters: values that were simulated.
+        note: what was caught in it, or empty.
+    """
+
+    stage: str
+    number: int
+    relative_error_percent: Number
+    change: Number
+    condition_number: Number
+    parameters: dict[str, Number]
+    note: str
+
+
+class ColumnResult(Saved):
+    """A column of the regressor, from the plant against from the robot description."""
+
+    difference: float = Field(description="relative")
+    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
+    size: float = Field(description="norm in the plant over norm by the description")
+    joint: int = Field(description="where they differ most")
+
+
+class ConsistencyResult(Saved):
+    """Whether a plant that was given apart from the robot description agrees with it.
+
+    Attributes:
+        agrees: whether all differences are within what rounding and probing leave.
+        acceleration: where the accelerations of the plant come from.
+        warnings: what differs, in words.
+    """
+
+    agrees: bool
+    worst: Number = Field(description="largest of all relative differences")
+    points: int = Field(description="instants compared")
+    torque_difference: list[float] = Field(description="relative, per joint")
+    columns: dict[str, ColumnResult] = Field(description="of the parameters that the motion excites")
+    method: str = Field(description="how the plant's columns were found")
+    acceleration: Literal["output of the plant", "difference of velocities"]
+    warnings: list[str]
+
+
+class AgreementResult(Saved):
+    """Whether an experiment agrees with the others on what they share.
+
+    Attributes:
+        agrees: whether the p-value is above the level of the test.
+    """
+
+    p_value: float = Field(description="of as much disagreement by noise alone")
+    agrees: bool
+    differs_most: str = Field(description="shared parameter that would change most if it were its own here")
+    change_in_std: float = Field(description="by how many standard deviations")
+
+
+class ExperimentResult(Saved):
+    """One experiment.
+
+    Attributes:
+        role: whether the parameters were fitted to it, or only judged by it.
+        samples: instants of its torque log.
+        relative_error_percent: of its simulated torque.
+    """
+
+    role: Literal["estimation", "validation"]
+    samples: int
+    rate_hz: float = Field(description="of the torque log")
+    noise_std: list[Number] = Field(description="standard deviation of its torque residual, per joint")
+    relative_error_percent: ErrorResult
+    own: list[str] = Field(description="parameters that have values of their own in it")
+    agreement: AgreementResult | None = Field(description="null where fewer than two experiments are fitted")
+    failure: str = Field(default="", description="why it could not be simulated")
+
+
+class NoiseResult(Saved):
+    """Noise that the residual of a joint shows, in all fitted logs of one rate.
+
+    Attributes:
+        rate_hz: of the logs.
+    """
+
+    joint: int = Field(description="counted from 1")
+    rate_hz: float
+    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
+    coefficients: list[float] = Field(description="a_1 ... of it")
+    lag1: float = Field(description="correlation of neighbouring samples")
+    whiteness_p: float = Field(description="p value, by Ljung and Box, of what the autoregression leaves")
+    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
+    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
+    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
+    chi_square_least: Number = Field(description="below which it is smaller")
+    noise_is_stated: bool = Field(
+        description="that noise is stated by the case; else it is that of periods that repeat"
+    )
+
+
+class IntegrationResult(Saved):
+    """How the plant was integrated."""
+
+    method: str = Field(description="RK4, or the linearly implicit midpoint rule")
+    substeps: int = Field(description="in a communication step")
+
+
+class ResultDocument(Saved):
+    """The content of ``result.json``.
+
+    Attributes:
+        name, description: of the case.
+        advice: what to do where the iterations did not converge, else how they ended.
+        estimator: its name in the case.
+        parameters: name of each -> what was found; without entries where the result is refused.
+        stages: name of each stage -> values at its end.
+        condition_number: of the sensitivity with scaled columns, at the end.
+        history: iterations, in their order.
+        loop: components, wiring, rate, order and delay of the loop that was simulated.
+        remarks: what is to be known; the values stand.
+        provenance: versions, digests of all files that were read, options, thresholds and time.
+    """
+
+    schema_version: Literal[3] = 3
+    name: str
+    description: str = ""
+    verdict: Verdict = Field(description="whether the values may be used")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
+    advice: str
+    estimator: str
+    iterations: int = Field(description="iterations of the main stage")
+    finish_iterations: int = Field(description="iterations of the efficient finish")
+    parameters: dict[str, ParameterResult]
+    unconstrained: dict[str, UnconstrainedResult] = Field(
+        default={}, description="of a refused result: values without regard to what is physical, no answer"
+    )
+    stages: dict[str, StageResult]
+    regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
+    correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
+    correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")
+    condition_number: Number
+    noise_std: list[Number] = Field(
+        description="standard deviation of the torque residual of all fitted experiments, per joint"
+    )
+    noise: list[NoiseResult] = Field(default=[], description="by rate and joint, with its colour")
+    torque_unit: list[str] = Field(description="per joint")
+    experiments: dict[str, ExperimentResult] = Field(description="by label")
+    relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
+    fitted_error_percent: ErrorResult | None = Field(
+        default=None, description="of all fitted experiments together; null where no values are given"
+    )
+    integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
+    integration_shift: Number = Field(
+        default=None,
+        description="largest move of a value then, in its standard deviations; null if not tried",
+    )
+    integration: IntegrationResult | None = Field(
+        default=None, description="of the plant; null where its equations are not known"
+    )
+    history: list[IterationResult]
+    loop: dict[str, Any]
+    signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
+    simulated: dict[str, str] = Field(
+        default={}, description="label -> CSV file with the simulated torque of every control period"
+    )
+    checks: list[str] = Field(default=[], description="what the values have been checked for")
+    remarks: list[str]
+    consistency: ConsistencyResult | None = Field(
+        default=None, description="of plant and robot description; null where one is built from the other"
+    )
+    provenance: dict[str, Any]
+
+
+def result_schema() -> dict[str, Any]:
+    """JSON Schema of ``result.json``."""
+    return ResultDocument.model_json_schema()
+
+
+def save_result(document: ResultDocument, validations: Sequence[Validation], directory: Path) -> Path:
+    """Write ``result.json`` and one torque table a validation; returns the path of the former."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for v in validations:
+        if v.label in document.signals:
+            joints = range(1, v.measured.shape[1] + 1)
+            columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
+            columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
+            columns |= v.motion
+            write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label])
+        if v.label in document.simulated and v.every is not None:
+            write_csv(v.every, directory / document.simulated[v.label])
+    path = directory / RESULT_FILE
+    path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    return path
+
+
+def load_result(directory: Path) -> ResultDocument:
+    """Read ``result.json`` of a directory; raises InputError if there is none or of another version."""
+    path = directory / RESULT_FILE
+    if not path.is_file():
+        raise InputError("There is no result.", where=str(path), next_step="Run fmu-didim identify first.")
+    try:
+        return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
+    except ValidationError as error:
+        raise InputError(
+            "The result does not follow the schema of this version.", where=str(path), got=str(error)[:300],
+            next_step="Run fmu-didim identify again.",
+        ) from error  # fmt: skip

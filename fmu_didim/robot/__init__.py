@@ -1,6 +1,0 @@
-"""Robots: description and models."""
-
-from fmu_didim.robot.description import RobotDescription, read_robot, write_robot
-from fmu_didim.robot.model import RobotModel
-
-__all__ = ["RobotDescription", "RobotModel", "read_robot", "write_robot"]

@@ -1,8 +1,0 @@
-"""What the command line ends with."""
-
-from __future__ import annotations
-
-from fmu_didim.diagnosis.judgement import Verdict
-
-EXIT_CODES: dict[Verdict, int] = {"valid": 0, "doubtful": 4, "not_settled": 3, "refused": 1}
-"""Of each verdict; an error is 1 too, and 2 is wrong usage."""

@@ -1,0 +1,1 @@
+"""What the verbs return, and the files that they write."""

@@ -1,0 +1,204 @@
+"""What ``discover`` returns: the findings, the models they come from, and views of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.discovery.run import Found
+from fmu_didim.model.experiment import Role
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.simulated_table import simulated_table
+from fmu_didim.results.findings import (
+    Answer,
+    CandidateResult,
+    FindingResult,
+    FindingsDocument,
+    FrictionResult,
+    GapPair,
+    NoiseResult,
+    RegionResult,
+    ValueFound,
+    WindowResult,
+)
+from fmu_didim.workflow.output.exit_codes import EXIT_CODES
+from fmu_didim.workflow.output.frames import findings_frame
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Discovered:
+    """What :func:`~fmu_didim.discover` returns.
+
+    Attributes:
+        document: the content of ``findings.json``.
+        found: the fits behind it: base and final model with the noise, the steps between.
+    """
+
+    document: FindingsDocument
+    found: Found
+
+    @property
+    def answer(self) -> Answer:
+        """``nothing``, ``named``, ``named_with_remainder``, ``unknown``, ``disagreement`` or ``unfinished``."""
+        return self.document.answer
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether it may be used: ``valid``, ``doubtful`` or ``not_settled``."""
+        return self.document.verdict
+
+    @property
+    def reasons(self) -> list[DiagnosticResult]:
+        """Why it is not valid, the weightiest first."""
+        return self.document.reasons
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line ends with."""
+        return EXIT_CODES[self.verdict]
+
+    @property
+    def text(self) -> str:
+        """The answer in words."""
+        return self.document.text
+
+    @property
+    def findings(self) -> list[FindingResult]:
+        """The effects that were named, in the order in which they were added."""
+        return self.document.findings
+
+    @property
+    def roles(self) -> Mapping[str, Role]:
+        """Label of each experiment -> ``estimation`` or ``validation``."""
+        return self.document.roles
+
+    @property
+    def gap(self) -> Mapping[str, GapPair]:
+        """Label of each experiment -> gap of base and final model in times the noise."""
+        return self.document.gap
+
+    @property
+    def ratio_interval(self) -> tuple[float | None, float | None] | None:
+        """95 % interval of the RMS of the final model over that of the base model on held-out data; None without."""
+        return self.document.ratio_interval
+
+    @property
+    def error_percent(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """Label of each experiment -> relative torque error of base and final model in percent."""
+        return self.document.error_percent
+
+    @property
+    def base_parameters(self) -> list[ValueFound]:
+        """The parameters of the base model in the final fit."""
+        return self.document.base_parameters
+
+    @property
+    def base_fit(self) -> list[ValueFound]:
+        """The same parameters in the fit without the effects."""
+        return self.document.base_fit
+
+    @property
+    def friction(self) -> list[FrictionResult]:
+        """The friction of the joints where an effect was found that depends on their velocity alone."""
+        return self.document.friction
+
+    @property
+    def candidates(self) -> list[CandidateResult]:
+        """The competition: what was worth a fit in each round, and what became of it."""
+        return self.document.candidates
+
+    @property
+    def noise(self) -> NoiseResult:
+        """The noise of the torque logs."""
+        return self.document.noise
+
+    @property
+    def regions(self) -> list[RegionResult]:
+        """Where the residual of the base model has a mean of its own."""
+        return self.document.regions
+
+    @property
+    def windows(self) -> list[WindowResult]:
+        """Intervals of time with a torque from outside."""
+        return self.document.windows
+
+    @property
+    def refused(self) -> list[tuple[str, int, str]]:
+        """Effect, joint, and why it was not accepted."""
+        return self.document.refused
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know of the data and of the search."""
+        return self.document.notes
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """What was written beside ``findings.json``; empty without an output folder."""
+        return self.document.files
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Versions, options, digests of the inputs."""
+        return self.document.provenance
+
+    @property
+    def model(self) -> LoopModel:
+        """The loop with the effects found and the fitted values as start values."""
+        final = self.found.discovery.final
+        return final.model.with_values(final.values)
+
+    def summary(self) -> str:
+        """The table that the terminal shows: verdict, findings and gaps, at most 100 columns."""
+        from fmu_didim.report.discovery.table import discovery_table
+
+        return discovery_table(self.document)
+
+    def to_frame(self) -> DataFrame:
+        """A data frame with one row a parameter of each effect found; no rows where nothing was found.
+
+        Columns ``effect``, ``joint``, ``parameter``, ``value``, ``std``, ``low`` and ``high`` (95 % interval) in
+        ``unit``, ``share_of_gap``, ``delta_bic``, ``ambiguous`` (what these data cannot tell from it).
+        """
+        return findings_frame(self.document)
+
+    def plot(self, experiment: str | None = None) -> Figure:
+        """A plotly figure of measured torque against that of base and final model, joint by joint.
+
+        Args:
+            experiment: label; the first one by default.
+
+        Raises:
+            UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it.
+        """
+        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+
+        base, final = self.found.discovery.base, self.found.discovery.final
+        label = experiment or final.model.first
+        if label not in final.model.experiments:
+            raise UnknownNameError("experiment", label, final.model.experiments, where=self.document.name)
+        models = {}
+        for name, fit in {"base model": base, **({"final model": final} if self.findings else {})}.items():
+            run = fit.simulation(label)
+            every = simulated_table(run).first(fit.model.joint_count)
+            models[name] = Simulated(run.torque(), every.time, every.values)
+        time, measured = final.model.experiments[label].time, final.model.measured_in(label)
+        return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
+
+    def __repr__(self) -> str:
+        effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)
+        return f"Discovered({self.document.name!r}, {self.answer}" + (f": {effects})" if effects else ")")
+
+    def _repr_html_(self) -> str:
+        """For notebooks: verdict, findings and gaps."""
+        from fmu_didim.report.notebook import discovery_html
+
+        return discovery_html(self.document)
