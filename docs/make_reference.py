@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fmu_didim.cli.main.main import _parser
 from pydantic import BaseModel
 
 import fmu_didim
@@ -25,6 +24,7 @@ from fmu_didim.base.diagnostics import Severity
 from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli.examples import examples
+from fmu_didim.cli.main import _parser
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.effects import DEFAULT_EFFECTS, EFFECTS, Effect, Parameter
 from fmu_didim.dynamics.robot import RobotDescription

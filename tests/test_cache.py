@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 import fmu_didim
 from fmu_didim.base import cache
 from fmu_didim.base.cache import COMPILER, KINDS, cached_folder, entries, limit_size
 from fmu_didim.base.errors import InputError
+from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import load_fmu, probe_fmu
 from fmu_didim.components.fmu.reuse import reset as rerun_module
 from tests.awkward.build import awkward_fmu, library

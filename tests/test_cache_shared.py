@@ -13,13 +13,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base import cache, files
 from fmu_didim.base.cache import cache_directory, cached_folder
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import whole_file
 from fmu_didim.campaigns.running.store import unwritable
+from fmu_didim.cli.main import main
 from fmu_didim.workflow.output import result_folder
 
 OWNERS = pytest.mark.skipif(not hasattr(os, "getuid"), reason="Windows has no such owners and permissions")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from fmu_didim.cli.main.main import main
 
+from fmu_didim.cli.main import main
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.results.result import result_schema
 from fmu_didim.ssp import read_ssp

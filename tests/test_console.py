@@ -14,11 +14,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 from rich.console import Console
 
+from fmu_didim.cli import console, main
 from fmu_didim.cli.console import Display, show
-from fmu_didim.cli.main import console
 from fmu_didim.fit.iteration import Iteration
 
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim import identify, load_case
 from fmu_didim.base import documents
 from fmu_didim.base.documents import LONGEST, MAXIMUM_BYTES, MAXIMUM_DEPTH, MAXIMUM_VALUES, load_yaml, validate
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import read_case
+from fmu_didim.cli.main import main
 from fmu_didim.data.excitation import Chirp, ChirpJoint
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from tests.cases import scara_case

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.terminal import quoted
 from fmu_didim.campaigns.campaign import campaign
+from fmu_didim.cli import examples as shipped
 from fmu_didim.cli.examples import Written, example_names, examples, write_example
-from fmu_didim.cli.main import examples as shipped
+from fmu_didim.cli.main import main
 from fmu_didim.workflow.validate import mistakes
 from tests.conftest import ROOT
 
@@ -144,7 +144,7 @@ def test_they_are_found_in_the_package_or_beside_it(
     (tmp_path / "package").mkdir()
     for tree in shipped.TREES:
         shutil.copytree(ROOT / tree, tmp_path / place / tree)
-    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "package" / "examples.py"))
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "package" / "cli" / "examples.py"))
     assert example_names() == (tuple(EXAMPLES) if is_there else ())
     if is_there:
         assert (tmp_path / "out" / write_example("arm2r", tmp_path / "out").files[0]).is_file()

@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.terminal import Encodable, Printable, json_shown, printable
+from fmu_didim.cli.main import main
 from tests.cases import scara_case
 from tests.patience import patience
 

@@ -7,7 +7,7 @@ from fmu_didim.data.tables import clock
 from fmu_didim.discovery import base_model, judge, localise
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.screening import catalogue
-from fmu_didim.discovery.selection import contenders, decide, plausible, pre_check, rounds
+from fmu_didim.discovery.selection import competition, decide, plausible, pre_check, rounds
 from fmu_didim.fit import base_projection, gap, log_noise, statistics, uncertainty
 from fmu_didim.fit.noise import noise, residual_noise
 from fmu_didim.fit.solver import least_squares
@@ -28,7 +28,7 @@ DECIDING = (
     (localise, ("FALSE_DISCOVERIES", "WINDOW_SCORE")),
     (base_model, ("FIRST_NOISE",)),
     (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
-    (contenders, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
+    (competition, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "WORSE_JOINT")),
     (decide, ("HELD_OUT", "NEAR")),
     (plausible, ("ZERO",)),

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.campaigns.validation import case_problems, read_campaign
+from fmu_didim.cli.main import main
 from tests.campaigns.helpers import CASE, LAWS
 
 GOOD: dict[str, Any] = {"name": "good", "case": str(CASE), "noise": {"relative": 0.05}}

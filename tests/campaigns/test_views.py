@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.campaigns.reporting.charts import field_chart, page_figures
 from fmu_didim.campaigns.reporting.page import write_campaign_report
+from fmu_didim.cli.main import main
 from tests.campaigns.test_quality import results
 
 NAN = float("nan")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.case import load_case
+from fmu_didim.cli.main import main
 from fmu_didim.controllers import read_controller
 from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.data.tables import read_trajectory

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.cli.main import main
 from fmu_didim.components import load_fmu
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.dynamics.robot import read_robot

@@ -26,12 +26,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import _parser
 from pydantic import BaseModel, TypeAdapter
 
 from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ComponentSource, ExperimentSource
+from fmu_didim.cli.main import _parser
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.robot import RobotDescription
 from tests.conftest import ROOT

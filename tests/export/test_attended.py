@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from fmu_didim.base.errors import BuildError
-from fmu_didim.export import attended, build
+from fmu_didim.export import build, supervised
 from tests.patience import is_running, patience, wait_until
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes in /proc")
@@ -88,10 +88,10 @@ def test_on_windows_all_that_was_started_ends(has_taskkill: bool, monkeypatch: p
             raise FileNotFoundError(2, "no such program")
 
     process = SimpleNamespace(pid=4711, kill=lambda: done.append("killed"))
-    monkeypatch.setattr(attended, "os", SimpleNamespace())
-    monkeypatch.setattr(attended.subprocess, "run", run)
+    monkeypatch.setattr(supervised, "os", SimpleNamespace())
+    monkeypatch.setattr(supervised.subprocess, "run", run)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO()))  # its end is reached
-    attended._end_with_input(process)  # type: ignore[arg-type]
+    supervised._end_with_input(process)  # type: ignore[arg-type]
     assert done == [["taskkill", "/T", "/F", "/PID", "4711"], "killed"]
 
 

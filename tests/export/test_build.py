@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import BuildError
+from fmu_didim.cli.main import main
 from fmu_didim.export import build, build_fmu, compile_shared_library
 from fmu_didim.export.build import find_compiler, wrapper_source
 from tests.export.helpers import pendulum

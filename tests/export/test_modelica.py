@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import BuildError, InputError
+from fmu_didim.cli.main import main
 from fmu_didim.components import load_fmu
 from fmu_didim.export import build_modelica, modelica
 from tests.conftest import package

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from fmu_didim.cli.main.main import _parser, main
 
 from fmu_didim import __version__
 from fmu_didim.base.cache import KINDS
+from fmu_didim.cli.main import _parser, main
 from fmu_didim.data.tables import read_trajectory
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim import (
     Checked,
@@ -23,6 +22,7 @@ from fmu_didim import (
     trajectory,
 )
 from fmu_didim.base.diagnostics import DOUBT, PROBLEM, DiagnosedError
+from fmu_didim.cli.main import main
 from fmu_didim.workflow.reference.codes import all_codes
 from tests.workflow.three_experiments import three_experiments
 

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.cli.main import main
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.report.drawing.plot import HEIGHT, WIDTH, text_plot
 from fmu_didim.workflow.reference.effects import EffectEntry, effect_plot, effect_text, effects_text

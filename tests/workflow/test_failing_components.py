@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim import check, discover, identify, load_result, simulate
 from fmu_didim.base.errors import FmuDidimError, SimulationError
+from fmu_didim.cli.main import main
 from fmu_didim.components import load_fmu
 from fmu_didim.cosim import simulate as run_loop
 from fmu_didim.cosim.execution.instance_pool import InstancePool

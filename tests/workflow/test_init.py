@@ -12,11 +12,11 @@ import jsonschema
 import numpy as np
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.data import data_folder
+from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
+from fmu_didim.cli.main import main
 from fmu_didim.components.fmu.description import FmuDescription, FmuVariable
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.block import Block

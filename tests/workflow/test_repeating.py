@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.case import load_case
+from fmu_didim.cli.main import main
 from fmu_didim.data.signals import trajectory
 from fmu_didim.workflow.case_files import repeating
 from tests.conftest import ROOT

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import SimulationError, UnknownNameError
+from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import info_lines, load_fmu, probe_fmu, read_description
 from fmu_didim.export import build_fmu
 from tests.awkward.build import ARRAYS, DEFAULTS, SLAVE, awkward_fmu, library, pack

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import FmuError, SimulationError, UnknownNameError
+from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import load_fmu, probe_fmu, read_description
 from fmu_didim.cosim import Connection, InstancePool, System, simulate
 from fmu_didim.data.signals import trajectory

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 from fmu_didim.base.errors import FmuError, InputError
+from fmu_didim.cli.main import main
 from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.components.fmu import probe_fmu, read_description
 from fmu_didim.components.fmu.versions import VERSIONS, version_of

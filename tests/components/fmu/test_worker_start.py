@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmu_didim.cli.main.main import main
 
 import fmu_didim
+from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import load_fmu
 from fmu_didim.components.fmu.isolation.process import run_in_fresh_process
 from tests.awkward.build import awkward_fmu, library

@@ -14,7 +14,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import Proposal
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import Signature
-from fmu_didim.discovery.selection import contenders
+from fmu_didim.discovery.selection import competition as entries
 from fmu_didim.discovery.selection.candidates import Outcome, Screened
 from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
 from fmu_didim.fit.fit import Fit
@@ -304,7 +304,7 @@ def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
 
 def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more, model=model))
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more, model=model))
     Competition(Builder(effect_of("gear")), fitted(plant())).refit(
         Proposal(GEAR, {"F": 2.0, "v": 0.1}), give_up_above=7.0
     )
@@ -322,9 +322,11 @@ def test_an_effect_with_states_of_its_own_has_steps_of_its_own(
     """The base has one state beyond the motion; gears and bristles may be faster than what it resolves."""
     found: list[Any] = []
     monkeypatch.setattr(
-        contenders, "with_fitting_substeps", lambda model, *more: found.append(more) or replace(model, substeps=7)
+        entries,
+        "with_fitting_substeps",
+        lambda model, *more: found.append(more) or replace(model, substeps=7),
     )
-    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: model)
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: model)
     builder, before = Builder(effect_of("gear")), fitted(replace(plant(), own_states=1))
     build = builder.build
     builder.build = lambda model, proposals: replace(build(model, proposals), own_states=own)  # type: ignore[method-assign]
@@ -335,7 +337,7 @@ def test_an_effect_with_states_of_its_own_has_steps_of_its_own(
 def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyPatch) -> None:
     builder, before, found = one_more()
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(contenders, "minimise", lambda model, noise, **more: asked.update(more) or found)
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more) or found)
     competition = Competition(builder, before)
     competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, given_up=True)))
     assert asked["stopping"] == Stopping(updates=1, check_all=False)
