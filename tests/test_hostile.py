@@ -22,8 +22,8 @@ import yaml
 
 from fmu_didim.components.fmu.archive import MAXIMUM_DESCRIPTION_BYTES, MAXIMUM_MEMBERS
 from tests.awkward.build import ARRAYS, DEFAULTS, SLAVE
+from tests.base.test_documents import ATTACKS
 from tests.patience import patience
-from tests.test_documents import ATTACKS
 
 MEGABYTES = 200
 CALLS = 40 * MAXIMUM_MEMBERS * (1 if yaml.__with_libyaml__ else 10)

@@ -8,14 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.checks.agreement import Agreement
-from fmu_didim.checks.consistency import Consistency
-from fmu_didim.checks.judgement import diagnostic_result
-from fmu_didim.checks.validation import Validation
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.fit.estimate import Estimate, RefusedError, Status
+from fmu_didim.checks.agreement import Agreement
+from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
+from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.validation import Validation
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.estimate import Estimate, RefusedError, Status
+from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.statistics import correlation, relative_error_percent
+from fmu_didim.model.free_parameter import BASE, PLANT
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
     AgreementResult,
     ColumnResult,
@@ -30,11 +35,6 @@ from fmu_didim.results.result import (
     StageResult,
     UnconstrainedResult,
 )
-from fmu_didim.model.free_parameter import BASE, PLANT
-from fmu_didim.fit.iteration import Iteration
-from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.data.signals import Array
-from fmu_didim.fit.statistics import correlation, relative_error_percent
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:

@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 
-from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import whole_file
+from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 
 FINDINGS_FILE = "findings.json"
 Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]

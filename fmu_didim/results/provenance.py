@@ -8,21 +8,17 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from fmu_didim.fit import statistics
-from fmu_didim.fit import confounding, log_noise
-from fmu_didim.checks import held_out, motion_dependence, physical, residual, sampling_kind
-from fmu_didim.checks.data import log, torque_channel, timing
-from fmu_didim.estimators import finish, local_minima
-from fmu_didim.checks import identification
+from fmu_didim.base.constants import recorded
+from fmu_didim.checks import held_out, identification, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.checks.data import log, timing, torque_channel
+from fmu_didim.data.tables import clock
+from fmu_didim.estimators import finish, local_minima, reference_start
+from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
-from fmu_didim.fit import equations, uncertainty
-from fmu_didim.fit.solver import least_squares
 from fmu_didim.fit.noise import noise, residual_noise, weighting
-from fmu_didim.estimators import reference_start
+from fmu_didim.fit.solver import least_squares
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.data.tables import clock
-from fmu_didim.base.constants import recorded
 
 DECIDING = (
     (clock, ("STAMP_ROUNDING", "SAME_RATE")),

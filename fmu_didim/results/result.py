@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from fmu_didim.checks.judgement import DiagnosticResult, Verdict
-from fmu_didim.checks.validation import Validation
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import InputError
+from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import trajectory, write_csv
 
 RESULT_FILE = "result.json"

@@ -22,8 +22,8 @@ from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_model import LoopModel
-from tests.blind.campaign import Order, make_order
-from tests.blind.translate import translate
+from tests.tools.blind.campaign import Order, make_order
+from tests.tools.blind.translate import translate
 
 Array = np.ndarray
 RATE = 200

@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
-from tests.benchmarks.__main__ import BENCHMARKS
-from tests.benchmarks.publish import texts as of_benchmarks
-from tests.blind.publish import figures as of_cases
-from tests.blind.publish import read_rows
-from tests.blind.score import score
 from tests.conftest import ROOT
 from tests.figures import FOLDER, write_figures
-from tests.foreign.__main__ import texts as of_fmus
+from tests.tools.benchmarks.__main__ import BENCHMARKS
+from tests.tools.benchmarks.publish import texts as of_benchmarks
+from tests.tools.blind.publish import figures as of_cases
+from tests.tools.blind.publish import read_rows
+from tests.tools.blind.score import score
+from tests.tools.foreign.__main__ import texts as of_fmus
 
 FILES = sorted(FOLDER.glob("*.json"))
 MATRIX = ROOT / "docs" / "discovery_matrix.csv"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.monte_carlo import Design, Summary, run
+from tests.tools.monte_carlo import Design, Summary, run
 
 
 def check_coverage(summary: Summary, *, least: float = 93.0) -> None:

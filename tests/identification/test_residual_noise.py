@@ -16,7 +16,7 @@ from fmu_didim.checks.residual import residual_diagnostics
 from fmu_didim.estimators import Clie, Didim, Estimator
 from fmu_didim.fit.estimate import Estimate
 from tests.helpers import with_torque
-from tests.monte_carlo import context, half_coloured
+from tests.tools.monte_carlo import context, half_coloured
 
 CASE = Path("examples/scara/identify_200hz.yaml")
 RATE_HZ = 50

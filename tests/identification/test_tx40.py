@@ -17,10 +17,10 @@ from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.estimate import Status
 from fmu_didim.workflow import simulate
-from tests.benchmarks import tx40
-from tests.benchmarks.pinocchio_loop import PinocchioLoop
 from tests.conftest import package
 from tests.helpers import NEAR
+from tests.tools.benchmarks import tx40
+from tests.tools.benchmarks.pinocchio_loop import PinocchioLoop
 
 DURATION_S = 2.0
 TICKS = round(DURATION_S * tx40.RATE_HZ)

@@ -21,9 +21,9 @@ from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case
 from fmu_didim.workflow.reference.schema import SCHEMAS, schema
-from tests.blind.simulator.make import make_plant, write_cases
 from tests.cases import SCARA
 from tests.conftest import ROOT, needs_emps, package
+from tests.tools.blind.simulator.make import make_plant, write_cases
 
 NEAR = 0.05
 """Standard deviations by which values may differ: the data have nine digits, their velocities come from a spline."""

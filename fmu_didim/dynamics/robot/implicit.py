@@ -227,8 +227,8 @@ RELAXED = 30.0
 below it is more accurate with 1/2."""
 RESOLVED = 10.0
 """Times of relaxation in a step up to which reversals are resolved; beyond, a velocity that has just turned would turn
-again and again. With 15, joints under very steep friction (tests/robot/test_linearly_implicit.py) do not come to rest
-at 30 to 200 times. The TX40 has 5 at 5 kHz and 25 at 1 kHz; its torque is the same to 1e-6 with 10 and without."""
+again and again. With 15, joints under very steep friction (``test_linearly_implicit.py``) do not come to rest at 30 to
+200 times. The TX40 has 5 at 5 kHz and 25 at 1 kHz; its torque is the same to 1e-6 with 10 and without."""
 STEEPEST = 200.0
 """Times of relaxation in a step beyond which friction that is fast is taken for such a reversal, too. Without it
 joints do not come to rest at 3 000 times and more; with 400, some do not at 500 to 3 000."""

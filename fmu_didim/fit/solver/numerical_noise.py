@@ -9,7 +9,7 @@ by a third of a deviation, deviations come out up to a tenth too small, and a fe
 told as rough: a second step then changes a deviation by more than a tenth. Where two columns are the same to 0.3 %,
 those limits are jitters of 1 % and 3 % of the noise. The width of the pieces in which the torque is smooth does not
 matter, unless it comes near the standard deviations: each piece may then have a minimum of its own, and a few fits do
-not settle (``tests/prediction/test_roughness.py``).
+not settle (``tests/fit/test_numerical_noise.py``).
 """
 
 from __future__ import annotations

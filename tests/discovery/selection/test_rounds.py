@@ -10,8 +10,8 @@ import pytest
 
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover
-from tests.blind.score import same_class
 from tests.discovery.helpers import blind_case, hidden, true_parameters
+from tests.tools.blind.score import same_class
 
 Truth = list[tuple[str, int]]
 Run = Callable[..., tuple[FindingsDocument, Truth]]

@@ -27,7 +27,7 @@ from fmu_didim.components.fmu.isolation.exit_status import crash_name, is_from_o
 START_LIMIT = 120.0
 """Seconds until the process must have started: it imports this package first."""
 _START = Path(__file__).resolve().with_name("worker_start.py")
-_PACKAGE = _START.parents[2] / "__init__.py"
+_PACKAGE = _START.parents[3] / "__init__.py"
 
 
 WELL = 77

@@ -1,4 +1,0 @@
-"""Benchmarks: each figure is a ratio against a competitor or a limit that is measured in the same run.
-
-python -m tests.benchmarks --json benchmarks.json
-"""

@@ -1,0 +1,31 @@
+"""Which scales that the data suggest stay when they are asked again along the motion of a fit."""
+
+from __future__ import annotations
+
+import pytest
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data import checks
+from fmu_didim.checks.data.robot import TORQUE_SCALE
+from fmu_didim.checks.data.timing import CLOCK_LATE
+from tests.checks.data.right import loaded
+
+SCALE, CLOCK = Diagnostic(TORQUE_SCALE, "twice"), Diagnostic(CLOCK_LATE, "late")
+
+
+@pytest.mark.parametrize(("again", "left"), [([], [CLOCK]), ([SCALE], [SCALE, CLOCK]), ([CLOCK], [CLOCK])])
+def test_a_scale_stays_only_if_it_explains_something_there(
+    again: list[Diagnostic], left: list[Diagnostic], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checks, "along", lambda run: run)
+    monkeypatch.setattr(checks, "_explained", lambda near: again)
+    assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == left
+
+
+def test_where_the_fit_cannot_be_simulated_nothing_is_cleared_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(run: object) -> None:
+        raise SimulationError("it diverged")
+
+    monkeypatch.setattr(checks, "along", fails)
+    assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == [SCALE, CLOCK]

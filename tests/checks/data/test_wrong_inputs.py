@@ -1,0 +1,265 @@
+"""Right data give nothing; each wrong input its code, among the first two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fmu_didim.base.diagnostics import REMARK
+from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
+from fmu_didim.checks.sampling_kind import sampled_as
+from fmu_didim.components import ModelComponent
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+from tests.checks.data.right import motion, right, with_columns, with_experiment, with_log
+from tests.helpers import with_component, with_delay
+
+Array = np.ndarray
+ROBOTS = ("scara", "arm", "tx40")
+SEEDS = {"scara": (1, 2, 3), "arm": (1, 2, 3), "tx40": (1,)}
+RUNS = [
+    pytest.param(robot, seed, marks=[pytest.mark.slow] if seed > 1 else [], id=f"{robot}-{seed}")
+    for robot in ROBOTS
+    for seed in SEEDS[robot]
+]
+"""One seed a robot takes seconds, the others minutes."""
+
+
+def degrees(model: LoopModel) -> LoopModel:
+    return with_columns(model, lambda name, column: np.degrees(column))
+
+
+def velocity(change: Callable[[Array], Array]) -> Callable[[LoopModel], LoopModel]:
+    return lambda model: with_columns(model, lambda name, c: change(c) if name == "dq1" else c)
+
+
+def foreign(model: LoopModel) -> LoopModel:
+    """The log of one motion with the reference of another."""
+    robot = {2: "arm" if "MX1" in model.names else "scara", 6: "tx40"}[model.joint_count]
+    other = motion(robot, seed=99)
+    return with_experiment(model, reference=other)
+
+
+def turned(*joints: int) -> Callable[[LoopModel], LoopModel]:
+    def change(torque: Array) -> Array:
+        torque[:, [j - 1 for j in joints]] *= -1
+        return torque
+
+    return lambda model: with_log(model, change)
+
+
+def swapped(torque: Array) -> Array:
+    return torque[:, [1, 0, *range(2, torque.shape[1])]]
+
+
+def spikes(torque: Array) -> Array:
+    rng = np.random.default_rng(5)
+    at = rng.choice(torque.shape[0] - 10, size=torque.shape[0] // 100, replace=False) + 5
+    torque[at, 0] += 4 * np.ptp(torque[:, 0]) * rng.choice([-1, 1], size=at.size)
+    return torque
+
+
+def constant(torque: Array) -> Array:
+    torque[:, 1] = 0.3
+    return torque
+
+
+def clipped(torque: Array) -> Array:
+    limit = 0.6 * np.abs(torque[:, 0]).max()
+    torque[:, 0] = torque[:, 0].clip(-limit, limit)
+    return torque
+
+
+def coarse(torque: Array) -> Array:
+    step = np.ptp(torque, axis=0) / 12
+    return np.rint(torque / step) * step
+
+
+def held(torque: Array) -> Array:
+    return np.repeat(torque[::5], 5, axis=0)[: torque.shape[0]]
+
+
+def interpolated(torque: Array) -> Array:
+    n = torque.shape[0]
+    known = np.arange(0, n + 4, 4)
+    columns = [np.interp(np.arange(n), known, np.resize(c[::4], known.size)) for c in torque.T]
+    return np.column_stack(columns)
+
+
+def jittered(model: LoopModel) -> LoopModel:
+    stamps = model.experiments["estimation"].time
+    step = stamps[1] - stamps[0]
+    return with_experiment(model, stamps=stamps + step * np.random.default_rng(3).uniform(-0.3, 0.3, stamps.size))
+
+
+def too_fast(model: LoopModel) -> LoopModel:
+    return with_experiment(model, stamps=model.experiments["estimation"].time[::4])
+
+
+def validated_by_itself(model: LoopModel) -> LoopModel:
+    own = model.experiments["estimation"]
+    return with_experiment(
+        model, "validation", reference=own.reference, time=own.time, torque=own.torque, operator=own.operator
+    )
+
+
+WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
+    ("velocity zero", velocity(np.zeros_like), "reference-derivative"),
+    ("velocity in degrees", velocity(np.degrees), "reference-derivative"),
+    ("velocity turned round", velocity(np.negative), "reference-derivative"),
+    ("reference in degrees", degrees, "reference-unit"),
+    ("reference of another run", foreign, "reference-foreign"),
+    ("torque of joint 1 turned round", turned(1), "torque-sign"),
+    ("all torques turned round", turned(1, 2), "torque-sign"),
+    ("joints swapped", lambda m: with_log(m, swapped), "joint-order"),
+    ("torque in mN.m", lambda m: with_log(m, lambda torque: 1000 * torque), "torque-unit"),
+    ("torque in kN.m", lambda m: with_log(m, lambda torque: torque / 1000), "torque-unit"),
+    ("spikes", lambda m: with_log(m, spikes), "log-outliers"),
+    ("column constant", lambda m: with_log(m, constant), "log-constant"),
+    ("clipped at 60 %", lambda m: with_log(m, clipped), "log-saturated"),
+    ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
+    ("each sample held five times", lambda m: with_log(m, held), "log-upsampled"),
+    ("every fourth sample interpolated", lambda m: with_log(m, interpolated), "log-upsampled"),
+    ("jittered stamps", jittered, "stamps-jitter"),
+    ("rate_hz above the log's", too_fast, "rate-above-log"),
+    ("validation is the estimation", validated_by_itself, "validation-copied"),
+]
+
+
+def late(seconds: float) -> Callable[[LoopModel], LoopModel]:
+    """The stamps of the log are late by so much."""
+
+    def change(model: LoopModel) -> LoopModel:
+        own, step = model.experiments[model.first], model.systems[model.first].step_size
+        count = own.reference.time.size
+        return with_experiment(model, model.first, operator=own.operator.stamped_later(seconds / step, count))
+
+    return change
+
+
+def averaged(window: str) -> Callable[[LoopModel], LoopModel]:
+    """The logger averages over its sample period."""
+    return lambda model: with_experiment(
+        model,
+        model.first,
+        operator=sampled_as(model.simulation(model.start), "average", window),  # type: ignore[arg-type]
+    )
+
+
+def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
+    """The command acts later than the model says."""
+    return lambda model: with_delay(model, samples)
+
+
+def longer(model: LoopModel) -> LoopModel:
+    """The longest link of the real robot is a quarter longer than the description says."""
+    parameters = model.parameters
+    assert isinstance(parameters, RobotParameters)
+    robot = parameters.model.description
+    longest = max(joint.a for joint in robot.joints)
+    joints = tuple(
+        joint.model_copy(update={"a": (1.25 if joint.a == longest else 1) * joint.a}) for joint in robot.joints
+    )
+    return with_component(
+        model, "plant", ModelComponent(RobotModel(robot.model_copy(update={"joints": joints})).block())
+    )
+
+
+TIMING: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
+    ("clock 5 ms late", late(0.005), "clock-late"),
+    ("clock 30 ms late", late(0.030), "clock-late"),
+    ("clock 30 ms early", late(-0.030), "clock-early"),
+    ("averages before the stamp", averaged("preceding"), "sampling-kind"),
+    ("one sample of delay", delayed(1), "command-delay"),
+]
+
+
+def codes(model: LoopModel) -> list[str]:
+    return [d.code.name for d in data_diagnostics(model)]
+
+
+@pytest.mark.parametrize(
+    ("robot", "seed"),
+    [
+        pytest.param(r, s, marks=[pytest.mark.slow] if s > (1 if r == "tx40" else 3) else [], id=f"{r}-{s}")
+        for r in ROBOTS
+        for s in range(1, 3 if r == "tx40" else 9)
+    ],
+)
+def test_right_data_give_nothing(robot: str, seed: int) -> None:
+    assert codes(right(robot, seed)) == []
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 200.0])
+def test_right_data_at_other_rates_give_nothing(rate_hz: float) -> None:
+    for robot in ("scara", "arm"):
+        assert codes(right(robot, 1, rate_hz=rate_hz)) == []
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+@pytest.mark.parametrize(("change", "code"), [row[1:] for row in WRONG], ids=[row[0] for row in WRONG])
+def test_wrong_input_is_told(robot: str, seed: int, change: Callable[[LoopModel], LoopModel], code: str) -> None:
+    found = data_diagnostics(change(right(robot, seed)))
+    assert code in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    assert all(d.advice for d in found if d.code.severity is not REMARK)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+@pytest.mark.parametrize(("change", "code"), [row[1:] for row in TIMING], ids=[row[0] for row in TIMING])
+def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel], LoopModel], code: str) -> None:
+    if robot == "tx40" and code == "command-delay":
+        pytest.skip("its gains do not allow a sample of delay: the loop diverges")
+    found = data_diagnostics(right(robot, seed, change=change))
+    assert code in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    assert {d.code.name for d in found} <= {"clock-late", "clock-early", "sampling-kind", "command-delay"}
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
+    found = data_diagnostics(right(robot, seed, change=longer))
+    if robot == "scara":
+        assert found == []  # without gravity MX2 and MY2 absorb the length: nothing is wrong with torque and values
+        return
+    assert "link-length" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    told = next(d for d in found if d.code.name == "link-length")
+    assert told.value is not None and told.bound is not None
+    assert told.value / told.bound == pytest.approx(1.25, abs=0.1)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), [run for run in RUNS if run.values[0] != "scara"])
+@pytest.mark.parametrize("factor", [2.0, 0.5, 1.3])
+def test_a_torque_that_is_scaled_against_the_others_is_told(robot: str, seed: int, factor: float) -> None:
+    def scaled(torque: Array) -> Array:
+        torque[:, 1] *= factor
+        return torque
+
+    found = data_diagnostics(with_log(right(robot, seed), scaled))
+    assert "torque-scale" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+    told = next(d for d in found if d.code.name == "torque-scale")
+    assert told.value is not None
+    expected = factor if told.place.endswith("joint 2") else 1 / factor  # of two joints either may be the wrong one
+    assert told.value == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("late_s", [0.012, -0.03])
+def test_interval_of_the_clock_holds_the_truth(late_s: float) -> None:
+    for robot in ("scara", "arm"):
+        found = data_diagnostics(right(robot, 1, change=late(late_s)))
+        clock = next(d for d in found if d.code.name.startswith("clock"))
+        assert clock.value is not None and clock.bound is not None
+        assert abs(clock.value - 1000 * late_s) < abs(clock.bound) < abs(1000 * late_s)
+
+
+@pytest.mark.parametrize("change", [lambda y, g: y / g, lambda y, g: y * g], ids=["current", "twice"])
+def test_gains_of_the_drives(change: Callable[[Array, Array], Array]) -> None:
+    model = right("tx40", 1)
+    gains = drive_gains(model)
+    assert gains.tolist() == [35.24, 32.04, 23.94, 9.05, 15.5, 6.56]
+    assert codes(with_log(model, lambda torque: change(torque, gains)))[0] == "drive-gain"

@@ -1,0 +1,622 @@
+"""The competition, on signatures and laws made by hand: screening, the shortlist, starts, what a contender is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.screening.catalogue import Signature
+from fmu_didim.discovery.selection import competition as entries
+from fmu_didim.discovery.selection.candidates import Outcome, Screened
+from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.solver.least_squares import Stopping
+from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.model.loop_description import EffectAtJoint
+from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
+from tests.model.law_model import LawModel, free
+
+WHITE = noise()
+K = np.arange(SAMPLES)
+BASE, OTHER, THIRD, FOURTH = (SIGNS * np.where(K // m % 2 == 0, 1.0, -1.0) for m in (2, 4, 8, 16))
+"""Orthogonal columns of ones, white like noise; the base model has the first."""
+
+
+def column(*parts: tuple[float, np.ndarray]) -> np.ndarray:
+    """(N, 1, 1) sum of such columns."""
+    return sum(a * c for a, c in parts)[:, None, None]
+
+
+def signature(name: str, columns: np.ndarray, joint: int = 1, **more: Any) -> Signature:
+    names = tuple(f"F{i}" for i in range(columns.shape[2]))
+    return Signature(EffectAtJoint(name, joint), more.pop("shapes", {}), names, columns, {}, **more)
+
+
+def base_fit(rest: np.ndarray, *effects: EffectAtJoint, white: Noise = WHITE) -> Fit:
+    """A fit with the base column that leaves this residual."""
+    return fit_of(TableModel(rest[:, None], {}, effects), values=[0.0], jacobian=column((1.0, BASE)), white=white)
+
+
+EFFECTS = Catalogue(
+    effect_of("a"), effect_of("b"), effect_of("c", class_name="a"), effect_of("gear", is_linear=False),
+    effect_of("spring", is_linear=False, shows_on_neighbours=True), costs={"b": 3.0}, joints=3,
+)  # fmt: skip
+
+
+def screened(
+    *signatures: Signature, rest: np.ndarray = 0.5 * OTHER, named: Sequence[EffectAtJoint] = (), white: Noise = WHITE
+) -> list[Screened]:
+    return Competition(EFFECTS, base_fit(rest, *named, white=white)).screen(signatures)
+
+
+@pytest.mark.parametrize(("part", "found"), [(1.0, True), (0.00501, True), (0.00499, False), (0.0, False)], ids=str)
+def test_a_signature_that_the_base_absorbs_is_not_screened(part: float, found: bool) -> None:
+    columns = column((part, OTHER), (np.sqrt(1 - part**2), BASE))
+    result = screened(signature("a", columns))
+    assert bool(result) == found
+    if found:
+        assert result[0].surviving == pytest.approx(part, rel=1e-6)
+
+
+def test_a_signature_that_is_zero_is_not_screened() -> None:
+    assert screened(signature("a", column((0.0, OTHER)))) == []
+
+
+def test_gain_and_coefficients_by_hand() -> None:
+    # 400 independent samples, deviation 1: 0.5^2 * 400 = 100 of chi-square; a parameter costs log 400 = 5.99.
+    (one,) = screened(signature("a", column((2.0, OTHER), (5.0, BASE))))
+    assert one.gain == pytest.approx(100 - np.log(400), abs=1e-6)
+    assert one.coefficients == pytest.approx([0.25])
+    assert one.effect_at == EffectAtJoint("a", 1)
+
+
+def test_an_effect_costs_its_parameters_but_not_idle_ones() -> None:
+    tables = [column((1.0, OTHER)), column((1.0, THIRD)), 0.95e-7 * column((1.0, THIRD))]
+    (three,) = screened(signature("b", np.concatenate(tables, axis=2)))
+    assert three.gain == pytest.approx(100 - 2 * np.log(400), abs=1e-5)
+    tables[2] = 1.05e-7 * column((1.0, SIGNS))
+    (four,) = screened(signature("b", np.concatenate(tables, axis=2)))
+    assert four.gain == pytest.approx(100 - 3 * np.log(400), abs=1e-5)
+
+
+def test_the_best_come_first_and_each_at_its_best_shapes() -> None:
+    shapes = [
+        signature("a", column((1.0, OTHER), (1.0, THIRD)), shapes={"v": 1.0}),
+        signature("a", column((1.0, OTHER), (0.5, THIRD)), shapes={"v": 2.0}),
+        signature("b", column((1.0, OTHER)), shapes={}),
+    ]
+    found = screened(*shapes)
+    assert [s.effect_at.effect for s in found] == ["b", "a"]
+    assert found[1].signature.shapes == {"v": 2.0}
+    assert found[0].others is None
+
+
+def test_a_class_is_named_once_on_a_joint() -> None:
+    named = [EffectAtJoint("a", 1)]
+    tried = [signature(n, column((1.0, OTHER)), j) for n, j in (("a", 1), ("c", 1), ("c", 2), ("b", 1))]
+    assert [(s.effect_at.effect, s.effect_at.joint) for s in screened(*tried, named=named)] == [("c", 2), ("b", 1)]
+
+
+def test_a_small_residual_counts_by_the_noise() -> None:
+    (one,) = screened(signature("a", column((1.0, OTHER))), white=noise([2.0]))
+    assert one.gain == pytest.approx(25 - np.log(400), abs=1e-6)
+
+
+def scored(gain: float, name: str = "gear", joint: int = 1) -> Screened:
+    return Screened(signature(name, column((gain, OTHER)), joint), np.array([1.0]), gain, 1.0)
+
+
+def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
+    shapes = [scored(g) for g in (100.0, 76.0, 74.0, 90.0, 80.0, 78.0)]
+    best = Competition(EFFECTS, base_fit(OTHER))._best(shapes)
+    assert best.gain == 100.0
+    assert [s.gain for s in best.others or ()] == [90.0, 80.0, 78.0]  # three at most
+    alone = Competition(EFFECTS, base_fit(OTHER))._best([scored(100.0), scored(75.0), scored(75.1)])
+    assert [s.gain for s in alone.others or ()] == [75.1]
+    assert Competition(EFFECTS, base_fit(OTHER))._best([scored(1.0, "a"), scored(9.0, "a")]).others is None
+
+
+def listed(*gains: tuple[float, str, int], **more: Any) -> list[tuple[str, int]]:
+    found = Competition(EFFECTS, base_fit(OTHER)).shortlist([scored(*g) for g in gains], **more)
+    return [(s.effect_at.effect, s.effect_at.joint) for s in found]
+
+
+def test_the_shortlist_leaves_out_what_is_worth_little() -> None:
+    assert listed((100.0, "a", 1), (25.1, "a", 2), (25.0, "a", 3)) == [("a", 1), ("a", 2)]
+    assert listed((-1.0, "a", 1)) == []
+    assert listed((0.0, "a", 1)) == []
+    assert listed((1e-9, "a", 1)) == [("a", 1)]
+    assert Competition(EFFECTS, base_fit(OTHER)).shortlist([]) == []
+
+
+def test_beyond_the_shortlist_the_best_of_each_class_is_taken() -> None:
+    gains = [(100.0, "a", 1), (99.0, "c", 1), (98.0, "c", 2), (97.0, "b", 1), (96.0, "b", 1)]
+    assert listed(*gains, size=2) == [("a", 1), ("c", 1), ("c", 2), ("b", 1)]
+    assert listed(*gains, size=1) == [("a", 1), ("c", 2), ("b", 1)]
+    many = [(100.0 - i, "a", 1) for i in range(8)]
+    assert len(listed(*many)) == 6
+
+
+def test_a_gear_is_tried_on_all_joints() -> None:
+    gains = [(100.0, "spring", 2), (50.0, "a", 1), (20.0, "spring", 1), (0.0, "spring", 3), (19.0, "gear", 1)]
+    assert listed(*gains) == [("spring", 2), ("a", 1), ("spring", 1)]
+    assert listed((100.0, "spring", 2), (1e-9, "spring", 3)) == [("spring", 2), ("spring", 3)]
+
+
+@pytest.mark.parametrize(("small", "idle"), [(1.05e-7, 0), (0.95e-7, 1), (0.0, 1)])
+def test_columns_of_rounding_are_idle(small: float, idle: int) -> None:
+    columns = np.stack([3 * OTHER, -3 * small * THIRD], axis=1)
+    assert _idle(columns) == idle
+    assert _idle(columns[:, 1:]) == 0
+
+
+# ---- fits in the closed loop: tau = M base + F shape(v) on joint 1, where v is a shape
+
+
+class Builder(Catalogue):
+    """Adds effects to laws: an amplitude ``F`` times a column, in a place that the shape ``v`` moves.
+
+    Args:
+        broken: smallest amplitude with which a model cannot be simulated.
+    """
+
+    def __init__(self, *effects: Any, broken: float = np.inf, absent: bool = False, **more: Any) -> None:
+        super().__init__(*effects, **more)
+        self.broken, self.absent, self.built = broken, absent, 0
+
+    def parameters_of(self, effect_at: EffectAtJoint) -> tuple[Any, Any]:
+        return (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
+
+    def build(self, model: LawModel, proposals: Sequence[Proposal]) -> LawModel:
+        self.built += 1
+        (proposal,) = proposals
+        if self.absent:
+            return model
+        index, joint = len(model.added_effects), proposal.effect_at.joint
+        name = f"{proposal.effect_at.effect}.F{joint}"
+
+        def law(values: Mapping[str, float], label: str) -> np.ndarray:
+            if abs(values[name]) >= self.broken:
+                raise SimulationError("It diverges.")
+            shape = OTHER + values[f"{name}.v"] * THIRD
+            return model.law(values, label) + values[name] * shape[:, None]
+
+        own = (
+            free(name, proposal.values["F"], -50.0, 50.0, effect=index),
+            free(f"{name}.v", proposal.values.get("v", 0.0), -1.0, 1.0, effect=index, is_shape=True),
+        )
+        own = tuple(replace(p, key=k) for p, k in zip(own, (f"F{joint}", f"v_{joint}"), strict=True))
+        return replace(
+            model, law=law, free_parameters=(*model.free_parameters, *own),
+            added_effects=(*model.added_effects, proposal.effect_at),
+        )  # fmt: skip
+
+    def without(self, model: LawModel, index: int) -> LawModel:
+        names = [p.name for p in model.free_parameters if p.effect == index]
+
+        def law(values: Mapping[str, float], label: str) -> np.ndarray:
+            if label == "broken":
+                raise SimulationError("It diverges.")
+            return model.law({**values, **dict.fromkeys(names, 0.0)}, label)
+
+        return replace(
+            model, law=law, free_parameters=tuple(p for p in model.free_parameters if p.effect != index),
+            added_effects=tuple(a for i, a in enumerate(model.added_effects) if i != index),
+        )  # fmt: skip
+
+
+def plain(values: Mapping[str, float], label: str) -> np.ndarray:
+    return np.asarray(values["M"] * BASE[:, None])
+
+
+GEAR = EffectAtJoint("gear", 1)
+DATA = (2.0 * BASE + 3.0 * (OTHER + 0.5 * THIRD))[:, None]
+
+
+def plant(measured: np.ndarray = DATA, **more: Any) -> LawModel:
+    return LawModel(plain, {"one": measured}, (free("M", 2.0),), **more)
+
+
+def fitted(model: LawModel) -> Fit:
+    residual = model.measured - 2.0 * BASE[:, None]
+    square = float(np.sum(residual**2))
+    return Fit(model, np.array([2.0]), 2.0 * BASE[:, None], column((1.0, BASE)), WHITE, np.ones(1), square)
+
+
+def test_a_fit_starts_where_it_is_proposed() -> None:
+    builder = Builder(effect_of("gear", is_linear=False))
+    found = Competition(builder, fitted(plant(workers=3))).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}))
+    assert found is not None
+    assert builder.built == 1
+    np.testing.assert_allclose(found.values, [2.0, 3.0, 0.5], atol=5e-3)
+    assert found.model.workers == 1
+
+
+def test_shapes_may_be_held() -> None:
+    builder = Builder(effect_of("gear"))
+    found = Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}), hold=True)
+    assert found is not None
+    assert found.values[2] == 0.1
+    assert found.values[1] == pytest.approx(3 * (1 + 0.05) / (1 + 0.01), rel=1e-6)
+    assert (found.model.free_parameters[1].lowest, found.model.free_parameters[0].highest) == (-50.0, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("broken", "neutral", "starts"),
+    [(9.0, {}, [10.0, 3.0]), (2.0, {}, [10.0, 3.0, 0.3]), (5.0, {"F": 4.0}, [10.0, 5.8, 4.18])],
+)
+def test_smaller_starts_where_the_proposed_one_cannot_be_simulated(
+    monkeypatch: pytest.MonkeyPatch, broken: float, neutral: dict[str, float], starts: list[float]
+) -> None:
+    tried: list[float] = []
+    builder = Builder(effect_of("gear", neutral=neutral), broken=broken)
+    build = builder.build
+    monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
+    Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 10.0, "v": 0.1}))
+    assert tried == pytest.approx(starts)
+
+
+def test_a_stiffness_becomes_larger_instead(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
+    builder = Builder(effect_of("gear", neutral={"F": np.inf}), broken=0.0)
+    build = builder.build
+    monkeypatch.setattr(builder, "build", lambda m, p: (tried.append(p[0].values["F"]), build(m, p))[1])
+    assert Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 6.0, "v": 0.1})) is None
+    assert tried == pytest.approx([6.0, 20.0, 200.0])
+
+
+def test_an_effect_without_parameters_of_its_own_is_not_fitted() -> None:
+    builder = Builder(effect_of("gear"), absent=True)
+    assert Competition(builder, fitted(plant())).refit(Proposal(GEAR, {"F": 1.0})) is None
+    assert builder.built == 1
+
+
+def test_a_start_lies_within_the_limits() -> None:
+    found = Competition(Builder(effect_of("gear")), fitted(plant())).refit(Proposal(GEAR, {"F": 70.0, "v": -3.0}))
+    assert found is not None
+    assert found.chi_square < 1e-3
+
+
+def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
+    """A competition gives it up at once where nothing that it can reach is good enough; then it is as it began."""
+    builder, before = Builder(effect_of("gear")), fitted(plant())
+    proposal = Proposal(GEAR, {"F": 2.0, "v": 0.1})
+    whole = Competition(builder, before).refit(proposal)
+    short = Competition(builder, before).refit(proposal, give_up_above=-1e9)
+    assert whole is not None and short is not None
+    assert short.given_up and not whole.given_up
+    assert short.chi_square > 10 * whole.chi_square
+    candidate = Competition(builder, before).contender(GEAR, short)
+    at_the_end = Competition(builder, before).finished(candidate)
+    assert at_the_end.fit.chi_square == pytest.approx(whole.chi_square, abs=1e-6)
+    assert at_the_end.delta_bic > candidate.delta_bic
+    assert Competition(builder, before).finished(at_the_end) is at_the_end
+
+
+def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more, model=model))
+    Competition(Builder(effect_of("gear")), fitted(plant())).refit(
+        Proposal(GEAR, {"F": 2.0, "v": 0.1}), give_up_above=7.0
+    )
+    assert asked["stopping"] == Stopping(updates=1, give_up_above=7.0, check_all=False)
+    np.testing.assert_allclose(
+        asked["jacobian"][:, 0], np.stack([BASE, OTHER + 0.1 * THIRD, 2.0 * THIRD], axis=1), atol=1e-6
+    )
+    np.testing.assert_allclose(asked["torque"][:, 0], 2.0 * BASE + 2.0 * (OTHER + 0.1 * THIRD))
+
+
+@pytest.mark.parametrize(("own", "asked"), [(0, False), (1, False), (2, True)])
+def test_an_effect_with_states_of_its_own_has_steps_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, own: int, asked: bool
+) -> None:
+    """The base has one state beyond the motion; gears and bristles may be faster than what it resolves."""
+    found: list[Any] = []
+    monkeypatch.setattr(
+        entries,
+        "with_fitting_substeps",
+        lambda model, *more: found.append(more) or replace(model, substeps=7),
+    )
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: model)
+    builder, before = Builder(effect_of("gear")), fitted(replace(plant(), own_states=1))
+    build = builder.build
+    builder.build = lambda model, proposals: replace(build(model, proposals), own_states=own)  # type: ignore[method-assign]
+    fit = Competition(builder, before).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}))
+    assert bool(found) is asked and fit.substeps == (7 if asked else None)  # type: ignore[union-attr]
+
+
+def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, before, found = one_more()
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more) or found)
+    competition = Competition(builder, before)
+    competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, given_up=True)))
+    assert asked["stopping"] == Stopping(updates=1, check_all=False)
+
+
+def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
+    """Builder, the fit without and the fit with an effect of amplitude 3."""
+    builder, before = Builder(effect_of("gear"), **more), fitted(plant())
+    found = Competition(builder, before).refit(Proposal(GEAR, {"F": 2.0, "v": 0.5}))
+    assert found is not None
+    return builder, before, found
+
+
+def test_what_a_contender_is_worth() -> None:
+    builder, before, found = one_more(costs={"gear": 1.5})
+    one = Competition(builder, replace(before, model=replace(before.model, workers=3))).contender(GEAR, found)
+    assert one.effect_at == GEAR
+    assert one.cost == 1.5
+    # Variances 9 * 1.25 before, and the floor of a quarter of the noise after.
+    assert one.delta_bic == pytest.approx(400 * np.log(11.25 / 0.25) - 1.5 * np.log(400), rel=1e-3)
+    assert one.size == pytest.approx(np.sqrt(11.25), rel=1e-4)
+    assert one.share == 1.0
+    assert one.torque_change == pytest.approx(3 * np.sqrt(1.25), rel=1e-4)
+    assert one.fit.model.workers == 3
+
+
+def test_amplitudes_that_change_nothing_cost_nothing() -> None:
+    builder, before, found = one_more(costs={"gear": 2.0})
+    names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
+    builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
+    assert Competition(builder, before).contender(GEAR, found).cost == 1.0
+    further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
+    model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
+    idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
+    whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
+    monkey = builder.without
+    builder.without = lambda m, i: monkey(found.model, i)
+    assert Competition(builder, before).contender(GEAR, whole).cost == 1.0
+
+
+def test_only_amplitudes_of_its_own_count() -> None:
+    builder, before, found = one_more(costs={"gear": 4.0})
+    further = tuple(replace(free(f"N{i}", 0.0), effect=None) for i in range(2))
+    model = replace(found.model, free_parameters=(*found.model.free_parameters, *further))
+    slopes = np.concatenate([found.jacobian, column((1.0, SIGNS)), column((1.0, SIGNS))], axis=2)
+    known = builder.without
+    builder.without = lambda m, i: known(found.model, i)
+    whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
+    assert Competition(builder, before).contender(GEAR, whole).cost == 4.0
+
+
+def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
+    builder, _, found = one_more()
+    halved = replace(found, noise=noise([0.5]))
+    change = Competition(builder, halved).torque_change_without(GEAR, halved)
+    assert change == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
+    two = np.hstack([DATA, DATA])
+    model = replace(
+        found.model,
+        law=lambda v, label: np.hstack([np.ones((400, 1)) * v["gear.F1"], np.ones((400, 1))]),
+        data={"one": two},
+    )
+    both = replace(found, model=model, torque=model.torque(found.values), noise=noise([1.0, 0.1]))
+    change = Competition(builder, both).torque_change_without(GEAR, both)
+    assert change == pytest.approx(3.0, rel=1e-4)
+
+
+def test_the_change_of_the_held_out_torque() -> None:
+    builder, _, found = one_more()
+
+    def law(values: Mapping[str, float], label: str) -> np.ndarray:
+        return np.full((100, 1), values["gear.F1"] * {"x": 1.0, "y": 2.0, "one": 9.0}[label])
+
+    held = replace(found, model=replace(found.model, law=law, held_out=("x", "y")), values=np.array([2.0, 3.0, 0.5]))
+    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == pytest.approx(
+        3 * np.sqrt(2.5)
+    )
+
+
+def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
+    builder, _, found = one_more()
+    held = replace(found, model=replace(found.model, held_out=("broken",)))
+    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == np.inf
+
+
+def test_a_contender_proposes_its_fitted_values() -> None:
+    builder, before, found = one_more()
+    one = Competition(builder, before).contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])))
+    assert proposal_of(one) == Proposal(GEAR, {"F": 3.25, "v": 0.75})
+
+
+def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), size: float = 3.0) -> Screened:
+    columns = (OTHER + v * THIRD)[:, None, None]
+    return Screened(
+        Signature(EffectAtJoint(name, 1), {"v": v}, ("F",), columns, {}), np.array([size]), gain, 1.0, others
+    )  # fmt: skip
+
+
+def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None:
+    before = fitted(plant())
+    near = tried(90.0, v=-0.5)
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, others=(near,)))
+    assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
+
+
+def test_further_shapes_are_tried_too() -> None:
+    before, good = fitted(plant()), tried(90.0, v=0.5)
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, v=-0.9, others=(good,)))
+    assert [p.values["v"] for p in found] == [0.5, 0.5]
+
+
+def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
+    before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
+    found = Competition(builder, before)._scanned(tried(100.0))
+    assert [p.values["F"] for p in found] == [1.5]
+    builder.broken = 0.0
+    found = Competition(builder, before)._scanned(tried(100.0))
+    assert [p.values["F"] for p in found] == [3.0]
+
+
+def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> None:
+    before = fitted(plant(DATA + 40.0 * BASE[:, None] + 47.0 * (OTHER + 0.5 * THIRD)[:, None]))
+    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, size=40.0))
+    assert [p.values["F"] for p in found] == [80.0, 40.0]
+
+
+def competing(
+    *candidates: Screened, builder: Builder | None = None, before: Fit | None = None
+) -> tuple[Any, list[str]]:
+    said: list[str] = []
+    competition = Competition(builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()))
+    return competition.contend(candidates, watch=Watch(said.append)).contenders, said
+
+
+def test_contenders_come_the_best_first() -> None:
+    found, said = competing(tried(50.0, name="a", v=0.0, others=None, size=2.0), tried(100.0))
+    assert {c.effect_at.effect for c in found} == {"a", "gear"}
+    assert [c.delta_bic for c in found] == sorted((c.delta_bic for c in found), reverse=True)
+    worth = {c.effect_at.effect: f"{c.delta_bic:.0f}" for c in found}
+    first, last = sorted(said)
+    assert first.startswith("fitting candidate 1 of 2, about ")
+    assert first.endswith(f" s left: a on joint 1, BIC difference {worth['a']}")
+    assert last == f"fitting candidate 2 of 2: gear on joint 1, BIC difference {worth['gear']}"
+
+
+def test_one_that_cannot_be_simulated_is_left_out() -> None:
+    found, said = competing(tried(100.0), builder=Builder(effect_of("gear"), broken=0.0))
+    assert (found, said) == ((), ["fitting candidate 1 of 1: gear on joint 1 cannot be simulated"])
+    assert competing() == ((), [])
+
+
+def outcomes(watch: Watch, **more: Any) -> list[tuple[str, Outcome]]:
+    """Of two candidates."""
+    competition = Competition(Builder(effect_of("gear"), effect_of("a"), **more), fitted(plant()))
+    candidates = [tried(100.0), tried(50.0, name="a", v=0.0, others=None, size=2.0)]
+    contest = competition.contend(candidates, watch=watch)
+    assert contest.is_cut == any(t.outcome is Outcome.NOT_TRIED for t in contest.tried)
+    assert [t.delta_bic for t in contest.tried if t.delta_bic is not None] == [c.delta_bic for c in contest.contenders]
+    return [(t.effect_at.effect, t.outcome) for t in contest.tried]
+
+
+def test_what_became_of_each_candidate_is_told() -> None:
+    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.FITTED)]
+    assert outcomes(Watch(), broken=0.0) == [("gear", Outcome.NOT_SIMULABLE), ("a", Outcome.NOT_SIMULABLE)]
+    assert outcomes(Watch(ends=0.0)) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+
+
+@pytest.mark.parametrize(("part", "left"), [(0.26, False), (0.24, True)])
+def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch, part: float, left: bool) -> None:
+    """The best has explained 3^2 * 400 * 1.25 = 4500 of chi-square: another one must promise a quarter of it. Only in
+    the torque balance is a signature the slope that promises."""
+    monkeypatch.setattr("fmu_didim.discovery.selection.competition.ABREAST", 1)
+    slope = np.sqrt(part) * (OTHER + 0.5 * THIRD) + np.sqrt(1 - part) * np.sqrt(1.25) * FOURTH
+    weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
+    candidates = [
+        tried(100.0),
+        Screened(weak, np.array([1.0]), 50.0, 1.0, None),
+        Screened(weak, np.array([1.0]), 50.0, 1.0, ()),
+    ]
+    competition = Competition(Builder(effect_of("gear"), effect_of("a")), fitted(plant()))
+    contest = competition.contend(candidates, watch=Watch())
+    assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in contest.tried] == [False, left, False]
+    assert contest.unfitted == ((candidates[1],) if left else ())
+    assert not competition.contend(candidates, watch=Watch(), reach=np.inf).unfitted
+
+
+def test_the_joint_with_the_largest_gap_comes_first() -> None:
+    """What concerns all joints comes before all; on one joint the order of the screening stays."""
+    builder = Catalogue(effect_of("a"), effect_of("b"), effect_of("clock"), joints=3)
+    of_all = builder.joints
+    builder.joints = lambda name: of_all(name)[: 1 if name == "clock" else None]  # type: ignore[method-assign]
+    rest = np.column_stack([1.5 * SIGNS, 3.0 * SIGNS, 2.0 * SIGNS])
+    fit = fit_of(TableModel(rest), white=noise([1.0, 1.0, 1.0]))
+    places = [("a", 1), ("a", 2), ("b", 3), ("clock", 1), ("b", 2), ("b", 1)]
+    chosen = [scored(1.0, name, joint) for name, joint in places]
+    found = Competition(builder, fit)._largest_gap_first(chosen)  # type: ignore[arg-type]
+    assert [(s.effect_at.effect, s.effect_at.joint) for s in found] == [
+        ("a", 2), ("clock", 1), ("b", 2), ("b", 3), ("a", 1), ("b", 1)
+    ]  # fmt: skip
+
+
+def test_what_is_out_of_reach_of_the_best_is_left_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    refit = Competition.refit
+    monkeypatch.setattr(Competition, "refit", lambda *given, **more: refit(*given, **{**more, "give_up_above": -1e9}))
+    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.LEFT_EARLY)]  # one starts at its minimum
+
+
+def test_a_fit_in_whose_middle_the_time_ends_does_not_count() -> None:
+    readings = iter([0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0])  # told, begin of the first, its scan, after its fit, ...
+    watch = Watch(ends=1.0, now=lambda: next(readings))
+    assert outcomes(watch) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+
+
+def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    scanned: list[float] = []
+    monkeypatch.setattr(
+        Competition, "_scanned", lambda self, c: scanned.append(c.gain) or [c.signature.proposal(c.coefficients)]
+    )
+    competing(tried(100.0), tried(75.0), tried(74.9), tried(90.0, others=None))
+    assert scanned == [100.0, 75.0]
+
+
+@pytest.mark.parametrize(
+    ("abreast", "why", "asked"),
+    [
+        (1, "", [995.0, 900.0, 400.0, 400.0]),
+        (2, "", [995.0, 900.0, 995.0, 400.0]),  # those of one group do not see each other, whichever ends first
+        (4, "", [995.0, 900.0, 995.0, 995.0]),
+        (1, "no machine has this", [995.0, 900.0, 995.0, 995.0]),
+    ],
+)
+def test_each_fit_must_promise_more_than_the_best_so_far(
+    monkeypatch: pytest.MonkeyPatch, abreast: int, why: str, asked: list[float]
+) -> None:
+    """The best is a plausible one of the groups before, or another start of its own."""
+    seen: list[float] = []
+    squares = iter([900.0, 400.0, 600.0, 300.0])
+    before = fitted(plant())
+
+    def one(self: Any, proposal: Proposal, *, give_up_above: float, until: float) -> Fit | None:
+        seen.append(give_up_above)
+        square = next(squares)
+        return None if square == 600.0 else replace(before, chi_square=square)
+
+    found: list[float] = []
+    monkeypatch.setattr("fmu_didim.discovery.selection.competition.ABREAST", abreast)
+    monkeypatch.setattr(Competition, "refit", one)
+    monkeypatch.setattr(
+        Competition, "contender",
+        lambda self, at, fit: found.append(fit.chi_square)
+        or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=why),
+    )  # fmt: skip
+    monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
+    result, _ = competing(
+        tried(100.0), tried(60.0, others=None), tried(61.0, others=None), before=replace(before, chi_square=1000.0)
+    )
+    assert seen == asked
+    assert found == [400.0, 300.0]  # of two starts the better one
+    assert [c.delta_bic for c in result] == [-300.0, -400.0]
+
+
+def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    squares, before = iter([400.0, 900.0]), fitted(plant())
+    monkeypatch.setattr(Competition, "refit", lambda *_, **__: replace(before, chi_square=next(squares)))
+    monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
+    monkeypatch.setattr(
+        Competition,
+        "contender",
+        lambda self, at, fit: SimpleNamespace(
+            effect_at=at, delta_bic=fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=""
+        ),
+    )
+    assert [c.delta_bic for c in competing(tried(100.0))[0]] == [400.0]
+
+
+def test_shapes_held_at_all_that_were_screened() -> None:
+    candidate = tried(100.0, v=0.4, others=(tried(90.0, v=0.5),))
+    found = list(Competition(Builder(effect_of("gear")), fitted(plant())).with_shapes_held(candidate))
+    assert [c.fit.values[2] for c in found] == [0.4, 0.5]
+    assert found[1].fit.chi_square < 1e-6 < found[0].fit.chi_square
+    diverging = Competition(Builder(effect_of("gear"), broken=0.0), fitted(plant()))
+    assert list(diverging.with_shapes_held(replace(candidate, others=None))) == []

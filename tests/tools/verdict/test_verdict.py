@@ -1,0 +1,48 @@
+"""No wrong answer is called valid, its cause is named, and right models stay valid: the part that takes seconds."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.checks.data.right import loaded
+from tests.tools.verdict.__main__ import NAMED, is_named, main
+from tests.tools.verdict.catalogue import CATALOGUE, right
+from tests.tools.verdict.run import Answer, answer, named
+
+QUICK = [w for w in CATALOGUE if "scara" in w.robots and w.name.split(":")[0] in ("timing", "model", "machine", "pair")]
+"""Inputs that are refused before any work have tests of their own in ``tests/checks/data``."""
+
+
+@pytest.mark.gate
+def test_no_wrong_answer_is_called_valid_and_causes_are_named() -> None:
+    truth = named(loaded("scara"))
+    answers = {wrong.name: (wrong, answer(wrong.make("scara", 1), truth)) for wrong in QUICK}
+    assert [name for name, (_, found) in answers.items() if found.is_wrong] == []
+    told = [name for name, (wrong, found) in answers.items() if is_named(wrong, found)]
+    assert len(told) >= NAMED * len(QUICK), sorted(answers.keys() - set(told))
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("seed", range(101, 107))
+@pytest.mark.parametrize("robot", ["scara", "arm"])
+def test_a_right_model_is_valid(robot: str, seed: int) -> None:
+    found = answer(right(robot, seed), named(loaded(robot)))
+    assert (found.verdict, found.codes) == ("valid", ())
+    assert found.farthest < 5
+
+
+@pytest.mark.parametrize(
+    ("verdict", "farthest", "held_out", "wrong"),
+    [("valid", 3.9, 1.4, False), ("valid", 4.1, 0.0, True), ("valid", 0.0, 1.6, True), ("doubtful", 99.0, 9.0, False)],
+)
+def test_what_counts_as_wrong(verdict: str, farthest: float, held_out: float, wrong: bool) -> None:
+    assert Answer(verdict, (), farthest, held_out).is_wrong is wrong
+
+
+def test_the_catalogue_has_sixty_entries_and_all_have_names_of_their_own() -> None:
+    assert len({w.name for w in CATALOGUE}) == len(CATALOGUE) >= 60
+
+
+@pytest.mark.slow
+def test_whole_catalogue() -> None:
+    assert main(["--seeds", "3", "--right", "20"]) == 0

@@ -1,4 +1,0 @@
-"""What is said of wrong inputs, wrong models and right ones, from the data to the verdict.
-
-python -m tests.verdict [--seeds N] [--robots scara arm tx40] [--only TEXT]     one line a run, then what must hold
-"""
