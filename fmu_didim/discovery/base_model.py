@@ -12,7 +12,8 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.log_noise import repeated_noise, residual_noise, without_events
 from fmu_didim.fit.noise.noise import Noise, pooled
 from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import joint_reference

@@ -10,7 +10,8 @@ from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, plausible, pre_check, rounds
 from fmu_didim.fit import base_projection, gap, log_noise, statistics, uncertainty
 from fmu_didim.fit.noise import noise, residual_noise
-from fmu_didim.fit.solver import least_squares
+from fmu_didim.fit.solver import search as trial_search
+from fmu_didim.fit.solver import termination
 
 DECIDING = (
     (clock, ("STAMP_ROUNDING", "SAME_RATE")),
@@ -18,7 +19,8 @@ DECIDING = (
     (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
     (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
     (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
-    (least_squares, ("ITERATIONS", "STALE", "CONTRACTION", "KEPT_PROMISE", "EQUAL")),
+    (trial_search, ("KEPT_PROMISE", "EQUAL")),
+    (termination, ("ITERATIONS", "STALE", "CONTRACTION")),
     (base_projection, ("DEPENDENT",)),
     (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
     (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),

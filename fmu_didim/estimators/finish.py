@@ -23,8 +23,10 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.solver.accuracy import integration_change
-from fmu_didim.fit.solver.least_squares import NO_STEP, Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
+from fmu_didim.fit.solver.search import NO_STEP
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
 from fmu_didim.fit.uncertainty import Uncertainty
 from fmu_didim.model.loop_model import LoopModel

@@ -9,6 +9,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Steps
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
+from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
@@ -25,8 +26,7 @@ class Fit:
         model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
         noise: of the data, as it was known or as the weights stand for it.
         deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
-        settled: whether the steps became small, by the tolerance; given_up: whether they ended early, at no minimum,
-            because nothing good enough was in reach.
+        ending: how the steps ended.
         iterations: the history, where it was asked for; simulations: how many it took.
         prediction: torque with the regressor, where it is known.
         steps: of the central differences in the sensitivity.
@@ -39,12 +39,21 @@ class Fit:
     noise: Noise
     deviation: Array
     chi_square: float
-    settled: bool = False
-    given_up: bool = False
+    ending: Ending = Ending.NONE
     iterations: tuple[Iteration, ...] = ()
     simulations: int = 0
     prediction: Prediction | None = None
     steps: Steps = field(default_factory=dict)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the steps became small, by the tolerance."""
+        return self.ending is Ending.SETTLED
+
+    @property
+    def given_up(self) -> bool:
+        """Whether they ended early, at no minimum, because nothing good enough was in reach or the time was over."""
+        return self.ending in (Ending.HOPELESS, Ending.OUT_OF_TIME)
 
     @property
     def residual(self) -> Array:

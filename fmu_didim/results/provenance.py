@@ -16,7 +16,7 @@ from fmu_didim.estimators import finish, local_minima, reference_start
 from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
 from fmu_didim.fit.noise import noise, residual_noise, weighting
-from fmu_didim.fit.solver import least_squares
+from fmu_didim.fit.solver import linear_step, search, termination
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
@@ -29,7 +29,9 @@ DECIDING = (
     (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
     (differences, ("STEP", "KNOWN_WITHIN")),
     (equations, ("SAME_DIRECTION",)),
-    (least_squares, ("ITERATIONS", "STALE", "CONTRACTION", "KEPT_PROMISE", "LEFT_BY_JITTER", "EQUAL")),
+    (search, ("KEPT_PROMISE", "EQUAL")),
+    (termination, ("ITERATIONS", "STALE", "CONTRACTION")),
+    (linear_step, ("LEFT_BY_JITTER",)),
     (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
     (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),

@@ -18,7 +18,7 @@ from fmu_didim.estimators import Clie, Didim
 from fmu_didim.estimators.finish import _advice
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.solver.least_squares import NO_STEP
+from fmu_didim.fit.solver.search import NO_STEP
 from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of

@@ -17,7 +17,8 @@ from fmu_didim.fit.derivatives.repetition import repetition
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from tests.discovery.helpers import RATE, TRUTH, arm_model, coloured, data, known_noise, with_torque
 

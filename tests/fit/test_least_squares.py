@@ -18,7 +18,8 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver import least_squares
-from fmu_didim.fit.solver.least_squares import STALE, Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import STALE, Stopping
 from fmu_didim.model.loop_model import LoopModel
 from tests.cases import scara_case
 from tests.helpers import model_of

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,9 +22,10 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Step
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.fit.noise.weighting import KnownNoise
-from fmu_didim.fit.solver.least_squares import Stopping, _Solver, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.linear_step import LinearStep
 from fmu_didim.fit.solver.numerical_noise import roughness, smoother_after_step
+from fmu_didim.fit.solver.termination import Stopping, Termination
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import sledge_case
 from tests.fit.test_differences import COUNT, deviations, law_model, slopes, smooth
@@ -141,11 +141,9 @@ def test_jitter_is_measured_in_deviations_of_the_residual() -> None:
 )
 def test_steps_that_jitter_alone_asks_for_are_none(jitter: tuple[float, ...], promised: float, nothing: bool) -> None:
     steps = {("one", 0): Step(8, 0.01, tuple(2 * j for j in jitter)), ("one", 1): Step(5, 1e-6)}
-    solver = _Solver(law_model(), KnownNoise(NOISE), Stopping(), None, "finish", None, steps)  # type: ignore[arg-type]
-    step = SimpleNamespace(
-        promised=promised, cost=400.0, change=np.zeros(4), deviation=np.array([2.0]), is_far_below_sigma=False
-    )
-    assert solver._is_nothing(step) is nothing  # type: ignore[arg-type]
+    scale = np.full(4, 1.0)
+    step = LinearStep(None, np.ones(4), np.array([2.0]), 400.0, promised, scale, scale, 1.0)  # type: ignore[arg-type]
+    assert Termination(Stopping(), steps).is_nothing(step) is nothing
 
 
 def test_deviations_that_depend_on_the_step_are_told() -> None:

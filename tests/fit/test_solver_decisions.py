@@ -13,6 +13,7 @@ import pytest
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Step as Difference
+from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.iteration import Iteration
@@ -20,7 +21,10 @@ from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import KnownNoise, Weighting
 from fmu_didim.fit.solver import accuracy, least_squares
 from fmu_didim.fit.solver.accuracy import integrated
-from fmu_didim.fit.solver.least_squares import Stopping, _Found, _Solver, _State, _Step, minimise
+from fmu_didim.fit.solver.least_squares import _Solver, minimise
+from fmu_didim.fit.solver.linear_step import LinearStep, State
+from fmu_didim.fit.solver.search import Search, Trial
+from fmu_didim.fit.solver.termination import Stopping, Termination
 from tests.model.law_model import GUARDED, LawModel, free
 
 UNIT = Noise(np.ones(1), np.zeros(1), "periods")
@@ -49,34 +53,30 @@ def model(law: Any = line, data: Array | None = None, **more: Any) -> LawModel:
 # ---- what a step has come to
 
 
-def solver(**rules: Any) -> _Solver:
-    return _Solver(model(), KnownNoise(UNIT), Stopping(**rules), None, "finish", None)
-
-
-def state(*, fresh: bool = False, updates: float = 0, differentiated: float = 0.0, last: float = 0.0) -> _State:
+def state(*, fresh: bool = False, updates: float = 0, differentiated: float = 0.0, last: float = 0.0) -> State:
     start = np.array([0.0, 0.0])
-    return _State(start, np.zeros_like(T), np.ones((21, 1, 2)), start + differentiated, fresh, updates, 0, last)
+    return State(start, np.zeros_like(T), np.ones((21, 1, 2)), start + differentiated, fresh, updates, 0, last)
 
 
 def step(
     *, cost: float = 100.0, promised: float = 50.0, scale: float = 1.0, size: float = 0.0, change: float = 1.0
-) -> _Step:
+) -> LinearStep:
     full = np.array([0.0, -change])
-    return _Step(None, full, np.ones(1), cost, promised, np.full(2, scale), np.full(2, size), 1.0)
+    return LinearStep(None, full, np.ones(1), cost, promised, np.full(2, scale), np.full(2, size), 1.0)
 
 
-def led(move: float, cost: float = 50.0, *, promised: float = 50.0, edge: bool = False) -> _Found:
-    return _Found(np.array([move, 0.0]), np.ones_like(T), cost, promised, 1, edge)
+def led(move: float, cost: float = 50.0, *, promised: float = 50.0, edge: bool = False) -> Trial:
+    return Trial(np.array([move, 0.0]), np.ones_like(T), cost, promised, 1, edge)
 
 
-NOWHERE = _Found(np.zeros(2), None, 100.0, 0.0, 8, False)
+NOWHERE = Trial(np.zeros(2), None, 100.0, 0.0, 8, False)
 
 
-def after(found: _Found, at: _State, one: _Step | None = None, **rules: Any) -> tuple[str, bool]:
+def after(found: Trial, at: State, one: LinearStep | None = None, **rules: Any) -> tuple[str, bool]:
     """The outcome, and whether the sensitivity is taken anew."""
-    one_solver, taken = solver(**rules), []
-    one_solver._differentiate = lambda state: taken.append(state)
-    return one_solver._after(at, one or step(), found), bool(taken)
+    decision = Termination(Stopping(**rules), {}).after(at, one or step(), found)
+    outcomes = {None: "goes on", Ending.SETTLED: "settled", Ending.NO_STEP: "stopped", Ending.AT_EDGE: "stopped"}
+    return outcomes[decision.ending], decision.differentiate
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def after(found: _Found, at: _State, one: _Step | None = None, **rules: Any) -> 
         (state(fresh=True, updates=3), {}, 0.99e-4, ("stopped", False)),
     ],
 )
-def test_where_no_step_lowers_the_error(at: _State, rules: Any, promised: float, wanted: tuple[str, bool]) -> None:
+def test_where_no_step_lowers_the_error(at: State, rules: Any, promised: float, wanted: tuple[str, bool]) -> None:
     assert after(NOWHERE, at, step(promised=promised), **rules) == wanted
 
 
@@ -183,7 +183,7 @@ def test_a_search_that_creeps_along_the_edge_stops(
         (0.0001, step(), state(differentiated=0.0195), "settled"),
     ],
 )
-def test_when_the_steps_have_settled(move: float, one: _Step, at: _State, outcome: str) -> None:
+def test_when_the_steps_have_settled(move: float, one: LinearStep, at: State, outcome: str) -> None:
     assert after(led(move), at, one, tolerance=0.1)[0] == outcome
 
 
@@ -238,28 +238,46 @@ def test_when_a_search_takes_the_sensitivity_anew(cost: float, anew: bool) -> No
 
 
 def test_the_state_moves_to_where_a_step_led() -> None:
+    solver = _Solver(model(), KnownNoise(UNIT), Stopping(updates=0), None, "finish", None)
     at = state(fresh=True)
-    after(led(0.5), at, step(scale=0.25))
+    assert solver._move(at, step(scale=0.25), led(0.5)) is None
     assert at.values.tolist() == [0.5, 0.0] and at.torque[0, 0] == 1.0
-    assert not at.fresh and at.last == 2.0
-    at = state(fresh=False, updates=1)
-    after(NOWHERE, at)
-    assert at.values.tolist() == [0.0, 0.0] and at.torque[0, 0] == 0.0 and at.last == 0.0
-    fresh = state(fresh=True, updates=1)
-    after(NOWHERE, fresh)
+    assert not at.fresh and at.last == 2.0 and at.simulations == 1
+    at = state(fresh=False, last=3.0)
+    assert solver._move(at, step(), NOWHERE) is Ending.NO_STEP
+    assert at.values.tolist() == [0.0, 0.0] and at.torque[0, 0] == 0.0 and at.last == 3.0
+    fresh = state(fresh=True)
+    solver._move(fresh, step(), NOWHERE)
     assert fresh.fresh
+
+
+@pytest.mark.parametrize(
+    ("rules", "ending"),
+    [
+        ({"tolerance": 1e-6}, Ending.SETTLED),
+        ({"tolerance": 1e-6, "iterations": 0, "updates": 0}, Ending.MAXIMUM_ITERATIONS),
+        ({"promise": 1e9}, Ending.NOTHING_PROMISED),
+        ({"give_up_above": -1e9}, Ending.HOPELESS),
+        ({"until": 0.0}, Ending.OUT_OF_TIME),
+    ],
+)
+def test_a_fit_says_how_it_ended(rules: Any, ending: Ending) -> None:
+    fit = minimise(model(), UNIT, stopping=Stopping(**rules))
+    assert fit.ending is ending
+    assert (fit.settled, fit.given_up) == (
+        ending is Ending.SETTLED,
+        ending in (Ending.HOPELESS, Ending.OUT_OF_TIME),
+    )
 
 
 # ---- the search for a step
 
 
-def search(one: LawModel, *, tolerance: float | None = None, check_all: bool = True, start: float = 0.0) -> _Found:
-    at_solver = _Solver(one, KnownNoise(UNIT), Stopping(tolerance=tolerance, check_all=check_all), None, "", None)
+def search(one: LawModel, *, tolerance: float | None = None, check_all: bool = True, start: float = 0.0) -> Trial:
     values = np.array([start])
-    residual = one.measured - one.torque(values)
-    at = _State(values, one.torque(values), np.ones((21, 1, 1)), values, True, 0, 0)
-    low, high = one.limits
-    return at_solver._search(at, _Step.of(at, np.ones(1), one.measured, low, high)) if residual is not None else None
+    at = State(values, one.torque(values), np.ones((21, 1, 1)), values, True, 0, 0)
+    one_step = LinearStep.of(at, np.ones(1), one.measured, *one.limits)
+    return Search(one, tolerance is not None, check_all, {}).trial(at, one_step)
 
 
 def bent(change: Callable[[float], float], **more: Any) -> LawModel:
@@ -289,7 +307,7 @@ def test_damping_goes_up_until_the_error_falls() -> None:
 def test_the_ladder_of_dampings_by_its_steps() -> None:
     one = bent(lambda a: 9.0 if a > 0 else 0.0)
     found = search(one)
-    tried = [values[0] for values, _ in one.calls][2:]
+    tried = [values[0] for values, _ in one.calls][1:]
     ladder = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
     assert tried == pytest.approx([1 / (1 + damping) for damping in ladder], rel=1e-9)
     assert (found.torque, found.cost, found.promised, found.tried) == (None, 21.0, 0.0, 8)
@@ -301,9 +319,8 @@ def test_damping_does_not_make_up_for_old_slopes(fresh: bool, updates: int, trie
     """The torque jumps wherever a step leads; slopes that can be taken anew are to blame first. The full step is also
     tried shortened."""
     one = bent(lambda a: 9.0 if a > 0 else 0.0)
-    at_solver = _Solver(one, KnownNoise(UNIT), Stopping(tolerance=1e-6), None, "", None)
-    at = _State(one.start, np.zeros((21, 1)), np.ones((21, 1, 1)), one.start, fresh, updates, 0)
-    found = at_solver._search(at, _Step.of(at, np.ones(1), one.measured, *one.limits))
+    at = State(one.start, np.zeros((21, 1)), np.ones((21, 1, 1)), one.start, fresh, updates, 0)
+    found = Search(one, True, True, {}).trial(at, LinearStep.of(at, np.ones(1), one.measured, *one.limits))
     assert (found.torque, found.tried) == (None, tried)
 
 
@@ -314,15 +331,14 @@ def test_a_minimum_is_looked_at_with_slopes_of_its_own(fresh: bool, updates: int
     one = curved(minimum())
     at_solver = _Solver(one, KnownNoise(UNIT), Stopping(tolerance=1e-6), None, "", None)
     torque = one.torque(one.start)
-    at = _State(one.start, torque, (T * torque)[:, :, None], one.start, fresh, updates, 0)
+    at = State(one.start, torque, (T * torque)[:, :, None], one.start, fresh, updates, 0)
     del one.calls[:]
     assert at_solver._is_at_minimum(at) is (fresh or updates > 0)
     assert bool(one.calls) is asked
 
 
-def rough(one: LawModel, jitter: float, tolerance: float | None = 1e-6) -> _Solver:
-    steps = {("one", 0): Difference(7, 1e-3, (jitter,))}
-    return _Solver(one, KnownNoise(UNIT), Stopping(tolerance=tolerance), None, "", None, steps)
+def rough(one: LawModel, jitter: float, tolerance: float | None = 1e-6) -> Search:
+    return Search(one, tolerance is not None, True, {("one", 0): Difference(7, 1e-3, (jitter,))})
 
 
 @pytest.mark.parametrize(
@@ -345,15 +361,15 @@ def rough(one: LawModel, jitter: float, tolerance: float | None = 1e-6) -> _Solv
 def test_a_cost_is_the_promised_one_as_far_as_jitter_shows(
     jitter: float, reached: float, fresh: bool, tolerance: float | None, kept: bool
 ) -> None:
-    assert rough(model(), jitter, tolerance)._keeps_promise(state(fresh=fresh), step(), reached) is kept
+    assert rough(model(), jitter, tolerance).keeps_promise(state(fresh=fresh), step(), reached) is kept
 
 
 @pytest.mark.parametrize(("jitter", "value", "tried"), [(0.5, 1.0, 1), (0.0, 0.91, 2)])
 def test_a_step_whose_gain_jitter_hides_is_made_in_full(jitter: float, value: float, tried: int) -> None:
     """From 0.9 it promises 0.21, but where it leads the cost is 1.9; a tenth of the way would be better by chance."""
     one = replace(bent(lambda a: a if a < 0.99 else 1.3), free_parameters=(free("a", 0.9),), held_out=("other",))
-    at = _State(one.start, np.full((21, 1), 0.9), np.ones((21, 1, 1)), one.start, True, 0, 0)
-    found = rough(one, jitter)._search(at, _Step.of(at, np.ones(1), one.measured, *one.limits))
+    at = State(one.start, np.full((21, 1), 0.9), np.ones((21, 1, 1)), one.start, True, 0, 0)
+    found = rough(one, jitter).trial(at, LinearStep.of(at, np.ones(1), one.measured, *one.limits))
     assert found.values.tolist() == [pytest.approx(value)] and found.tried == tried
     assert found.note == ("" if jitter else "step shortened")
     assert any(label == "other" for _, label in one.calls) is (value == 1.0)
@@ -505,7 +521,7 @@ def test_a_direction_that_cannot_be_history_is_left_alone(apart: float, moves: b
 def test_scales_of_a_step() -> None:
     at = state()
     at.jacobian = np.dstack([np.full((21, 1), 2.0), np.zeros((21, 1))])
-    found = _Step.of(at, np.array([0.5]), np.full((21, 1), 3.0), np.full(2, -9.0), np.full(2, 9.0))
+    found = LinearStep.of(at, np.array([0.5]), np.full((21, 1), 3.0), np.full(2, -9.0), np.full(2, 9.0))
     assert found.cost == pytest.approx(21 * 36) and found.promised == pytest.approx(21 * 36)
     assert found.scale.tolist() == [pytest.approx(0.25 / np.sqrt(21)), np.inf]
     assert found.size.tolist() == [pytest.approx(1.5), 0.0]

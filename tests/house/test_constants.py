@@ -73,7 +73,7 @@ def test_results_record_those_on_which_an_answer_depends(deciding: Any) -> None:
 def test_the_names_and_values_that_are_recorded() -> None:
     found = recorded(run.DECIDING)
     assert found["discovery.selection.decide.bic"] == 10.0
-    assert found["fit.solver.least_squares.kept_promise"] == [0.5, 1.5]
+    assert found["fit.solver.search.kept_promise"] == [0.5, 1.5]
     assert found["fit.statistics.confidence"] == 0.95
 
 

@@ -23,7 +23,8 @@ from fmu_didim.fit.derivatives.differences import STEP
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import delta_bic, explained
 from fmu_didim.fit.log_noise import motion_period, noise_beside_fit
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque
 from fmu_didim.model.free_parameter import FreeParameter, delay_parameter
 from fmu_didim.model.loop_model import LoopModel

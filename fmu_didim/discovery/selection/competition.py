@@ -26,7 +26,8 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import delta_bic, explained, joint_gaps
 from fmu_didim.fit.noise.noise import effective_fraction
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import PLANT, plain_name
 from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.model.loop_model import LoopModel

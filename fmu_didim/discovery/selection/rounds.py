@@ -17,7 +17,8 @@ from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import delta_bic, explained
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_description import EffectAtJoint
 

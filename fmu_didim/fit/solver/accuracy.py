@@ -9,7 +9,8 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.solver.least_squares import Stopping, minimise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import LoopModel
 
 POLISHING = 2

@@ -220,16 +220,24 @@ def test_wrong_timing_is_told(robot: str, seed: int, change: Callable[[LoopModel
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize(("robot", "seed"), RUNS)
-def test_a_robot_with_longer_links_is_told(robot: str, seed: int) -> None:
-    found = data_diagnostics(right(robot, seed, change=longer))
-    if robot == "scara":
-        assert found == []  # without gravity MX2 and MY2 absorb the length: nothing is wrong with torque and values
-        return
-    assert "link-length" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
-    told = next(d for d in found if d.code.name == "link-length")
-    assert told.value is not None and told.bound is not None
-    assert told.value / told.bound == pytest.approx(1.25, abs=0.1)
+@pytest.mark.parametrize("seed", SEEDS["scara"])
+def test_longer_links_without_gravity_are_nothing_wrong(seed: int) -> None:
+    """MX2 and MY2 absorb the length."""
+    assert data_diagnostics(right("scara", seed, change=longer)) == []
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("robot", ["arm", pytest.param("tx40", marks=pytest.mark.slow)])
+def test_longer_links_are_reported_with_their_length(robot: str) -> None:
+    """In each of three motions with their noise; the length is right in the middle one."""
+    factors = []
+    for seed in (1, 2, 3):
+        found = data_diagnostics(right(robot, seed, change=longer))
+        assert "link-length" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+        told = next(d for d in found if d.code.name == "link-length")
+        assert told.value is not None and told.bound is not None
+        factors.append(told.value / told.bound)
+    assert np.median(factors) == pytest.approx(1.25, abs=0.05)
 
 
 @pytest.mark.gate

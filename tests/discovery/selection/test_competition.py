@@ -17,9 +17,10 @@ from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
 from fmu_didim.discovery.selection.candidates import Outcome, Screened
 from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
+from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.fit.solver.least_squares import Stopping
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
@@ -339,7 +340,7 @@ def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyP
     asked: dict[str, Any] = {}
     monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more) or found)
     competition = Competition(builder, before)
-    competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, given_up=True)))
+    competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, ending=Ending.HOPELESS)))
     assert asked["stopping"] == Stopping(updates=1, check_all=False)
 
 

@@ -19,6 +19,7 @@ from fmu_didim.discovery.selection.decide import (
     objection,
     step_of,
 )
+from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
 from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import (
@@ -241,7 +242,7 @@ def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
 
 
 def given_up(candidate: Contender) -> Contender:
-    return replace(candidate, fit=replace(candidate.fit, given_up=True))
+    return replace(candidate, fit=replace(candidate.fit, ending=Ending.HOPELESS))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.solver.least_squares import Stopping
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual

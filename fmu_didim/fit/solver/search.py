@@ -1,0 +1,142 @@
+"""Where a step leads: the least damped trial that lowers the cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.derivatives.differences import Steps, jitter_in
+from fmu_didim.fit.fit import sum_of_squares
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.fit.solver.linear_step import LinearStep, State
+from fmu_didim.fit.uncertainty import EXCESS
+from fmu_didim.model.loop_model import LoopModel
+
+DAMPINGS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""[1] Tried one after the other, for columns of the Jacobian of length one."""
+KEPT_PROMISE = (0.5, 1.5)
+"""[1] Gain of a step over what the linear model promised: outside, its slopes are stale."""
+DRAWN_BY_JITTER = 5.0
+"""[standard deviations] Of the difference of two costs, by which jitter may make a step miss its promise: a cost that
+is too low by three of its own and one that is too high by as much are 4.2 apart."""
+EQUAL = 1e-9
+"""[1] Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost
+grows."""
+
+NO_STEP = "no step lowers the error"
+"""The note of an iteration after which the steps have ended."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Where a step led.
+
+    Attributes:
+        values: (p,); torque: (N, n) there; None where no step lowers the cost.
+        cost: there; promised: how much the step should have lowered it; tried: simulations.
+        at_edge: whether a less damped step could not be simulated; note: what was done to the step.
+    """
+
+    values: Array
+    torque: Array | None
+    cost: float
+    promised: float
+    tried: int
+    at_edge: bool
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Search:
+    """The search along a step.
+
+    Attributes:
+        model: the loop; settles: whether the fit is to settle, not only to come near a minimum.
+        check_all: whether a step must leave all experiments simulable, not only those that are fitted.
+        differences: of the sensitivity, which know the jitter of the torque.
+    """
+
+    model: LoopModel
+    settles: bool
+    check_all: bool
+    differences: Steps
+
+    def trial(self, at: State, step: LinearStep) -> Trial:
+        """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
+        because at the edge of what can be simulated a loop hardly damps itself any more."""
+        model, settles = self.model, self.settles
+        low, high = model.limits
+        measured, others = model.measured, model.validation_labels if self.check_all else ()
+        tried, edge, best, note = 0, False, None, ""
+        for damping in DAMPINGS:
+            change, promised = step.equations.step(at.values, low, high, damping)
+            trial = np.clip(at.values + change, low, high)
+            reason = mass_matrix_problem(model, trial)
+            if reason:
+                edge, note = True, f"step damped: {reason}"
+                continue
+            tried += 1
+            try:
+                torque = model.torque(trial)
+                reached = sum_of_squares(measured - torque, step.deviation)
+                kept = damping == 0 and self.keeps_promise(at, step, reached)
+                if kept or reached < step.cost:
+                    for label in others:  # what was measured there is not looked at
+                        model.torque(trial, label)
+            except SimulationError as error:
+                edge, note = True, f"step damped: {error.what}"
+                continue
+            if kept:
+                return Trial(trial, torque, reached, promised, tried, edge)
+            if damping == 0 and settles:
+                found = self._shortened(at, step, Trial(trial, torque, reached, promised, tried, edge))
+                tried = found.tried
+                if found.note:
+                    return found
+                if reached > step.cost * (1 + EQUAL) and not at.fresh and at.updates > 0:
+                    break  # damping would not make up for old slopes
+            if reached <= step.cost * (1 + (EQUAL if settles else 0.0)) and (reached < step.cost or settles):
+                found = Trial(trial, torque, reached, promised, tried, edge, note)
+                if best is not None or not edge:
+                    return found
+                best = found
+            else:
+                note = "step damped: the error grew"
+        return best or Trial(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
+
+    def keeps_promise(self, at: State, step: LinearStep, reached: float) -> bool:
+        """Whether a full step with fresh slopes has reached the cost that it promised, as far as jitter lets one see.
+
+        What it misses must be less than noise moves the minimum by, so that no jitter excuses a step that is wrong.
+        """
+        if not self.settles or not at.fresh:
+            return False
+        blur = step.blur(jitter_in(self.differences, step.deviation))
+        hidden = min(DRAWN_BY_JITTER * blur, float(chi2.isf(EXCESS, step.change.size)))
+        return reached <= step.cost - step.promised + hidden
+
+    def _shortened(self, at: State, step: LinearStep, found: Trial) -> Trial:
+        """The least cost along a step that went too far, by the parabola through its slope, its beginning and its end.
+
+        Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
+        """
+        gained = step.cost - found.cost
+        if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
+            return found
+        part = found.promised / (2 * found.promised - gained)
+        trial = at.values + part * (found.values - at.values)
+        if mass_matrix_problem(self.model, trial):
+            return found
+        tried = found.tried + 1
+        try:
+            torque = self.model.torque(trial)
+        except SimulationError:
+            return replace(found, tried=tried)
+        reached = sum_of_squares(self.model.measured - torque, step.deviation)
+        if reached >= min(found.cost, step.cost):
+            return replace(found, tried=tried)
+        return replace(found, values=trial, torque=torque, cost=reached, tried=tried, note="step shortened")
