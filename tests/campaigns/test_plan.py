@@ -179,7 +179,7 @@ def test_code_outside_the_tree_is_a_file_of_the_run(tmp_path: Path) -> None:
     own.write_text("controller = 2\n")
     assert identity.References().canonical({"source": "own.py:controller"}, tmp_path) != first
     assert identity.References().canonical("fmu_didim.data.units:pretty", tmp_path)[1] == identity.file_digest(
-        identity.PACKAGE / "units.py"
+        identity.PACKAGE / "data" / "units.py"
     )
 
 

@@ -22,7 +22,7 @@ from fmu_didim.cosim import (
     splice_output,
 )
 from fmu_didim.cosim import (
-    insertion as splice,
+    splice,
 )
 from fmu_didim.data.signals import trajectory
 from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
