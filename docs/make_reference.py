@@ -45,7 +45,7 @@ PLACES = {
     "measurement": "In the log; the loop runs as without it. At no joint: see `torque: {log_shift_s: ...}`.",
 }
 SEVERITIES = {
-    Severity.PROBLEM: "Nothing can be identified before it is mended: the case is refused.",
+    Severity.PROBLEM: "Nothing can be identified before it is fixed: the case is refused.",
     Severity.DOUBT: "The answer may be wrong, or less certain than it says: the verdict is *doubtful*.",
     Severity.REMARK: "To be known; the answer stands.",
 }

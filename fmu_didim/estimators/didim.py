@@ -42,7 +42,7 @@ from fmu_didim.model.prediction import Prediction, predict
 RISES = 2
 """[iterations] So many in a row that do not lower the error: DIDIM hands its best one to the finish."""
 SAME_MINIMUM = 2
-"""[starts] So many that end in minima that no machine can have: the others would end there, too."""
+"""[starts] This many starts may end in physically impossible minima; the others would end there, too."""
 
 BEST = "the best point goes on to the finish"
 ADVICE = (
@@ -123,7 +123,7 @@ class Didim(Estimator):
         probe.raise_if_nonlinear()
 
     def _from(self, model: LoopModel, start: Start, then: str, history: History) -> Estimate:
-        """The estimate from a start; ``then`` says what follows if there is none."""
+        """The estimate from a start; ``then`` says what follows if it gives no estimate."""
         try:
             model, theta, settled = self._iterate(model, start, then, history)
             prediction, failure = _try(model, theta)
@@ -242,7 +242,7 @@ class _NonPhysicalError(Exception):
 
 
 def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:
-    """The prediction at theta, or why there is none."""
+    """The prediction at theta, or why it failed."""
     reason = mass_matrix_problem(model, theta)
     if reason:
         return None, reason

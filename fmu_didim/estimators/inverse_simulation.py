@@ -129,7 +129,7 @@ class _Loop:
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
     def response(self, bandwidth: float) -> Array:
-        """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the begin of the reference."""
+        """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the start of the reference."""
         n, time = self._model.joint_count, self._step * np.arange(self._reference.time.size)
         length = min(PERIODS * 2 * np.pi / bandwidth, time[-1])
         time = time[: int(length / self._step) + 1]

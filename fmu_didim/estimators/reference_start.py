@@ -15,7 +15,7 @@ from fmu_didim.model.prediction import sampled_regressor
 
 SMOOTHED = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 """[1] Cut-offs of the low-pass of a reference from which accelerations are computed, of its rate, tried in this
-order; half of it is none. The last one is 5 Hz at 1 kHz, about where the motion of an arm ends."""
+order; half of it means no filter. The last one is 5 Hz at 1 kHz, about where the motion of an arm ends."""
 SMOOTHED_ORDER = 4
 """[1] Of that filter, a Butterworth one run forward and backward."""
 NOISE_OF_ACCELERATION = 0.1

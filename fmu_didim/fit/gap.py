@@ -1,4 +1,4 @@
-"""The gap between simulation and measurement, and what a comparison of two models is worth.
+"""The gap between simulation and measurement, and how significant the comparison of two models is.
 
     gap_j = sqrt( max( mean(r_j^2) / sigma_j^2 - 1, 0 ) )        model error of joint j in units of its noise
 
@@ -111,7 +111,7 @@ def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
 
 
 def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
-    """Joint, from 1, and its ratio of the held-out RMS of two models; nothing where there is none to compare."""
+    """Joint, from 1, and its ratio of the held-out RMS of two models; empty without held-out data."""
     if not before.model.validation_labels:
         return []
     try:

@@ -150,7 +150,7 @@ def _residual_noise(fit: Fit, label: str) -> Noise:
 
 
 def _whole(samples: float) -> int | None:
-    """A number of samples as an integer, None if it is none."""
+    """A number of samples as an integer; None if it is not whole."""
     return None if abs(samples - round(samples)) > WHOLE_SAMPLES else round(samples)
 
 

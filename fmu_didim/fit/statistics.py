@@ -1,6 +1,6 @@
 """Least squares and its statistics.
 
-The DIDIM paper's formulas (eqs. 5 to 9) with their two slips mended: the variance of the noise is the
+The DIDIM paper's formulas (eqs. 5 to 9) with two slips corrected: the variance of the noise is the
 *squared* norm of the residual over the degrees of freedom (eq. 7), and a relative standard deviation is
 taken of |chi| (eq. 9). With W the regressor and S = d tau_s / d chi the true sensitivity of the closed
 loop, both divided by the standard deviation of the noise:
@@ -124,7 +124,7 @@ def covariance_white(a: Array) -> Array:
 
 
 def relative_deviation_percent(value: Array, deviation: Array) -> Array:
-    """100 sigma / |chi| (eq. 9, mended); infinite where chi is zero."""
+    """100 sigma / |chi| (eq. 9, corrected); infinite where chi is zero."""
     size = np.abs(value)
     return np.asarray(np.divide(100.0 * deviation, size, out=np.full_like(size, np.inf), where=size > 0))
 

@@ -33,7 +33,7 @@ COLOUR_ROUNDS = 3
 WHITENESS_LAGS = 10
 """[samples] Correlations, beyond the order of the colour, that are tested after it."""
 EXCESS = 0.001
-"""[1] Probability of as large a residual by chance, below which a joint is said to be off by more than its known
+"""[1] Probability of as large a residual by chance, below which a joint is reported as off by more than its known
 noise."""
 
 

@@ -53,7 +53,7 @@ class FreeParameter:
         return self.lowest == self.highest
 
     def acts_in(self, label: str) -> bool:
-        """Whether it has a say in the experiment of this label."""
+        """Whether it acts in the experiment of this label."""
         return self.experiment is None or self.experiment == label
 
 

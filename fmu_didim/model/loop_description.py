@@ -148,7 +148,7 @@ class LoopDescription:
         return found
 
     def acts(self, i: int, label: str) -> bool:
-        """Whether a free parameter has a say in an experiment, which may have its own instead."""
+        """Whether a free parameter acts in an experiment, which may have its own instead."""
         parameter = self.free_parameters[i]
         own = parameter.experiment is None and any(
             (other.owner, other.key, other.experiment) == (parameter.owner, parameter.key, label)

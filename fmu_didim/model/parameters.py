@@ -119,7 +119,7 @@ class Parameters(ABC):
         return "" if np.isfinite(theta).all() else "a parameter is not a finite number"
 
     def physical_problem(self, theta: Array, deviation: Array) -> str:
-        """Why no machine can have theta ± deviation, or an empty string."""
+        """Why theta ± deviation is physically impossible; an empty string if it is possible."""
         return ""
 
     def limits(self) -> tuple[Array, Array]:

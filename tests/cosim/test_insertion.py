@@ -18,11 +18,9 @@ from fmu_didim.cosim import (
     System,
     logged_torque,
     simulate,
+    splice,
     splice_effect,
     splice_output,
-)
-from fmu_didim.cosim import (
-    splice,
 )
 from fmu_didim.data.signals import trajectory
 from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag

@@ -54,7 +54,7 @@ class Step:
         place: in ``DIFFERENCE_STEPS``; error: of the column, relative to its norm.
         curved: how many times as much the second difference by itself would show, because of curvature.
         jitter: (n,) root mean square of what a simulation adds of its own to the torque of each joint, where second
-            differences do not fall with the step as curvature does; empty where none is seen.
+            differences do not fall with the step as curvature does; empty where they fall.
         sought: error for which no better step was found, or needed.
     """
 

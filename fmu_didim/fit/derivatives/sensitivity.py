@@ -45,7 +45,7 @@ SHARE_OF_SINGULAR = 0.02
 """[1] Errors of the columns, of length one, over the smallest singular value of all of them: no deviation is wrong by
 a larger part. Shorter or longer steps are tried where it is more."""
 COLUMNS_A_THREAD = 16
-"""[columns] Columns of a sensitivity that are worth a run of their own: they cost about as much as the simulation
+"""[columns] Columns of a sensitivity that make a run of their own pay: they cost about as much as the simulation
 does."""
 
 

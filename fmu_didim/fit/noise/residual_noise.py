@@ -27,7 +27,7 @@ GATE_LAGS = 3
 """[samples] A residual is white if its correlations up to this lag are: colour shows there first."""
 NOT_WHITE = 0.05
 """[1] Probability of the correlations of all joints by chance, below which they have a colour. A false alarm costs
-little, since what is then estimated is nearly white; a colour that is not seen costs coverage."""
+little, since what is then estimated is nearly white; a colour that is missed costs coverage."""
 CLEARLY_NOT_WHITE = 0.01
 """[1] The same of one joint where all together look white; there are several to ask."""
 LONGEST_GAP = 1000

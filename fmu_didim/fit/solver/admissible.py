@@ -31,7 +31,7 @@ def mass_matrix_problem(model: LoopModel, values: Array) -> str:
 
 
 def physical_problem(model: LoopModel, values: Array, deviation: Array) -> str:
-    """Why no machine can have these values ± deviation, (p,) each, or an empty string."""
+    """Why these values ± deviation, (p,) each, are physically impossible; an empty string if they are possible."""
     count = model.parameters.count
     at_limit = [
         f"{parameter.name} = {value:.4g}"

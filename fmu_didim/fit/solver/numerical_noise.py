@@ -33,7 +33,7 @@ TINY_CHANGES = (1e-6, 2e-6, 5e-6)
 """[1] Of all values, to see whether the torque jitters: it changes by as little where it does not, a thousand times
 as much where it does; three, since by chance one may show none."""
 SMOOTHER = 0.1
-"""[1] Fraction of its jitter below which a loop that is wired otherwise is said to be smoother."""
+"""[1] Fraction of its jitter below which a loop with other wiring counts as smoother."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
 
 
 def smoother_after_step(model: LoopModel) -> str:
-    """The foreign FMU because of which the torque jitters, if its outputs after its step do not; "" if there is none.
+    """The foreign FMU because of which the torque jitters, if its outputs after its step do not; or "".
 
     Between two steps an FMU in co-simulation may answer from where its solver has got to, which is beyond the end of
     the last step by chance.

@@ -122,7 +122,7 @@ class Search:
     def _shortened(self, at: State, step: LinearStep, found: Trial) -> Trial:
         """The least cost along a step that went too far, by the parabola through its slope, its beginning and its end.
 
-        Where the residual is large, its second derivatives have a say: then all steps go too far by the same factor.
+        Where the residual is large, its second derivatives matter: then all steps go too far by the same factor.
         """
         gained = step.cost - found.cost
         if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
