@@ -11,10 +11,11 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -152,6 +153,22 @@ def cache_file(path: Path) -> Iterator[Path]:
     with whole_file(made(path.parent) / path.name) as temporary:
         yield temporary
         follow(temporary, path.parent)
+
+
+def read_record(path: Path) -> dict[str, Any] | None:
+    """The mapping that :func:`write_record` wrote; None if there is none, if it is damaged, or if its writer is not
+    trusted."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if is_trusted(path) else None
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a mapping as JSON; without effect where the cache cannot be written, as it can be found out again."""
+    with suppress(OSError), cache_file(path) as temporary:
+        temporary.write_text(json.dumps(record), encoding="utf-8")
 
 
 def is_trusted(path: Path) -> bool:

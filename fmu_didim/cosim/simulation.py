@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.library import CURRENT_FOLDER
-from fmu_didim.cosim.execution.in_process import check_reference, run_here
+from fmu_didim.cosim.execution.in_process import check_reference, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer
-from fmu_didim.cosim.execution.separate_process import Order, run_apart, running_apart
+from fmu_didim.cosim.execution.separate_process import Order, needing_own_process, run_in_separate_process
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
@@ -56,11 +56,11 @@ def simulate(
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
     try:
-        if fmus := running_apart(system):
+        if fmus := needing_own_process(system):
             check_reference(system, reference, ticks)
-            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
+            return run_in_separate_process(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
         with _same_folder():
-            return run_here(
+            return run_in_process(
                 system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
             )  # fmt: skip
     except FmuDidimError as error:

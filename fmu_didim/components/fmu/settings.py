@@ -155,7 +155,7 @@ class FmuSettings(Component):
         return tuple(Variable(name, causality="parameter") for name in self.option_types)
 
     @abstractmethod
-    def instantiate_here(self, *, keep_new_state: bool = False) -> RestartableInstance:
+    def instantiate_in_process(self, *, keep_new_state: bool = False) -> RestartableInstance:
         """A new running instance in this process; ``keep_new_state`` if it shall be run again from that state."""
 
     @abstractmethod

@@ -21,7 +21,7 @@ from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
 
 
-def run_here(
+def run_in_process(
     system: System,
     reference: Trajectory,
     *,

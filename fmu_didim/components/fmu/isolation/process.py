@@ -307,46 +307,37 @@ def _run_held(there: Any) -> Any:
     return function(*arguments)
 
 
-def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: str, time_limit: float) -> Any:
-    """The result of a function of this package, called in a new process; all must be picklable.
-
-    Raises:
-        FmuDidimError: it raised it there; ProcessEndedError: the process died, or the time limit passed.
-    """
-    worker = Worker(where, time_limit)
-    try:
-        worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
-        return worker.request("the run", _run_held)
-    finally:
-        worker.close()
-
-
-class Reused:
-    """A process for one call after the other; a new one where the last has died.
+class ReusedWorker:
+    """A process for one call after the other; a new one after the last has died.
 
     Args:
         where: the FMU, for messages.
     """
 
     def __init__(self, where: str) -> None:
-        self._where, self._worker = where, None
-
-    _worker: Worker | None
+        self._where = where
+        self._worker: Worker | None = None
 
     def run(self, function: Callable[..., Any], *arguments: Any, time_limit: float) -> Any:
-        """As :func:`run_in_fresh_process`, but for the process."""
+        """The result of a function of this package, called in the process; all must be picklable.
+
+        Args:
+            time_limit: s, beside the time in which the process starts.
+
+        Raises:
+            FmuDidimError: the call raised it there; ProcessEndedError: the process died, or the time limit passed.
+        """
         if self._worker is None:
             self._worker = Worker(self._where, time_limit)
-        limit = max(time_limit, START_LIMIT)
         try:
-            self._worker.request("start", _hold, function, arguments, limit=limit)
+            self._worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
             return self._worker.request("the run", _run_held, limit=time_limit)
         except ProcessEndedError:
             self.close()
             raise
 
     def close(self) -> None:
-        """End the process; the next call begins a new one."""
+        """End the process; the next call starts a new one."""
         if self._worker is not None:
             self._worker.close()
             self._worker = None
