@@ -343,7 +343,7 @@ def entries(digest: str = "", *, kinds: Iterable[str] = KINDS) -> Iterator[Entry
 
 def clear(found: Iterable[Entry]) -> tuple[list[Entry], dict[str, list[Entry]]]:
     """Remove entries: those that are removed, and by reason those that this user may not remove."""
-    removed, kept = list[Entry](), dict[str, list[Entry]]()
+    removed, refused = list[Entry](), dict[str, list[Entry]]()
     for entry in found:
         try:
             remove_entry(entry.path)
@@ -353,8 +353,8 @@ def clear(found: Iterable[Entry]) -> tuple[list[Entry], dict[str, list[Entry]]]:
             why = f"belongs to {other}" if other else str(error.strerror or error)
             if getattr(error, "winerror", None) in HELD:
                 why = "in use by a program that runs"
-            kept.setdefault(why, []).append(entry)
-    return removed, kept
+            refused.setdefault(why, []).append(entry)
+    return removed, refused
 
 
 def limit_size() -> None:

@@ -56,8 +56,8 @@ def file_name(text: str) -> str:
     for a device, such as ``aux`` or ``com1.csv``, gets a ``_`` behind it.
     """
     name = _REFUSED.sub("_", text)
-    kept = name.rstrip(". ")
-    name = kept + "_" * (len(name) - len(kept))
+    stripped = name.rstrip(". ")
+    name = stripped + "_" * (len(name) - len(stripped))
     return _DEVICES.sub(lambda device: f"{device[0]}_", name, count=1) if _DEVICES.match(name) else name or "_"
 
 

@@ -65,7 +65,7 @@ def simulate(
             )  # fmt: skip
     except FmuDidimError as error:
         if pool is not None and error.component and system.components[error.component].equations() is None:
-            pool.failure = pool.failure or error  # equations that are known here fail by the values they are given
+            pool.failure = pool.failure or error  # known equations fail by the values they are given
         raise
 
 
@@ -74,13 +74,13 @@ def _same_folder() -> Iterator[None]:
     """Go back to the current folder where an FMU has gone to another one: results would be written there."""
     try:
         with CURRENT_FOLDER:
-            here = os.getcwd()  # noqa: PTH109 - at every run
+            folder = os.getcwd()  # noqa: PTH109 - at every run
     except OSError:
-        here = None
+        folder = None
     try:
         yield
     finally:
         with contextlib.suppress(OSError), CURRENT_FOLDER:
-            if here is not None and os.getcwd() != here:  # noqa: PTH109
-                _log.warning("An FMU has changed the current folder; it is %s again.", here)
-                os.chdir(here)
+            if folder is not None and os.getcwd() != folder:  # noqa: PTH109
+                _log.warning("An FMU has changed the current folder; it is %s again.", folder)
+                os.chdir(folder)

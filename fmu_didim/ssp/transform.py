@@ -15,7 +15,7 @@ from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
 
 SPLICE = "linear_transformation"
-"""Name of the block that :func:`splice` makes, by which the writer knows it again."""
+"""Name of the block that :func:`transforming_component` makes, by which the writer knows it again."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def conversion(source: Unit | None, target: Unit | None, *, where: str) -> Affin
     return Affine(source.factor / target.factor, (source.offset - target.offset) / target.factor)
 
 
-def splice(transformation: Affine) -> ModelComponent:
+def transforming_component(transformation: Affine) -> ModelComponent:
     """A component without state, input ``u`` and output ``y``: y = factor * u + offset.
 
     It stands directly before the component it feeds, so it changes neither order nor time of the loop.
@@ -98,8 +98,8 @@ def splice(transformation: Affine) -> ModelComponent:
     return ModelComponent(block, substeps=1)
 
 
-def spliced(component: Component) -> Affine | None:
-    """What a component made by :func:`splice` does; None for any other component."""
+def component_transformation(component: Component) -> Affine | None:
+    """What a component made by :func:`transforming_component` does; None for any other component."""
     if isinstance(component, ModelComponent) and component.block.name == SPLICE:
         values = component.parameter_values()
         return Affine(values["factor"], values["offset"])

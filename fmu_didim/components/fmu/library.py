@@ -167,7 +167,7 @@ _loaded: dict[tuple[Path, str, str, str], Library] = {}
 
 
 def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Library:
-    here = Path.cwd()
+    folder = Path.cwd()
     try:
         os.chdir(file.parent)  # some libraries look there for those they depend on
         dll = ctypes.CDLL(str(file))
@@ -179,7 +179,7 @@ def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Libr
             next_step="Install the libraries that it needs (ldd FILE lists them), or export it with them inside.",
         ) from error
     finally:
-        os.chdir(here)
+        os.chdir(folder)
     required = [f"{fmi.binding.prefix}{name}" for name in fmi.required[interface.kind].split()]
     signatures = fmi.signatures(interface.kind)
     if unknown := [name for name in required if name not in signatures]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fmu_didim.base.errors import DivergedError, FmuDidimError, UnknownNameError
 from fmu_didim.components import Component, Instance
 from fmu_didim.components.fmu.component import foreign_co_simulation
-from fmu_didim.cosim.execution.buffers import recording_memory
+from fmu_didim.cosim.execution.buffers import recording_buffer
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.system import REFERENCE, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
@@ -142,7 +142,7 @@ class Part:
 
 
 @dataclass
-class Run:
+class LoopRun:
     """A system and the memory of one run of it.
 
     Attributes:
@@ -183,9 +183,9 @@ class Run:
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
-        self.record = recording_memory(ticks.size, self.values.size)
+        self.record = recording_buffer(ticks.size, self.values.size)
         self.applied = self.record[:, : len(self.names)]
-        self.sampled = recording_memory(ticks.size, len(self.names)) if self.delayed else self.applied
+        self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
         for name, (low, high) in bounds.items():
             if name not in self.names:
@@ -262,7 +262,7 @@ class Run:
                 part.instance.close()
 
 
-def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> Run:
+def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> LoopRun:
     """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
     names = [f"{REFERENCE}.{name}" for name in reference.names]
     places: dict[str, slice] = {}
@@ -275,7 +275,7 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None, b
         if connection.source not in index:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
     end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
-    run = Run(system, reference, names, np.zeros(size), [], beat=beat)
+    run = LoopRun(system, reference, names, np.zeros(size), [], beat=beat)
     try:
         for name in system.order:
             component = system.components[name]

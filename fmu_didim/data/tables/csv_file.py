@@ -23,7 +23,7 @@ from fmu_didim.base.documents import Strict
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.calendar_time import SLASHES, Calendar
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 from fmu_didim.data.units import known_unit
 
 WORDS = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "space"}
@@ -73,7 +73,7 @@ class _MisfitError(Exception):
         self.text = delimiter.join(cells)[:80]
 
 
-def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
+def read_csv(path: Path, layout: CsvLayout | None = None) -> SignalTable:
     """The table in a CSV file; what had to be recognised stands in its notes.
 
     Raises:
@@ -100,7 +100,7 @@ def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
         raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200])
     stamps = [names[k] for k in sorted(only.calendar.columns)]
     units = dict(zip(names, only.units, strict=False)) | dict.fromkeys(stamps, "s")
-    return Table(
+    return SignalTable(
         columns={name: only.data[:, i] for i, name in enumerate(names)},
         units={name: unit for name, unit in units.items() if unit not in _NO_UNIT},
         notes=tuple(notes), source=str(path), has_header=bool(only.names), calendar=tuple(stamps),

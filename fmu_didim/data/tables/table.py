@@ -24,7 +24,7 @@ def split_unit(title: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Table:
+class SignalTable:
     """Columns of numbers in a file.
 
     Attributes:

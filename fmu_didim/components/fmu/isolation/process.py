@@ -95,10 +95,10 @@ def worker_command() -> list[str]:
 
     Of the folders that this process searches for modules it gets all but the current one.
     """
-    here = {""}
+    current = {""}
     with contextlib.suppress(OSError):  # the current folder was deleted
-        here.add(os.path.realpath(os.curdir))
-    folders = [os.path.abspath(folder) for folder in sys.path if folder and os.path.realpath(folder) not in here]  # noqa: PTH100
+        current.add(os.path.realpath(os.curdir))
+    folders = [os.path.abspath(folder) for folder in sys.path if folder and os.path.realpath(folder) not in current]  # noqa: PTH100
     quiet = ["-B"] if sys.dont_write_bytecode else []  # what the environment says of it is not read in isolated mode
     return [sys.executable, "-I", *quiet, str(_START), str(_PACKAGE), *folders]
 
