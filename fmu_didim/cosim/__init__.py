@@ -1,4 +1,4 @@
-"""The master: wiring, order and time of the loop, and what is recorded."""
+"""The master: wiring, order and time of the loop, and its recording."""
 
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer

@@ -116,7 +116,7 @@ def insert_effect(
     """The system with an effect of a drive or a sensor at one joint, as the component ``<effect><joint>``.
 
     Effects of one drive lie in the order of their ranks, whatever the order in which they are added, so that
-    :func:`logged_torque` tells where the torque log is taken.
+    :func:`logged_torque` knows where the torque log is taken.
 
     Args:
         joint: counted from 1; joint_type: its type.

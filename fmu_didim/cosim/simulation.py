@@ -35,7 +35,7 @@ def simulate(
 ) -> Recording:
     """Run the closed loop along a reference.
 
-    Where an FMU takes part that is not proven (see ``load_fmu``), the whole loop runs in a process of its own.
+    Where an FMU takes part that is not trusted yet (see ``load_fmu``), the whole loop runs in a process of its own.
 
     Args:
         system: the loop.

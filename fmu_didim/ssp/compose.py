@@ -139,7 +139,7 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
             before = inbound.get(f"{name}.u")
             if before is None or not _stands_before(system, name, target) or system.delays.get(name):
                 raise InputError(
-                    f"The component '{name}' is no plain transformation of a connection.",
+                    f"The component '{name}' is not just a transformation of a connection.",
                     where=f"write_ssp: {source} -> {connection.target}",
                     next_step="Feed it, and put it without delay directly before the component that it feeds.",
                 )

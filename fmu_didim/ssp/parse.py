@@ -72,7 +72,7 @@ def read_units(root: ET.Element, *, where: str) -> dict[str, Unit]:
         try:
             exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
         except ValueError as error:
-            raise InputError("An exponent of a unit is no integer.", where=place, got=str(error)) from error
+            raise InputError("An exponent of a unit is not an integer.", where=place, got=str(error)) from error
         factor, offset = _number(base, "factor", 1.0, where=place), _number(base, "offset", 0.0, where=place)
         units[name] = _unit(name, UnitDefinition(exponents, factor, offset), place)
     return units

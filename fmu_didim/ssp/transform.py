@@ -51,7 +51,7 @@ class Unit:
 def conversion(source: Unit | None, target: Unit | None, *, where: str) -> Affine:
     """From values in one unit to values in another; the identity if either is unknown (None).
 
-    An exponent of rad counts too: Hz and rad/s differ by 2 pi, and only it tells them apart.
+    An exponent of rad counts too: Hz and rad/s differ by 2 pi, and only it distinguishes them.
 
     Raises:
         InputError: the units differ in dimension, or one of two different ones is not defined.

@@ -220,7 +220,7 @@ def test_fmus_that_do_not_stand_each_other_get_a_process_each(
         np.testing.assert_allclose(result(found), wanted(), rtol=0, atol=1e-13)
         np.testing.assert_allclose(result(found, "other"), wanted(a=1.0), rtol=0, atol=1e-13)
     assert len(count) >= 2
-    assert "perhaps they do not stand each other" in caplog.text
+    assert "perhaps they cannot share a process" in caplog.text
     pool.close()
     assert not made.needs_own_process()  # one of it does no harm
     assert made.needs_own_process(2)

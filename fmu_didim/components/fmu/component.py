@@ -74,8 +74,8 @@ class FmuComponent(FmuSettings):
         return rerun is not None and rerun.isolated
 
     def needs_own_process(self, instances: int = 1) -> bool:
-        """Whether so many instances of it may take their process with them, so that loops with them run in a process
-        of their own."""
+        """Whether so many instances of it may crash their process, so that loops with them run in a process of their
+        own."""
         rerun = known_rerun(self)
         if self._must_be_isolated(rerun):
             return True
@@ -107,7 +107,7 @@ class FmuComponent(FmuSettings):
         return find_rerun(self)
 
     def built_from(self, block: Block) -> FmuComponent:
-        """The same FMU with what only the block tells: its sample time and its equations."""
+        """The same FMU with what only the block knows: its sample time and its equations."""
         return replace(self, sample_time=block.sample_time, block=block)
 
     def equations(self) -> tuple[Block, int | None] | None:
@@ -128,7 +128,7 @@ class FmuComponent(FmuSettings):
         own_outputs = [v.name for v in self.fmu.of_causality("output") for _ in range(v.size)]
         pairs = []
         for output, own in zip(self.outputs, own_outputs, strict=True):
-            known = stated.get(own)  # of an output that is not listed nothing is said: it may depend on all
+            known = stated.get(own)  # an output that is not listed may depend on all inputs
             pairs += [
                 (output.name, shown.name)
                 for shown, name in zip(self.inputs, own_inputs, strict=True)
@@ -161,8 +161,8 @@ class FmuComponent(FmuSettings):
 
 
 def foreign_co_simulation(component: Component) -> FmuComponent | None:
-    """The FMU of another tool that a component runs in co-simulation, by a solver that nobody here knows; None: it runs
-    none."""
+    """The FMU of another tool that a component runs in co-simulation, by a solver that is unknown here; None if it
+    does not run one."""
     form = component.compiled()
     if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
         return None

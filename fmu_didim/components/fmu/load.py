@@ -57,7 +57,7 @@ def load_fmu(
         rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
             ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.
         event_mode: handle the events of FMI 3.0 co-simulation; always done where the FMU has input clocks.
-        tolerance: relative one that the FMU is told when a run is set up, for the step control that it may have; by
+        tolerance: relative, given to the FMU when a run is set up, for the step control that it may have; by
             default it takes its own. FMI 1.0 has none.
 
     Raises:

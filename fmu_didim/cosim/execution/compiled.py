@@ -27,7 +27,7 @@ _STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
 """Ticks in one call of the compiled loop at most; between two of them an interrupt is seen."""
 CHUNK_SECONDS = 0.1
-"""About how long such a call may take where somebody waits for beats."""
+"""[s] Duration of such a call, about, where beats are expected."""
 
 _void, _int32, _int64, _double = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
 
@@ -129,7 +129,7 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
 
 
 def _address(array: Any, keep: list[Any]) -> int | None:
-    """Address of an array that lives as long as the run; None of nothing."""
+    """Address of an array that lives as long as the run; None for an empty one."""
     if array is None:
         return None
     keep.append(array)
@@ -194,7 +194,7 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
     """How many of the first outputs of a part others read from its inputs to its step; are read there by those who look
     at all; and others read from its step to its next inputs.
 
-    What nobody reads need not be computed, but for the recording and the bounds: of the plant, which the controller has
+    Unused outputs need not be computed, but for the recording and the bounds: of the plant, which the controller has
     asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
     """
     part = run.parts[index]

@@ -58,7 +58,7 @@ def run_in_process(
         if error.is_finite:
             raise
         first = error
-    # Signals are looked at every 32 ticks: by then what is no number has gone around the loop, and the first one in the
+    # Signals are looked at every 32 ticks: by then NaN has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
     with _running(system, reference, ticks, bounds, pool, beat) as run:
         run_interpreted(run, solver=_loop_solver(run), careful=True)
@@ -90,7 +90,7 @@ def _running(
 
 
 def compiled_components(system: System) -> System:
-    """The system with components that are compiled, if all can be: else nothing would be gained."""
+    """The system with components that are compiled, if all can be; a part of them would gain nothing."""
     forms = {name: component.compiled() for name, component in system.components.items()}
     for name, form in forms.items():
         if form is not system.components[name]:

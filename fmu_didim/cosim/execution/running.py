@@ -18,7 +18,7 @@ from fmu_didim.cosim.system import REFERENCE, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
-"""Ticks between two looks for divergence: often enough to stop early, seldom enough to cost nothing."""
+"""[1] Ticks between two checks for divergence: few enough to stop early, enough to cost no time."""
 
 Beat = Callable[[], None]
 """Called while a run goes on, at every tick or every few."""
@@ -152,9 +152,9 @@ class LoopRun:
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
-        finite: whether all recorded signals are finite, None where nobody has looked.
+        finite: whether all recorded signals are finite, None if that is not known.
         lowest, highest: bounds of the signals.
-        beat: see :data:`Beat`; None where nobody listens.
+        beat: see :data:`Beat`; None if nobody asks for it.
     """
 
     system: System
@@ -179,7 +179,7 @@ class LoopRun:
         return float(self.reference.time[0])
 
     def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]]) -> None:
-        """Memory for what is recorded at these ticks, and the bounds by signal."""
+        """The buffer of the recording at these ticks, and the bounds by signal."""
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
@@ -229,7 +229,7 @@ class LoopRun:
             self.beat()
 
     def diverged(self, i: int, time: float) -> DivergedError:
-        """The error for signal ``i`` that left its bounds, or is no number."""
+        """The error for signal ``i`` that left its bounds, or is not a number."""
         value = float(self.signals[i])
         what = f"The closed loop diverged: {self.names[i]} = {value:.3g}"
         if np.isfinite(value):
@@ -250,7 +250,7 @@ class LoopRun:
         output = self.names[part.place.start + int(bad[0])]
         raise DivergedError(
             f"{output} = {self.values[part.place][bad[0]]}, while all its inputs are numbers.",
-            time=time, next_step=f"Mend the {part.name}, or keep its parameters in their range.",
+            time=time, next_step=f"Fix the {part.name}, or keep its parameters in their range.",
         ).in_component(part.name, time)  # fmt: skip
 
     def close(self, pool: InstancePool | None, *, reusable: bool) -> None:

@@ -1,4 +1,4 @@
-"""The whole loop in a process of its own, for FMUs that may take their process with them: one request a run.
+"""The whole loop in a process of its own, for FMUs that may crash it: one request for each run.
 
 What crashes, exits, hangs or changes the current folder does so there. The process keeps the instances from run to run,
 as a pool does here. Where it dies, the loop is run once more with each such FMU in a process of its own, one message
@@ -61,7 +61,7 @@ class LoopProcess:
         self.runs = 0
 
     def run(self, order: Order) -> Recording:
-        """Run a loop there; raises what the run raises, and ProcessEndedError, NotCarriedError."""
+        """Run a loop there; raises the errors of the run, ProcessEndedError and NotCarriedError."""
         fmus = [c for c in order.system.components.values() if isinstance(c, FmuComponent)]
         large = (*(c.fmu for c in fmus), *(c.block for c in fmus if c.block is not None), order.reference)
         found, observed = self._worker.request("the loop", _run, order, constants=large)
@@ -72,7 +72,7 @@ class LoopProcess:
         return recording
 
     def close(self) -> None:
-        """End the process; what ran there to a good end is proven then. May be called twice."""
+        """End the process; if it ends well, its FMUs are trusted from then on. May be called twice."""
         self._worker.close()
         if self.runs and self._worker.ended_well:
             counts = Counter(fmu.digest for fmu in self._fmus)
@@ -113,29 +113,29 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
     except ProcessEndedError as error:
         if not error.by_fmu and not error.expired:
             raise  # it was killed from outside
-        found = _run_isolated(order, fmus, None)  # raises what tells more
+        found = _run_isolated(order, fmus, None)  # raises an error that says more
         _log.warning(
             "A loop with %s ends its process (%s), while each of them in one of its own does not. It runs so now, "
-            "tens of times slower: perhaps they do not stand each other.", _names(fmus), error.what,
+            "tens of times slower: perhaps they cannot share a process.", _names(fmus), error.what,
         )  # fmt: skip
         _note(pool, key)
         return found
     except NotCarriedError as error:
         _log.warning(
             "The loop cannot go to another process (%s). So each of these FMUs runs in one of its own, tens of times "
-            "slower, until it is proven; isolated: false, if you trust it: %s.", error.got, _names(fmus),
+            "slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, _names(fmus),
         )  # fmt: skip
         _note(pool, key)
         return _run_isolated(order, fmus, pool)
     finally:
         if keep and pool is not None:
-            pool.lay_back(key, process)
+            pool.put_back(key, process)
         else:
             process.close()
 
 
 def needing_own_process(system: System) -> dict[str, FmuComponent]:
-    """The FMUs of a system that may take their process with them, by name."""
+    """The FMUs of a system that may crash their process, by name."""
     fmus = {name: c for name, c in system.components.items() if isinstance(c, FmuComponent)}
     counts = Counter(fmu.digest for fmu in fmus.values())
     return {name: fmu for name, fmu in fmus.items() if fmu.needs_own_process(counts[fmu.digest])}
@@ -176,8 +176,8 @@ def _log_isolation(component: FmuComponent, rerun: Rerun | None) -> None:
 
 def _run_isolated(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """The loop in this process, with each of these FMUs in a process of its own."""
-    apart = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
-    system = replace(order.system, components={**order.system.components, **apart})
+    isolated = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
+    system = replace(order.system, components={**order.system.components, **isolated})
     return run_in_process(
         system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe, pool=pool,
         compiled=order.compiled,

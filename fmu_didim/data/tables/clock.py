@@ -28,7 +28,7 @@ def clock_column(table: SignalTable, time: TimeColumn, names: Sequence[str]) -> 
     """The column of the instants of these columns; None where the rows are to be counted.
 
     Raises:
-        InputError: there is none, or the columns have different ones.
+        InputError: there is no such column, or the columns have different ones.
     """
     own = {table.times[name] for name in names if name in table.times}
     if time.name is not None:
@@ -74,10 +74,10 @@ def _by_name(table: SignalTable) -> str | None:
 
 
 def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:
-    """(N,) instants of the rows in s, and what is to be told of them.
+    """(N,) instants of the rows in s, and the diagnostics of how they were found.
 
     Raises:
-        InputError: the unit is none of time, or stamps cannot be rounded ones of the rate given.
+        InputError: the unit is not a unit of time, or the stamps are not rounded instants of the given rate.
     """
     if clock is None:
         assert time.rate_hz is not None
@@ -98,7 +98,7 @@ def _seconds(table: SignalTable, clock: str, time: TimeColumn) -> float:
         )  # fmt: skip
     if known is not None and known.powers != {"s": 1}:
         raise InputError(
-            "The unit of the time column is none of time.", where=f"{table.source}, column {clock}", got=unit,
+            "The unit of the time column is not a unit of time.", where=f"{table.source}, column {clock}", got=unit,
             next_step="Name another column, or give its unit: time: {name: ..., unit: ms}.",
         )  # fmt: skip
     return known.factor if known is not None else 1.0
@@ -127,7 +127,7 @@ def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagn
     if twice or off >= STAMP_ROUNDING / rate:
         usual = 1 / float(np.median(np.diff(stamps)))
         raise InputError(
-            "The stamps are not rounded ones of that rate.", where=source,
+            "The stamps do not lie near the instants of that rate.", where=source,
             got=f"{rate:g} Hz; the stamps come at {usual:.6g} Hz, lie up to {1000 * off:.3g} ms off, and {twice} "
             "of them fall on the instant of another",
             next_step="Correct time: {rate_hz: ...}, or leave it out.",

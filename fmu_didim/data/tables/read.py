@@ -42,7 +42,7 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> SignalTa
         raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READERS)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of a file is told in our words
+            warnings.simplefilter("ignore")  # what matters is reported in our own words
             return read_csv(path, layout) if reader is read_csv else reader(path)
     except FmuDidimError:
         raise

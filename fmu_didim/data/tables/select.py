@@ -22,7 +22,7 @@ NO_COLUMNS: Mapping[str, Column] = {}
 
 @dataclass(frozen=True)
 class Selected:
-    """Signals, and what is to be told of how they were read."""
+    """Signals, and the diagnostics of how they were read."""
 
     signals: Trajectory
     told: tuple[Diagnostic, ...] = ()
@@ -97,7 +97,7 @@ def _row_count(table: SignalTable, own: Mapping[str, str], clock: str | None) ->
 
 
 def _others(table: SignalTable, own: Mapping[str, str], clock: str | None, count: int) -> Iterator[tuple[str, str]]:
-    """Name of the signal and of the column, of columns that nobody named but that may be meant."""
+    """Name of the signal and of the column, of columns that the case does not name."""
     names = [
         name for name, numbers in table.columns.items()
         if numbers.size == count and name != clock and name not in own.values()

@@ -134,7 +134,7 @@ def test_folders_that_were_zipped_as_a_whole(tmp_path: Path) -> None:
         ("<html/>", "no fmiVersion in <html>"),
         (xml().replace("</ModelVariables>", ""), "modelDescription.xml is wrong"),
         (SCHEDULED, r"no interface that can run[\s\S]*scheduled-execution only"),
-        (SLAVE.format(**DEFAULTS).replace('start="2"', 'start="two"'), "start value in the FMU is no number"),
+        (SLAVE.format(**DEFAULTS).replace('start="2"', 'start="two"'), "start value in the FMU is not a number"),
     ],
 )  # fmt: skip
 def test_descriptions_that_cannot_be_used(tmp_path: Path, text: str, problem: str) -> None:

@@ -83,7 +83,7 @@ def test_conversion(
         ("x", "dq1", "deg", ARM, r"valid: rad/s"),
         ({"name": "x", "unit": "1"}, "q1", "", ARM, r"encoder"),
         ({"name": "x", "unit": "mm", "gear_ratio": 2}, "q1", "", AXIS, r"valid: rad\n"),
-        ("x", "q1", "degC", ARM, r"zero of its own"),
+        ("x", "q1", "degC", ARM, r"A unit with an offset"),
         ("absent", "q1", "", ARM, "absent"),
     ],
 )

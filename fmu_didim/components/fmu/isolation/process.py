@@ -1,4 +1,4 @@
-"""The other process for FMUs, seen from here: a crash, an exit or an endless loop there ends in an error here.
+"""The process of an FMU, as its parent controls it: a crash, an exit or an endless loop becomes an error.
 
 The process is started fresh (it inherits no memory), talks over its standard input and output, and ends when it is
 told to, when its input closes, or when a call takes longer than the time limit.
@@ -35,7 +35,7 @@ WELL = 77
 ANSWER, ERROR, BEAT = "answer", "error", "beat"
 """Kinds of messages of the process."""
 MOST_CONSTANTS = 64
-"""Objects that the process keeps so; then it forgets them all."""
+"""Objects that the process keeps at most; then it forgets them all."""
 
 
 def pack(message: Any, numbers: Mapping[int, int] | None = None) -> bytes:
@@ -108,7 +108,7 @@ class NotCarriedError(SimulationError):
 
 
 class ProcessEndedError(FmuError):
-    """The process of an FMU died or was stopped: no matter of the values that it was run with, so no SimulationError.
+    """The process of an FMU died or was stopped, whatever the values of the run: so it is no SimulationError.
 
     Attributes:
         by_fmu: the FMU itself ended it, by a crash or an exit, and would do so again. Not so if it took too long,
@@ -170,7 +170,7 @@ class Worker:
         Args:
             what: the call, for messages.
             function: its first argument is a namespace that lives as long as the process, with a method ``beat`` by
-                which the function tells that it goes on: the time limit begins anew then.
+                which the function reports that it goes on: the time limit starts again then.
             constants: objects among the arguments that further requests will have again: they are sent once.
 
         Raises:

@@ -2,7 +2,7 @@
 
 A record in the cache, under the content of the FMU, states how many instances of it ran at once in a process of its own
 that ended without an error. While it runs in an ordinary process a mark lies beside that record: a mark that outlives
-its process tells that this ended abruptly, perhaps by the FMU, and the record is removed.
+its process shows that it ended abruptly, perhaps by the FMU, and the record is removed.
 """
 
 from __future__ import annotations

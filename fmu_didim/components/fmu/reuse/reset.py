@@ -63,7 +63,7 @@ class Answer:
 
     @property
     def in_words(self) -> Any:
-        """The value, or why there is none."""
+        """The value, or why there is no value."""
         return self.value if self.error is None else trials.in_words(self.error)
 
 
