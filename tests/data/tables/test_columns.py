@@ -178,7 +178,7 @@ def test_instants(given: SignalTable, time: dict[str, Any], expected: Any, told:
         (table(GRID), {"name": "x"}, r"no column named 'x'"),
         (table(GRID, "t [V]"), {}, r"not a unit of time[\s\S]*V"),
         (table(GRID, "T"), {}, r"no time column"),  # a temperature
-        (table(GRID), {"name": "t", "rate_hz": 150}, r"not rounded[\s\S]*come at 200 Hz"),
+        (table(GRID), {"name": "t", "rate_hz": 150}, r"do not lie near[\s\S]*come at 200 Hz"),
         (table(GRID[:50]), {"name": "t"}, r"no signal of its length"),
         (table(GRID, calendar=("t",), units={"t": "s"}), {"name": "t", "unit": "ms"}, r"no unit[\s\S]*Leave out unit"),
     ],

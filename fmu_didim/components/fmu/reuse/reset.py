@@ -166,16 +166,15 @@ def find_facts(run: TrialRunner) -> Facts:
 
 def _facts_of_single(run: TrialRunner, crashed: tuple[str, ...]) -> Facts:
     """What can be found out if a process can hold one instance only, or none."""
-    start = clock.monotonic()
-    alone = run(trials.once)
-    took = clock.monotonic() - start
+    alone = run(trials.once_timed)
     if alone.error is not None:
         failure = " ".join(str(alone.error).split())
         if run(trials.quiet).error is None:  # pseudo-random inputs may be more than the model supports
             failure = f"{ONLY_QUIET}: {failure}"
         return Facts(failure, ("runs",) if crashed else (), unfinished=tuple(run.unfinished))
-    answers = [run(trial, alone.value).in_words for trial in (trials.reset, trials.new_state)]
-    found = _facts(run, alone.value, None, answers, crashed)
+    first, took = alone.value
+    answers = [run(trial, first).in_words for trial in (trials.reset, trials.new_state)]
+    found = _facts(run, first, None, answers, crashed)
     # If it is quick alone, it hung with two instances, and no busy machine was to blame.
     return replace(found, unfinished=()) if took < QUICK * run.limit_s else found
 

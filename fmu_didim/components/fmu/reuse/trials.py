@@ -55,6 +55,12 @@ def once(component: FmuSettings, h: float) -> Array:
     return _run(component, _inputs(component, h), h)
 
 
+def once_timed(component: FmuSettings, h: float) -> tuple[Array, float]:
+    """One trajectory and the time in s that it took, without the start of the process."""
+    start = clock.monotonic()
+    return once(component, h), clock.monotonic() - start
+
+
 def quiet(component: FmuSettings, h: float) -> Array:
     """One trajectory with the inputs at their start values: others may be beyond what the model supports."""
     starts = np.array([v.start for v in component.inputs])
