@@ -14,7 +14,7 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
 
-SPLICE = "linear_transformation"
+TRANSFORMATION = "linear_transformation"
 """Name of the block that :func:`transforming_component` makes, by which the writer knows it again."""
 
 
@@ -82,7 +82,7 @@ def transforming_component(transformation: Affine) -> ModelComponent:
     """
     x, u, p = ca.SX.sym("x", 0), ca.SX.sym("u"), ca.SX.sym("p", 2)
     block = Block(
-        name=SPLICE,
+        name=TRANSFORMATION,
         description="Linear transformation of a connection",
         inputs=(Variable("u", "", "input"),),
         outputs=(Variable("y", "", "output"),),
@@ -100,7 +100,7 @@ def transforming_component(transformation: Affine) -> ModelComponent:
 
 def component_transformation(component: Component) -> Affine | None:
     """What a component made by :func:`transforming_component` does; None for any other component."""
-    if isinstance(component, ModelComponent) and component.block.name == SPLICE:
+    if isinstance(component, ModelComponent) and component.block.name == TRANSFORMATION:
         values = component.parameter_values()
         return Affine(values["factor"], values["offset"])
     return None

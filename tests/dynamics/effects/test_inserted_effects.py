@@ -34,7 +34,7 @@ from fmu_didim.workflow import identify
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, model_on, reference, scara, scara_pd, with_torque
 
 NONLINEAR: dict[str, NonlinearEffect] = {n: e for n, e in EFFECTS.items() if isinstance(e, NonlinearEffect)}
-SPLICED: dict[str, InsertedEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, InsertedEffect)}
+INSERTED: dict[str, InsertedEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, InsertedEffect)}
 STRUCTURE: dict[str, StructureEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, StructureEffect)}
 KINDS = ("revolute", "prismatic")
 MOTION = reference(1.5)
@@ -99,11 +99,11 @@ class TestWhatTheySay:
 
 class TestNeutralValues:
     @pytest.mark.parametrize("compiled", [None, False])
-    @pytest.mark.parametrize("name", SPLICED)
+    @pytest.mark.parametrize("name", INSERTED)
     def test_of_drives_and_sensors_change_no_bit(self, name: str, compiled: bool | None) -> None:
         system = loop(load_fmu(build_fmu(scara().block())), load_fmu(build_fmu(scara_pd())), MOTION)
         before = simulate(system, MOTION, compiled=compiled)
-        after = simulate(insert_effect(system, SPLICED[name], 2, "revolute"), MOTION, compiled=compiled)
+        after = simulate(insert_effect(system, INSERTED[name], 2, "revolute"), MOTION, compiled=compiled)
         assert after.compiled == (compiled is None)
         assert np.array_equal(before.applied["plant.ddq2"], after.applied["plant.ddq2"])
 
@@ -152,13 +152,13 @@ def lagged(u: np.ndarray, lag: float) -> np.ndarray:
 
 class TestEquationsOfDrivesAndSensors:
     def test_all_are_there(self) -> None:
-        assert set(EQUATIONS) == set(SPLICED)
+        assert set(EQUATIONS) == set(INSERTED)
 
     @pytest.mark.parametrize("name", EQUATIONS)
     def test_the_block_follows_its_equation(self, name: str) -> None:
         values, equation = EQUATIONS[name]
         u = 1.5 * np.sin(0.2 * np.arange(120)) + 0.5 * np.random.default_rng(7).normal(size=120)
-        part = inserted_component(SPLICED[name], "revolute", PERIOD, values)
+        part = inserted_component(INSERTED[name], "revolute", PERIOD, values)
         assert part.twin is not None
         source = trajectory(np.arange(u.size) * PERIOD, {"u": u})
         system = System({"it": part}, (Connection("reference.u", "it.u"),), ("it",), PERIOD)
@@ -170,9 +170,9 @@ class TestEquationsOfDrivesAndSensors:
 
     @pytest.mark.parametrize("name", EQUATIONS)
     def test_its_fmu_is_valid_and_one_for_all_joints(self, name: str) -> None:
-        block = SPLICED[name].block("revolute", PERIOD)
+        block = INSERTED[name].block("revolute", PERIOD)
         assert validate_fmu(str(build_fmu(block))) == []
-        assert block.digest() == SPLICED[name].block("revolute", PERIOD).digest()
+        assert block.digest() == INSERTED[name].block("revolute", PERIOD).digest()
 
 
 def closed(robot: RobotDescription, motion: Trajectory = MOTION) -> np.ndarray:
