@@ -142,9 +142,11 @@ ARCHIVES: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "other-file.fmu": (lambda: fmu('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/group">]><a>&b;</a>'), "document type"),
     "nested.fmu": (lambda: fmu(NESTED), "no fmiVersion|is wrong"),
     "large-description.fmu": (lambda: fmu(b" " * (MAXIMUM_DESCRIPTION_BYTES + 1)), "is too large|more than it is"),
-    "identifier.fmu": (lambda: fmu(XML.replace('modelIdentifier="slave"', 'modelIdentifier="../../x"')), "is no name"),
+    "identifier.fmu": (
+        lambda: fmu(XML.replace('modelIdentifier="slave"', 'modelIdentifier="../../x"')), "is not a valid name"
+    ),
     "absolute-identifier.fmu": (
-        lambda: fmu(XML.replace('modelIdentifier="slave"', 'modelIdentifier="/lib/libc"')), "is no name"
+        lambda: fmu(XML.replace('modelIdentifier="slave"', 'modelIdentifier="/lib/libc"')), "is not a valid name"
     ),
     "huge-array.fmu": (
         lambda: fmu(ARRAYS.replace('<Dimension start="2"/>', '<Dimension start="2000000000"/>'), stem="arrays"),

@@ -11,10 +11,11 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -47,11 +48,11 @@ KINDS = {
     "variational": "compiled sensitivities",
     "reruns": "how FMUs are run again",
     "probes": "how FMUs behave",
-    "proofs": "which FMUs of other tools have run to a good end",
+    "proofs": "which FMUs of other tools have run and ended well",
     "seats": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",
 }
-"""What is kept: folder -> what it holds. The names of entries that belong to an FMU begin with its SHA-256."""
+"""Folder of the cache -> its content. The names of entries that belong to an FMU begin with its SHA-256."""
 LIMIT = 5 * 2**30
 """Bytes from which on the oldest entries leave: some hundred FMUs with their libraries, and bearable on any disk."""
 IN_USE = 7 * 24 * 3600.0
@@ -69,13 +70,13 @@ OF_NAMES = (errno.ENAMETOOLONG, errno.EISDIR, errno.EINVAL, errno.EILSEQ)
 def cache_directory() -> Path:
     """The folder named by ``FMU_DIDIM_CACHE``, else the user's cache folder; made if absent.
 
-    Where the user's cannot be written, a folder for temporary files that belongs to this user alone, which is told.
+    If the user's cannot be written, a folder for temporary files that belongs to this user alone; a warning is logged.
 
     Raises:
         InputError: the one that was named cannot be made, or none can.
     """
     if named := os.environ.get(VARIABLE):
-        with told(Path(named)):
+        with reported_as_input_error(Path(named)):
             Path(named).mkdir(parents=True, exist_ok=True)
         return Path(named)
     try:
@@ -90,7 +91,7 @@ def cache_directory() -> Path:
 
 def _temporary(why: Exception) -> Path:
     """A private folder in that for temporary files; this process and those that it starts keep to it."""
-    with told(Path("the user's cache folder")):
+    with reported_as_input_error(Path("the user's cache folder")):
         path = Path(tempfile.gettempdir()) / f"fmu_didim{f'-{os.getuid()}' if HAS_OWNERS else ''}"
         with suppress(FileExistsError):
             path.mkdir(0o700)
@@ -106,8 +107,8 @@ def _temporary(why: Exception) -> Path:
 
 
 @contextmanager
-def told(where: Path) -> Iterator[None]:
-    """What hinders the writing there as an InputError."""
+def reported_as_input_error(where: Path) -> Iterator[None]:
+    """Report what prevents writing there as an InputError."""
     try:
         yield
     except OSError as error:
@@ -140,7 +141,7 @@ def own_folder(kind: str) -> Path:
         InputError: it cannot be made, or another user has made it.
     """
     path = cache_directory() / kind / (str(os.getuid()) if HAS_OWNERS else "own")
-    with told(path):
+    with reported_as_input_error(path):
         made(made(path.parent) / path.name)
     _check_foreign(path)
     return path
@@ -152,6 +153,22 @@ def cache_file(path: Path) -> Iterator[Path]:
     with whole_file(made(path.parent) / path.name) as temporary:
         yield temporary
         follow(temporary, path.parent)
+
+
+def read_record(path: Path) -> dict[str, Any] | None:
+    """The mapping that :func:`write_record` wrote; None if it is missing, damaged, or written by a user who is not
+    trusted."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if is_trusted(path) else None
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a mapping as JSON; without effect where the cache cannot be written, as it can be found out again."""
+    with suppress(OSError), cache_file(path) as temporary:
+        temporary.write_text(json.dumps(record), encoding="utf-8")
 
 
 def is_trusted(path: Path) -> bool:
@@ -212,7 +229,7 @@ def cached_folder(kind: str, key: str, fill: Callable[[Path], None]) -> Path:
     """A folder of the cache, filled once by ``fill`` and moved into place as a whole.
 
     A list of its files with size and SHA-256 lies beside it: sizes are compared whenever it is asked for, contents once
-    in a process, and what is damaged is thrown away and filled anew. Several processes may ask at the same time: each
+    in a process, and a damaged folder is removed and filled again. Several processes may ask at the same time: each
     fills a folder of its own, the first one stays. Where the cache has grown too large, what was not asked for longest
     goes.
 
@@ -228,7 +245,7 @@ def cached_folder(kind: str, key: str, fill: Callable[[Path], None]) -> Path:
         with suppress(OSError):
             os.utime(entry)  # used
         return entry / _CONTENT
-    with told(entry.parent):
+    with reported_as_input_error(entry.parent):
         remove_stale(made(entry.parent))
         partial = partial_folder(entry.parent)
         try:
@@ -252,7 +269,7 @@ def _put(partial: Path, entry: Path) -> None:
             return  # looked at after the move has failed: what came in between is never taken for damaged
         if not entry.exists():
             raise
-        _log.info("%s of the cache is damaged and was made anew", entry)
+        _log.info("%s in the cache was damaged and was made again", entry)
         remove_entry(entry)
         patiently(lambda: partial.rename(entry))
     sync(entry.parent)
@@ -287,7 +304,7 @@ def _is_whole(entry: Path) -> bool:
 
 
 def remove_entry(entry: Path) -> None:
-    """Remove a file or folder of the cache; nobody sees half of it.
+    """Remove a file or folder of the cache; no process finds half of it.
 
     Raises:
         OSError: another user keeps it, or on Windows a program that has loaded it; then it is as it was.
@@ -326,7 +343,7 @@ def entries(digest: str = "", *, kinds: Iterable[str] = KINDS) -> Iterator[Entry
 
 def clear(found: Iterable[Entry]) -> tuple[list[Entry], dict[str, list[Entry]]]:
     """Remove entries: those that are removed, and by reason those that this user may not remove."""
-    removed, kept = list[Entry](), dict[str, list[Entry]]()
+    removed, refused = list[Entry](), dict[str, list[Entry]]()
     for entry in found:
         try:
             remove_entry(entry.path)
@@ -336,12 +353,12 @@ def clear(found: Iterable[Entry]) -> tuple[list[Entry], dict[str, list[Entry]]]:
             why = f"belongs to {other}" if other else str(error.strerror or error)
             if getattr(error, "winerror", None) in HELD:
                 why = "in use by a program that runs"
-            kept.setdefault(why, []).append(entry)
-    return removed, kept
+            refused.setdefault(why, []).append(entry)
+    return removed, refused
 
 
 def limit_size() -> None:
-    """Remove what was not used for longest where the cache is too large; looked at once in an hour."""
+    """Remove the entries that were not used for longest if the cache is too large; checked once an hour."""
     stamp = cache_directory() / ".size_checked"
     with suppress(OSError):
         if stamp.is_file() and time.time() - stamp.stat().st_mtime < _CHECKED_EVERY:

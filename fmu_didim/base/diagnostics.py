@@ -58,7 +58,7 @@ class Diagnostic:
         code: its kind.
         text: a sentence with the figures.
         place: experiment, joint, parameter or file; empty where it is about all of them.
-        value, bound: the figure that was found and the one it is compared with, in ``unit``; None where there is none.
+        value, bound: the figure that was found and its limit, in ``unit``; None if there is no figure.
         next_step: what to do about it, the next command where there is one.
     """
 
@@ -77,7 +77,7 @@ class Diagnostic:
 
     @property
     def figures(self) -> str:
-        """Value and bound with their unit; empty where there is none."""
+        """Value and bound with their unit; empty if there is no value."""
         if self.value is None:
             return ""
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
@@ -85,7 +85,7 @@ class Diagnostic:
 
     @property
     def excess(self) -> float:
-        """How far the figure lies beyond its bound, as a ratio; 1 where there is none."""
+        """How far the figure lies beyond its bound, as a ratio; 1 if there is no bound."""
         if self.value is None or not self.bound:
             return 1.0
         ratio = abs(self.value / self.bound)
@@ -96,7 +96,7 @@ class Diagnostic:
 
 
 class DiagnosedError(InputError):
-    """Input that diagnostics refuse, named by the weightiest of them.
+    """Input that diagnostics refuse, named by the most important of them.
 
     Attributes:
         found: all of them, in order of weight.

@@ -26,7 +26,7 @@ def section(documented: object, name: str) -> str:
 def entries(documented: object, name: str, known: Collection[str]) -> dict[str, str]:
     """Each known name of a section -> what it says of it.
 
-    Entries are ``name: text`` or ``one, another: text`` at the begin of a line, or after a semicolon.
+    Entries are ``name: text`` or ``one, another: text`` at the start of a line, or after a semicolon.
     """
     found: dict[str, str] = {}
     for paragraph in re.split(r"\n(?=\S)", section(documented, name)):
@@ -57,6 +57,6 @@ def _names(match: re.Match[str]) -> list[str]:
 
 
 def _divided(text: str, known: Collection[str]) -> list[str]:
-    """A text cut where a semicolon ends what is said of one name and another known one follows."""
+    """A text cut where a semicolon ends the text of one name and another known name follows."""
     cuts = [m.end() for m in re.finditer(r"; ", text) if (n := _ENTRY.match(text, m.end())) and _names(n)[0] in known]
     return [text[begin:end] for begin, end in zip([0, *cuts], [*cuts, len(text)], strict=True)]

@@ -33,11 +33,11 @@ MAXIMUM_DEPTH = 50
 """Bounds of a YAML file, values and depth with all aliases written out: more than a campaign of some thousand settings
 has. What is beyond them is not read to its end."""
 MOST_PROBLEMS = 20
-"""Problems of one file that are told."""
+"""Problems of one file that are reported at most."""
 LONGEST = 60
 """Characters of a value or a key that are shown."""
 LONGEST_MESSAGE = 4000
-"""Characters of what is said of an entry: a message of ours ends with the advice, after the names that are valid."""
+"""Characters of the message about an entry: our messages end with the advice, after the valid names."""
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = LONGEST
 _REPR.maxlevel = 3
@@ -48,7 +48,7 @@ Positive = Annotated[float, Field(gt=0)]
 class Strict(BaseModel):
     """Base of the document models: unknown keys are errors, values do not change, numbers are finite.
 
-    The JSON Schema tells of each key what the docstring of the class says of it.
+    The JSON Schema describes each key as the docstring of the class does.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -210,7 +210,7 @@ class _Loader(Composer, SafeConstructor, Resolver):
         try:
             found = super().construct_object(node, deep=deep)
             if isinstance(found, str):
-                found.encode("utf-8")  # half of a character, written as an escape, is none
+                found.encode("utf-8")  # half of a character, written as an escape, is invalid
             return found
         except (ValueError, OverflowError) as error:  # such as the 30th of February, or five thousand digits
             raise ConstructorError(None, None, str(error), node.start_mark) from error
@@ -285,7 +285,7 @@ KINDS = {
     "a case of several experiments": ("experiments", "fmu-didim identify, check and discover take it."),
     "a robot description": ("joints", "Name it in a case, robot: ...; fmu-didim export makes an FMU."),
 }
-"""Kind of a file -> the key by which it is known, and what it is for."""
+"""Kind of a file -> the key that identifies it, and its purpose."""
 
 
 def _other_kind(content: dict[str, Any], model: type[BaseModel]) -> str:
@@ -310,13 +310,13 @@ def problems_error(found: Sequence[str], *, where: str) -> InputError:
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:
-    """Load and validate a YAML file; problems are told with their lines."""
+    """Load and validate a YAML file; problems are reported with their lines."""
     content = load_yaml(path)
     return validate(model, content, where=str(path), lines=Lines(Path(path)), folder=Path(path).parent)
 
 
 TO_FILL_IN = "EDIT"
-"""Stands in a file that was made for a user, in place of what only he knows."""
+"""Placeholder in a generated file for what only the user knows."""
 
 
 class Lines:
@@ -330,7 +330,7 @@ class Lines:
         try:
             root: yaml.Node | None = _LOADER(self._text).get_single_node()
             return root
-        except yaml.YAMLError:  # which is told by load_yaml
+        except yaml.YAMLError:  # load_yaml reports it
             return None
 
     def of(self, location: Iterable[object], *, whole: bool = False) -> str:
@@ -353,7 +353,7 @@ class Lines:
         return f"line {line}, " if line else ""
 
     def unfilled(self) -> list[tuple[str, str]]:
-        """Place of each value that is still to be filled in, and what the comment in its line says of it."""
+        """Place of each value that is still to be filled in, and the comment in its line."""
         if not re.search(rf"\b{TO_FILL_IN}\b", self._text):
             return []
         rows, found = self._text.splitlines(), []

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, Self
 
 MOST_NAMES = 60
-"""Names that a message lists; of a table with thousands of columns nobody reads more."""
+"""Names that a message lists at most: nobody reads thousands of columns."""
 LONGEST_NAME = 200
 """Characters of a name that is compared with others; those of machines and models have some tens."""
 
@@ -30,7 +30,7 @@ class FmuDidimError(Exception):
     """Root of all errors raised by the framework.
 
     Attributes:
-        component: the component of the loop that failed by itself, which nobody else is to be blamed for; "" if none.
+        component: the component of the loop that failed by itself; "" if there is no such component.
     """
 
     component = ""
@@ -148,7 +148,7 @@ class LibraryError(FmuDidimError):
 
 @contextmanager
 def loading(name: str, *, absent: FmuDidimError | None = None) -> Iterator[None]:
-    """What goes wrong while a library is imported is told as its own fault, not as that of what it is needed for.
+    """What goes wrong while a library is imported is reported as its own fault, not as that of what needs it.
 
     Args:
         name: of its module. absent: what to say where it is not installed at all.

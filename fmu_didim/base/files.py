@@ -42,7 +42,7 @@ _T = TypeVar("_T")
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file; no name that the system refuses, such as one too long, has one."""
+    """Whether there is such a file; False for names that the system refuses, such as names that are too long."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -56,13 +56,13 @@ def file_name(text: str) -> str:
     for a device, such as ``aux`` or ``com1.csv``, gets a ``_`` behind it.
     """
     name = _REFUSED.sub("_", text)
-    kept = name.rstrip(". ")
-    name = kept + "_" * (len(name) - len(kept))
+    stripped = name.rstrip(". ")
+    name = stripped + "_" * (len(name) - len(stripped))
     return _DEVICES.sub(lambda device: f"{device[0]}_", name, count=1) if _DEVICES.match(name) else name or "_"
 
 
 def owner(path: Path) -> str:
-    """The user to whom a file belongs; "" where the system does not tell."""
+    """The user to whom a file belongs; "" if the system does not know."""
     try:
         return path.owner()
     except KeyError:  # a user of another machine, or of none
@@ -72,7 +72,7 @@ def owner(path: Path) -> str:
 
 
 def made(folder: Path) -> Path:
-    """A folder, made if absent with the permissions of the one it lies in, which say who shares it."""
+    """A folder, made if absent with the permissions of the one it lies in, which decide who shares it."""
     if not folder.is_dir():
         folder.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileExistsError):
@@ -132,7 +132,7 @@ def advice(error: OSError, otherwise: str, *, place: str = "another folder") -> 
 
 
 def partial_folder(parent: Path) -> Path:
-    """A new folder to fill; the umask and the folder it lies in say who may read it."""
+    """A new folder to fill; the umask and the folder it lies in decide who may read it."""
     path = parent / f"{PARTIAL}{secrets.token_hex(8)}"
     path.mkdir()
     return path
@@ -140,9 +140,9 @@ def partial_folder(parent: Path) -> Path:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A file to write, which then takes the place of ``path``: nobody sees half of it.
+    """A file to write, which then takes the place of ``path``: no reader finds half of it.
 
-    The umask and the folder say who may read it.
+    The umask and the folder decide who may read it.
     """
     temporary = path.with_name(f"{PARTIAL}{secrets.token_hex(8)}{path.suffix}")
     temporary.touch(exist_ok=False)
@@ -156,7 +156,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def sync(path: Path) -> None:
-    """Bring what was written to a file, or the names in a folder, to the disk; a power cut does not empty it then."""
+    """Bring what was written to a file, or the names in a folder, to the disk; a power cut then does not empty it."""
     if path.is_dir():
         with suppress(OSError):  # not every system can: Windows does not open folders
             _sync(path, os.O_RDONLY)
@@ -173,7 +173,7 @@ def _sync(path: Path, flags: int) -> None:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove what processes that were killed left half written in a folder."""
+    """Remove files in a folder that killed processes left half written."""
     for path in folder.glob(f"{PARTIAL}*"):
         with suppress(OSError):
             if time.time() - path.stat().st_mtime < STALE:

@@ -42,7 +42,7 @@ def is_reference(text: str) -> bool:
 def located(reference: str, *folders: Path) -> str:
     """The reference by the absolute path of its file, where it means a file; runs nothing.
 
-    What is neither a reference nor found stays as it is; to import it tells what is wrong.
+    What is neither a reference nor found stays as it is; importing it reports what is wrong.
 
     Args:
         folders: of what names it, the first one that has the file counts; none: the working folder.
@@ -63,7 +63,7 @@ def located(reference: str, *folders: Path) -> str:
 
 
 def without_folder(reference: str) -> str:
-    """A reference as texts name it: its file without the folder; what is none stays as it is."""
+    """A reference as texts name it: its file without the folder; other texts stay as they are."""
     return Path(reference).name if is_reference(reference) else reference
 
 
@@ -102,7 +102,7 @@ def check_allowed(reference: str, *, where: str) -> None:
     """Raise InputError if no code of a case is to be run, even where it is loaded already."""
     if os.environ.get(NO_CODE):
         raise InputError(
-            "This names Python code, which is not to be run.", where=where, got=reference,
+            "This names Python code, which must not be run.", where=where, got=reference,
             valid="a description, an FMU or a catalogued effect",
             next_step=f"Read that code; if you trust it, leave out --no-code (unset {NO_CODE}).",
         )  # fmt: skip
@@ -124,7 +124,7 @@ def run_code(function: Callable[[], Result], *, what: str, where: str, got: str)
     except (Exception, SystemExit) as error:
         raise InputError(
             f"The user's {what} cannot be used: {raised(error)}.", where=where, got=got,
-            next_step="Mend it; it must run when it is imported or called alone.",
+            next_step="Fix it; it must run when it is imported or called alone.",
         ) from error  # fmt: skip
 
 
@@ -133,7 +133,7 @@ def raised(error: BaseException) -> str:
     text = " ".join(str(error).split())[:300]
     what = "it exits" if isinstance(error, SystemExit) else type(error).__name__
     if isinstance(error, SyntaxError):
-        return f"{what}: {text}"  # which tells the place
+        return f"{what}: {text}"  # the text names the place
     frames = traceback.extract_tb(error.__traceback__)
     own = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith("<frozen")] or frames
     place = f", {own[-1].filename}, line {own[-1].lineno}" if own else ""
@@ -165,7 +165,7 @@ def _module(name: str, folder: Path, where: str) -> Any:
 
 
 def _run(path: Path) -> Any:
-    """The module of a file, run anew; its name in ``sys.modules`` is that of no other file."""
+    """The module of a file, run again; no other file has its name in ``sys.modules``."""
     unique = f"{path.stem}_{sha256(str(path).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(unique, path)
     assert spec is not None and spec.loader is not None  # of a file that ends with .py

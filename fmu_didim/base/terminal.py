@@ -24,7 +24,7 @@ _SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code 
 
 
 def harmless(text: str) -> str:
-    """Text whose control characters are written out, so that it steers nothing."""
+    """Text with its control characters written out, so that it cannot control a terminal."""
     return text.translate(_SHOWN)
 
 
@@ -40,7 +40,7 @@ _PLAIN = {
     "±": "+-", "−": "-", "–": "-", "→": "->", "…": "...", "“": '"', "”": '"', "█": "#", "░": ".", "‰": "per mille",
     "─": "-", "━": "-", "│": "|",
 }  # fmt: skip
-"""What stands for a sign that an encoding lacks; for a letter of a name nothing does."""
+"""Replacements of characters that an encoding lacks; letters of a name have no replacement."""
 _RAISED = dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
 _ENCODED = "fmu_didim.plain"
 
@@ -57,7 +57,7 @@ codecs.register_error(_ENCODED, _plain)
 
 
 def json_shown(text: str) -> str:
-    """JSON as standard output can show it: what it lacks, or what would steer it, is escaped, and nothing is lost."""
+    """JSON as standard output can show it: characters that it lacks or that would control it are escaped."""
     try:
         text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
         escaped = "[\x7f-\x9f\u202a-\u202e\u2066-\u2069]"
@@ -82,9 +82,9 @@ class Encodable:
 
 
 class Printable:
-    """A stream to which only text goes that it can show and that steers nothing.
+    """A stream that receives only text which it can show and which does not control the terminal.
 
-    Control characters are written out, and what its encoding lacks in plain letters. Where nobody reads any more
+    Control characters are written out, and what its encoding lacks in plain letters. Once the reader has gone
     (``| head``) or the disk is full, the rest of what is printed is lost, and not the work that goes on.
     """
 
@@ -128,10 +128,10 @@ def printable() -> Iterator[None]:
 
 
 def unforeseen(error: BaseException) -> str:
-    """What to say of an error that nobody has foreseen, with the place of a log that holds its traceback."""
+    """The message for an unforeseen error, with the path of a log that holds its traceback."""
     text = " ".join(str(error).split())[:300]
     trace = "".join(traceback.format_exception(error))
-    said = f"an error that nobody has foreseen: {type(error).__name__}{f': {text}' if text else ''}."
+    said = f"unexpected error: {type(error).__name__}{f': {text}' if text else ''}."
     with suppress(OSError):
         handle, name = tempfile.mkstemp(prefix="fmu-didim-", suffix=".log")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as stream:

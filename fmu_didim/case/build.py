@@ -24,7 +24,7 @@ from fmu_didim.case.loop import (
     loop_of_components,
     loop_of_parts,
     with_drive_gains,
-    with_spliced_effects,
+    with_inserted_effects,
 )
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
@@ -149,7 +149,7 @@ class Case:
             n = self.parameters.joint_count
             system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
         if self.robot is not None:
-            system = with_spliced_effects(system, self.robot, plant=self.plant_name)
+            system = with_inserted_effects(system, self.robot, plant=self.plant_name)
         return with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
 
     @property

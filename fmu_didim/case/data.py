@@ -19,7 +19,7 @@ from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, 
 from fmu_didim.cosim import decimated_times, grid_places, sample_operator
 from fmu_didim.data.excitation import Excitation
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.data.tables import Selected, Table, TimeColumn, read_table, selected
+from fmu_didim.data.tables import Selected, SignalTable, TimeColumn, read_table, selected
 from fmu_didim.model.experiment import Experiment
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
@@ -86,9 +86,9 @@ def _of_file(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
 
 
-def _in_memory(given: Trajectory, source: SignalFile) -> Table:
+def _in_memory(given: Trajectory, source: SignalFile) -> SignalTable:
     columns = {name: given.values[:, i] for i, name in enumerate(given.names)}
-    return Table({TIME_IN_MEMORY: given.time, **columns}, source=given.source or source.file)
+    return SignalTable({TIME_IN_MEMORY: given.time, **columns}, source=given.source or source.file)
 
 
 def read_reference(

@@ -1,4 +1,4 @@
-"""The loop of a case: from its components or from an SSP archive, with its timing and what is spliced into it."""
+"""The loop of a case: from its components or from an SSP archive, with its timing and what is inserted into it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.free import DRIVE, beside_the_plant
 from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.cosim import Connection, System, closed_loop, splice_effect
+from fmu_didim.cosim import Connection, System, closed_loop, insert_effect
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
@@ -238,7 +238,7 @@ def _columns(system: System, inputs: Mapping[str, str], path: Path) -> dict[str,
     return {f"{REFERENCE}.{own}": f"{REFERENCE}.{column}" for column, own in inputs.items()}
 
 
-def with_spliced_effects(system: System, robot: RobotDescription, *, plant: str = "plant") -> System:
+def with_inserted_effects(system: System, robot: RobotDescription, *, plant: str = "plant") -> System:
     """The loop with the drive and sensor effects of each joint, with the parameters given there.
 
     Args:
@@ -251,7 +251,7 @@ def with_spliced_effects(system: System, robot: RobotDescription, *, plant: str 
         for effect in joint.outside_effects():
             names = [v.name for v in (*effect.parameters(joint.type), *effect.shapes(joint.type))]
             values = {name: joint.parameters[name] for name in names if name in joint.parameters}
-            system = splice_effect(system, effect, j, joint.type, values=values, plant=plant)
+            system = insert_effect(system, effect, j, joint.type, values=values, plant=plant)
     return system
 
 
@@ -277,5 +277,5 @@ def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescrip
         effect = EFFECTS[DriveGain.name]
         assert isinstance(effect, DriveGain)
         if f"{effect.name}{entry.joint}" not in system.components:
-            system = splice_effect(system, effect, entry.joint, kind, plant=plant)
+            system = insert_effect(system, effect, entry.joint, kind, plant=plant)
     return system

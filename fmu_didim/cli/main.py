@@ -425,7 +425,7 @@ def _fmu_check(options: argparse.Namespace) -> int:
         options.file, interface=options.interface, step_size=options.step, time_limit_s=options.time_limit, say=say
     )
     print("\n".join(found.lines()))
-    return EXIT_ERROR if found.failure else 0
+    return EXIT_ERROR if found.facts.failure else 0
 
 
 def _cache_show(options: argparse.Namespace) -> int:

@@ -128,7 +128,7 @@ class Instance(ABC):
         return None
 
     def restart(self, component: Component) -> bool:
-        """Become what ``component.instantiate()`` would give, for the next run, keeping what is loaded.
+        """Become the instance that ``component.instantiate()`` would give, without loading it again.
 
         Args:
             component: the same as the one this instance was made from, parameter values aside.
@@ -139,7 +139,7 @@ class Instance(ABC):
         return False
 
     def close(self) -> None:  # noqa: B027 - most components hold nothing that must be released
-        """Release what the instance holds; it must not be used afterwards."""
+        """Release all resources; the instance must not be used afterwards."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ class Component(ABC):
         return None
 
     def pool_key(self) -> Hashable | None:
-        """What components have in common whose instances can stand in for each other after a restart; None: nothing."""
+        """Equal for components whose instances can replace each other after a restart; None if there are no others."""
         return None
 
     def response_key(self) -> Hashable | None:
@@ -200,7 +200,7 @@ class Component(ABC):
         return None
 
     def compiled(self) -> Component:
-        """A component that does the same and runs in compiled code, or this one if there is none."""
+        """A component that does the same and runs in compiled code, or this one if there is no such component."""
         return self
 
     def equations(self) -> tuple[Block, int | None] | None:

@@ -187,7 +187,7 @@ class _ControlInstance(Instance):
         """What a function of the user raised."""
         return SimulationError(
             f"its {what} function cannot be run: {raised(error)}.", where=self._component.origin,
-            next_step="Mend the python-control system.",
+            next_step="Fix the python-control system.",
         )  # fmt: skip
 
     def _integrate(self, time: float, size: float) -> None:

@@ -31,19 +31,20 @@ def derivative_name(signal: str, parameter: int) -> str:
 
 
 @dataclass(frozen=True)
-class VariedComponent(Component):
+class VariationalComponent(Component):
     """A block with its derivatives, run by compiled code.
 
     Attributes:
         block: the equations; substeps: of its integration, None chooses them from the block's rate.
-        varied: its own parameters among those that are differentiated by: (lane, place among those of the block).
-        lanes: number of parameters that the loop is differentiated by, at least those.
+        differentiated: its own parameters among those that the loop is differentiated by: (place among these, place
+            among the parameters of the block).
+        lanes: number of parameters that the loop is differentiated by.
         followed: places of the outputs whose derivatives are wanted.
     """
 
     block: Block
     substeps: int | None
-    varied: tuple[tuple[int, int], ...]
+    differentiated: tuple[tuple[int, int], ...]
     lanes: int
     followed: tuple[int, ...]
 
@@ -67,13 +68,13 @@ class VariedComponent(Component):
     def sample_time(self) -> float | None:  # type: ignore[override]
         return self.block.sample_time
 
-    def with_parameters(self, values: Mapping[str, float]) -> VariedComponent:
+    def with_parameters(self, values: Mapping[str, float]) -> VariationalComponent:
         return replace(self, block=self.block.with_parameters(dict(values)))
 
-    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> VariedComponent:
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> VariationalComponent:
         raise NotImplementedError("the names of derivatives follow from those of the block")
 
-    def with_substeps(self, count: int) -> VariedComponent:
+    def with_substeps(self, count: int) -> VariationalComponent:
         return replace(self, substeps=count)
 
     @property
@@ -81,17 +82,17 @@ class VariedComponent(Component):
         return self.substeps
 
     def instantiate(self) -> Instance:
-        return _VariedInstance(self)
+        return _VariationalInstance(self)
 
     def pool_key(self) -> Hashable:
         return self.library(), self.substeps
 
     def library(self) -> Path:
         """The compiled code; raises BuildError."""
-        return variational_library(self.block, self.varied, self.lanes, self.followed)
+        return variational_library(self.block, self.differentiated, self.lanes, self.followed)
 
     def describe(self) -> dict[str, Any]:
-        return {"kind": "model with derivatives", "name": self.block.name, "parameters": len(self.varied)}
+        return {"kind": "model with derivatives", "name": self.block.name, "parameters": len(self.differentiated)}
 
 
 @cache
@@ -106,8 +107,8 @@ def _loaded(path: Path) -> ctypes.CDLL:
     return library
 
 
-class _VariedInstance(Instance):
-    def __init__(self, component: VariedComponent) -> None:
+class _VariationalInstance(Instance):
+    def __init__(self, component: VariationalComponent) -> None:
         self._component = component
         self._library = library = _loaded(component.library())
         self._memory = np.zeros(-(-int(library.instance_size()) // 8))
@@ -148,7 +149,7 @@ class _VariedInstance(Instance):
         )  # fmt: skip
 
     def restart(self, component: Component) -> bool:
-        assert isinstance(component, VariedComponent)
+        assert isinstance(component, VariationalComponent)
         self._component = component
         return True
 

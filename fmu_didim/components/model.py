@@ -1,4 +1,4 @@
-"""A block evaluated by CasADi's virtual machine: the reference for what the FMU of the block does."""
+"""A block evaluated by CasADi's virtual machine: the reference for the FMU of the block."""
 
 from __future__ import annotations
 

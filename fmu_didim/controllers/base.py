@@ -25,8 +25,8 @@ VelocityKind = Literal["measured", "backward_difference"]
 
 
 @dataclass
-class Equations:
-    """Equations of a law under construction, all in CasADi SX; a law fills it, ``ControlLaw.block`` closes it."""
+class ControlEquations:
+    """The equations of a control law, in CasADi SX: the law fills them in, ``ControlLaw.block`` makes them a block."""
 
     inputs: dict[str, ca.SX] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
@@ -88,12 +88,12 @@ class ControlLaw(Strict):
         return 1.0 / self.rate_hz
 
     @abstractmethod
-    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+    def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         """One expression a joint for the command; declares inputs, parameters and states on the way."""
 
     def block(self, *, folder: Path = Path()) -> Block:
         """The law as a sampled block; ``folder`` is where files named in the options are looked for."""
-        equations = Equations()
+        equations = ControlEquations()
         commands = self.commands(equations, folder=folder)
         for j, limit in enumerate(self.saturation or (), start=1):
             bound = equations.parameter(f"limit{j}", limit, "symmetric limit of the command")
@@ -121,7 +121,7 @@ class ControlLaw(Strict):
             sample_time=self.period,
         )
 
-    def error_signals(self, equations: Equations, j: int) -> Mapping[str, ca.SX]:
+    def error_signals(self, equations: ControlEquations, j: int) -> Mapping[str, ca.SX]:
         """The inputs q_ref, dq_ref and q of joint j."""
         units = UNITS[self.joints[j - 1]]
         return {
@@ -130,7 +130,7 @@ class ControlLaw(Strict):
             "q": equations.input(f"q{j}", units.position),
         }
 
-    def velocity_signal(self, equations: Equations, j: int, kind: VelocityKind) -> ca.SX:
+    def velocity_signal(self, equations: ControlEquations, j: int, kind: VelocityKind) -> ca.SX:
         """Velocity of joint j: the input ``dq<j>``, or (q[k] - q[k-1]) / T.
 
         The first difference is exact when the joint starts with the velocity of the reference:

@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi as ca
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
+from fmu_didim.controllers.base import ControlEquations, ControlLaw, VelocityKind
 from fmu_didim.dynamics.effects import UNITS
 from fmu_didim.dynamics.robot import RobotModel, read_robot
 
@@ -28,7 +28,7 @@ class ComputedTorque(ControlLaw):
     Kd: tuple[float, ...]
     velocity: VelocityKind = "measured"
 
-    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+    def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         model = RobotModel(read_robot(folder / self.robot))
         types = tuple(joint.type for joint in model.description.joints)
         if types != self.joints:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from fmu_didim.controllers.base import ControlLaw, Equations
+from fmu_didim.controllers.base import ControlEquations, ControlLaw
 from fmu_didim.dynamics.effects import UNITS
 
 
@@ -26,7 +26,7 @@ class Emps(ControlLaw):
     kp: tuple[float, ...]
     kv: tuple[float, ...]
 
-    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+    def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         result = []
         for j in range(1, len(self.joints) + 1):
             unit = UNITS[self.joints[j - 1]].position

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from fmu_didim.controllers.base import ControlLaw, Equations, VelocityKind
+from fmu_didim.controllers.base import ControlEquations, ControlLaw, VelocityKind
 
 
 class PID(ControlLaw):
@@ -22,7 +22,7 @@ class PID(ControlLaw):
     Kd: tuple[float, ...]
     velocity: VelocityKind = "measured"
 
-    def commands(self, equations: Equations, *, folder: Path) -> list[ca.SX]:
+    def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         result = []
         for j in range(1, len(self.joints) + 1):
             signals = self.error_signals(equations, j)

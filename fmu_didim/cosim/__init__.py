@@ -1,8 +1,8 @@
-"""The master: wiring, order and time of the loop, and what is recorded."""
+"""The master: wiring, order and time of the loop, and its recording."""
 
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer
-from fmu_didim.cosim.insertion import logged_torque, splice, splice_effect, splice_output
+from fmu_didim.cosim.insertion import insert_after_output, insert_before_input, insert_effect, logged_torque
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.recording_cache import KeptRecordings, response_key
 from fmu_didim.cosim.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
@@ -21,11 +21,11 @@ __all__ = [
     "closed_loop",
     "decimated_times",
     "grid_places",
+    "insert_after_output",
+    "insert_before_input",
+    "insert_effect",
     "logged_torque",
     "response_key",
     "sample_operator",
     "simulate",
-    "splice",
-    "splice_effect",
-    "splice_output",
 ]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fmu_didim.base.errors import BuildError
-from fmu_didim.components.derivatives import VariedComponent, derivative_name
+from fmu_didim.components.derivatives import VariationalComponent, derivative_name
 from fmu_didim.cosim.system import REFERENCE, Connection, System
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variational import lane_count
@@ -27,7 +27,7 @@ def with_derivatives(system: System, parameters: Sequence[tuple[str, str]]) -> S
     sources = {c.source for c in system.connections}
     for name in system.order:
         known = system.components[name].equations()
-        if known is None or not _can_vary(system, name, known[0]):
+        if known is None or not _can_differentiate(system, name, known[0]):
             return None
         block, substeps = known
         followed = tuple(i for i, v in enumerate(block.outputs) if f"{name}.{v.name}" in sources)
@@ -36,12 +36,12 @@ def with_derivatives(system: System, parameters: Sequence[tuple[str, str]]) -> S
         if any(parameter not in places for parameter in own.values()):
             return None
         lanes = tuple((lane, places.index(parameter)) for lane, parameter in own.items())
-        found[name] = VariedComponent(block, substeps, lanes, count, followed)
-    if sum(len(varied.varied) for varied in found.values()) < count:
+        found[name] = VariationalComponent(block, substeps, lanes, count, followed)
+    if sum(len(component.differentiated) for component in found.values()) < count:
         return None
     try:
-        for varied in found.values():
-            varied.library()
+        for component in found.values():
+            component.library()
     except BuildError:
         return None
     wires = [
@@ -56,7 +56,7 @@ def with_derivatives(system: System, parameters: Sequence[tuple[str, str]]) -> S
     )  # fmt: skip
 
 
-def _can_vary(system: System, name: str, block: Block) -> bool:
+def _can_differentiate(system: System, name: str, block: Block) -> bool:
     """Whether the equations are of scalar expressions, and a sampled block samples once in each of its steps."""
     functions = (block.update, block.output, block.start, block.rate_bound)
     if not all(f is None or f.is_a("SXFunction") for f in functions):

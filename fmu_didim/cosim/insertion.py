@@ -1,4 +1,4 @@
-"""Components with one input and one output put into the wiring of a system.
+"""Components with one input and one output inserted into the wiring of a system.
 
 The plant stays as it is, so that a vendor's black box gains a lag or a dead zone too.
 """
@@ -10,18 +10,19 @@ from dataclasses import replace
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
-from fmu_didim.components.spliced import SplicedComponent, spliced_component
+from fmu_didim.components.inserted import InsertedComponent, inserted_component
 from fmu_didim.cosim.system import REFERENCE, Connection, System
 from fmu_didim.dynamics.effects import JointType
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 
 
-def splice(system: System, name: str, component: Component, *, at: str) -> System:
-    """Put a component into the connections that end at an input.
+def insert_before_input(system: System, name: str, component: Component, *, at: str) -> System:
+    """Insert a component into the connections that end at an input.
 
     All that went to ``at`` now goes, with its gains, to the component's input; the component's output goes to
     ``at`` with gain 1. It is evaluated right before the component that ``at`` belongs to, whose delay stays behind
-    it. Of several splices at one input the newest lies nearest to it. ``System.replace`` exchanges the component.
+    it. Of several components inserted at one input the newest lies nearest to it. ``System.replace`` exchanges the
+    component.
 
     Args:
         system: the system; it stays as it is.
@@ -37,36 +38,36 @@ def splice(system: System, name: str, component: Component, *, at: str) -> Syste
     target, _, variable = at.partition(".")
     _check_place(system, target, variable, kind="input")
     if not any(c.target == at for c in system.connections):
-        raise InputError("Nothing is connected to this input.", where=f"splice of '{name}'", got=at)
+        raise InputError("Nothing is connected to this input.", where=f"insertion of '{name}'", got=at)
     moved = tuple(replace(c, target=inside) if c.target == at else c for c in system.connections)
     return _with_component(system, name, component, (*moved, Connection(outside, at)), before=target)
 
 
-def splice_output(system: System, name: str, component: Component, *, of: str) -> System:
-    """Put a component behind an output: all that took ``of`` takes the component's output, with the same gains.
+def insert_after_output(system: System, name: str, component: Component, *, of: str) -> System:
+    """Insert a component behind an output: all that took ``of`` takes the component's output, with the same gains.
 
-    It is evaluated right before the first component that takes its output. Of several splices behind one output
-    the newest lies nearest to it.
+    It is evaluated right before the first component that takes its output. Of several components inserted behind
+    one output the newest lies nearest to it.
 
     Raises:
-        InputError, UnknownNameError: as :func:`splice`.
+        InputError, UnknownNameError: as :func:`insert_before_input`.
     """
     inside, outside = _ports(system, name, component)
     source, _, variable = of.partition(".")
     _check_place(system, source, variable, kind="output")
     takers = [c.target.partition(".")[0] for c in system.connections if c.source == of]
     if not takers:
-        raise InputError("Nothing takes this output.", where=f"splice of '{name}'", got=of)
+        raise InputError("Nothing takes this output.", where=f"insertion of '{name}'", got=of)
     moved = tuple(replace(c, source=outside) if c.source == of else c for c in system.connections)
     first = next(each for each in system.order if each in takers)
     return _with_component(system, name, component, (*moved, Connection(of, inside)), before=first)
 
 
 def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
-    where = f"splice of '{name}'"
+    where = f"insertion of '{name}'"
     if len(component.inputs) != 1 or len(component.outputs) != 1:
         raise InputError(
-            "Only a component with one input and one output can be put into a connection.",
+            "Only a component with one input and one output can be inserted into a connection.",
             where=where,
             got=f"{len(component.inputs)} inputs, {len(component.outputs)} outputs",
         )
@@ -74,7 +75,7 @@ def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
         raise InputError("The system has a component of this name.", where=where, got=name)
     if system.jacobi:
         raise InputError(
-            "A component cannot be put into a loop that runs in parallel: it would add a sample of delay.",
+            "A component cannot be inserted into a loop that runs in parallel: it would add a sample of delay.",
             where=where,
             got="algorithm: jacobi",
             next_step="Use algorithm: gauss_seidel with the delay of the parallel loop (delay_samples: 1).",
@@ -84,11 +85,11 @@ def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
 
 def _check_place(system: System, name: str, variable: str, *, kind: str) -> None:
     if name not in system.components:
-        raise UnknownNameError("component", name, system.components, where="splice")
+        raise UnknownNameError("component", name, system.components, where="insertion")
     component = system.components[name]
     known = [v.name for v in (component.inputs if kind == "input" else component.outputs)]
     if variable not in known:
-        raise UnknownNameError(kind, variable, known, where=f"splice at component '{name}'")
+        raise UnknownNameError(kind, variable, known, where=f"insertion at component '{name}'")
 
 
 def _with_component(
@@ -103,9 +104,9 @@ def _with_component(
     )
 
 
-def splice_effect(
+def insert_effect(
     system: System,
-    effect: SplicedEffect,
+    effect: InsertedEffect,
     joint: int,
     joint_type: JointType,
     *,
@@ -115,7 +116,7 @@ def splice_effect(
     """The system with an effect of a drive or a sensor at one joint, as the component ``<effect><joint>``.
 
     Effects of one drive lie in the order of their ranks, whatever the order in which they are added, so that
-    :func:`logged_torque` tells where the torque log is taken.
+    :func:`logged_torque` knows where the torque log is taken.
 
     Args:
         joint: counted from 1; joint_type: its type.
@@ -126,14 +127,14 @@ def splice_effect(
         InputError: the joint has this effect, or the system has no place for it.
     """
     name = f"{effect.name}{joint}"
-    component = spliced_component(effect, joint_type, system.step_size, values)
+    component = inserted_component(effect, joint_type, system.step_size, values)
     if effect.place == "sensor":
-        return splice_output(system, name, component, of=f"{plant}.q{joint}")
+        return insert_after_output(system, name, component, of=f"{plant}.q{joint}")
     at = f"{plant}.tau{joint}"
     for other, inside in _drive(system, at):
         if other.rank > effect.rank:
             at = inside
-    return splice(system, name, component, at=at)
+    return insert_before_input(system, name, component, at=at)
 
 
 def logged_torque(system: System, joint: int, *, plant: str = "plant") -> str:
@@ -148,12 +149,12 @@ def logged_torque(system: System, joint: int, *, plant: str = "plant") -> str:
     return at
 
 
-def _drive(system: System, at: str) -> Iterator[tuple[SplicedEffect, str]]:
+def _drive(system: System, at: str) -> Iterator[tuple[InsertedEffect, str]]:
     """The effects of the drive that ends at an input, from there backwards, each with the input of its component."""
     while True:
         sources = [c.source.partition(".")[0] for c in system.connections if c.target == at]
         component = system.components.get(sources[0]) if len(sources) == 1 else None
-        if not isinstance(component, SplicedComponent) or component.effect is None:
+        if not isinstance(component, InsertedComponent) or component.effect is None:
             return
         at = f"{sources[0]}.{component.inputs[0].name}"
         yield component.effect, at

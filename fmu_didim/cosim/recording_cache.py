@@ -17,7 +17,7 @@ MOST_NUMBERS = 1 << 23
 
 
 class KeptRecordings:
-    """The recordings asked for last, by all that decides what a run gives; several threads may use them.
+    """The recordings asked for last, by everything that a run depends on; several threads may use them.
 
     Args:
         most: numbers kept at most; those asked for longest ago leave first.
@@ -29,7 +29,7 @@ class KeptRecordings:
         self._lock = threading.Lock()
 
     def find(self, key: Hashable) -> Recording | None:
-        """The recording of this key, None where there is none."""
+        """The recording of this key, None if it is not kept."""
         with self._lock:
             found = self._kept.get(key)
             if found is not None:
@@ -37,7 +37,7 @@ class KeptRecordings:
             return found
 
     def keep(self, key: Hashable, recording: Recording) -> None:
-        """Keep a recording, which nobody may change from now on."""
+        """Keep a recording, which must not be changed from now on."""
         for table in (recording.applied, recording.inputs, recording.sampled):
             for column in table.values():
                 column.flags.writeable = False
@@ -65,7 +65,7 @@ def _size(recording: Recording) -> int:
 
 
 def response_key(system: System) -> Hashable | None:
-    """All that decides how a system answers to its reference; None where a component does not know what decides it."""
+    """Everything that the response of a system to its reference depends on; None if a component does not know that."""
     answers = {name: component.compiled().response_key() for name, component in system.components.items()}
     if None in answers.values():
         return None

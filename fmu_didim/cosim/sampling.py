@@ -23,7 +23,7 @@ Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
 """Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
 MOST_SAMPLES = 5_000_000
-"""Of a log at another rate: an hour at 1 kHz, and what memory holds."""
+"""[1] Samples of a log at another rate at most: an hour at 1 kHz, which fits into memory."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
 
 
@@ -191,11 +191,11 @@ def _average(position: Array, last: int, window: Window, length: float) -> tuple
     rows: list[Indices] = []
     columns: list[Indices] = []
     weights: list[Array] = []
-    for i, here in enumerate(position):
-        low = max(here + _SHIFT[window] * length, 0.0)
-        high = min(here + (1 + _SHIFT[window]) * length, float(last))
+    for i, at in enumerate(position):
+        low = max(at + _SHIFT[window] * length, 0.0)
+        high = min(at + (1 + _SHIFT[window]) * length, float(last))
         if high - low < 1e-6:  # nothing before the first sample: the command that acts there
-            low, high = min(max(here, 0.0), last - 1.0), min(max(here, 0.0), last - 1.0) + 1e-6
+            low, high = min(max(at, 0.0), last - 1.0), min(max(at, 0.0), last - 1.0) + 1e-6
         ticks = np.arange(int(np.floor(low + 1e-9)), min(int(np.ceil(high - 1e-9)), last))
         overlap = np.minimum(ticks + 1.0, high) - np.maximum(ticks, low)
         rows.append(np.full(ticks.size, i))

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.library import CURRENT_FOLDER
-from fmu_didim.cosim.execution.in_process import check_reference, run_here
+from fmu_didim.cosim.execution.in_process import check_reference, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer
-from fmu_didim.cosim.execution.separate_process import Order, run_apart, running_apart
+from fmu_didim.cosim.execution.separate_process import Order, needing_own_process, run_in_separate_process
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
@@ -35,7 +35,7 @@ def simulate(
 ) -> Recording:
     """Run the closed loop along a reference.
 
-    Where an FMU takes part that is not proven (see ``load_fmu``), the whole loop runs in a process of its own.
+    Where an FMU takes part that is not trusted yet (see ``load_fmu``), the whole loop runs in a process of its own.
 
     Args:
         system: the loop.
@@ -56,16 +56,16 @@ def simulate(
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
     try:
-        if fmus := running_apart(system):
+        if fmus := needing_own_process(system):
             check_reference(system, reference, ticks)
-            return run_apart(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
+            return run_in_separate_process(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
         with _same_folder():
-            return run_here(
+            return run_in_process(
                 system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
             )  # fmt: skip
     except FmuDidimError as error:
         if pool is not None and error.component and system.components[error.component].equations() is None:
-            pool.failure = pool.failure or error  # equations that are known here fail by the values they are given
+            pool.failure = pool.failure or error  # known equations fail by the values they are given
         raise
 
 
@@ -74,13 +74,13 @@ def _same_folder() -> Iterator[None]:
     """Go back to the current folder where an FMU has gone to another one: results would be written there."""
     try:
         with CURRENT_FOLDER:
-            here = os.getcwd()  # noqa: PTH109 - at every run
+            folder = os.getcwd()  # noqa: PTH109 - at every run
     except OSError:
-        here = None
+        folder = None
     try:
         yield
     finally:
         with contextlib.suppress(OSError), CURRENT_FOLDER:
-            if here is not None and os.getcwd() != here:  # noqa: PTH109
-                _log.warning("An FMU has changed the current folder; it is %s again.", here)
-                os.chdir(here)
+            if folder is not None and os.getcwd() != folder:  # noqa: PTH109
+                _log.warning("An FMU has changed the current folder; it is %s again.", folder)
+                os.chdir(folder)

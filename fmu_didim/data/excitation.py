@@ -165,7 +165,7 @@ class Chirp(Excitation):
     """q = offset + amplitude sin(phi(t)), the frequency phi'/(2 pi) rising linearly from start_hz to stop_hz.
 
     Attributes:
-        start_hz, stop_hz: frequency at the begin and at the end; duration_s: length of the motion.
+        start_hz, stop_hz: frequency at the start and at the end; duration_s: length of the motion.
         joints: amplitude and centre of each joint.
     """
 

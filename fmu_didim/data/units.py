@@ -157,7 +157,7 @@ def _by_pint(text: str) -> UnitDefinition | None:
         unit = registry.parse_units(text)
         factor, base = registry.get_base_units(unit)
     except Exception as error:  # noqa: BLE001  pint raises errors of many kinds, tokenize's and the parser's among them
-        _log.debug("%s is no unit: %s", text, error)
+        _log.debug("%s is not a unit: %s", text, error)
         return None
     powers = {str(name): power for name, power in base._units.items()}
     exponents = [powers.pop(_PINT_BASE[name], 0) for name in BASE_UNITS]

@@ -51,14 +51,14 @@ class Compiler:
 
     Attributes:
         command: program and first arguments.
-        flags: further arguments, apart from input and output.
+        flags: further arguments, besides input and output.
         version: identification, part of the key under which built files are kept: CC as it stands, or the release of
             ziglang, whichever Python starts that.
         libraries: arguments that stand last.
         lean: arguments of a link without the compiler's own run-time library, which ziglang compiles for each platform
             when it is first used: seconds, for Windows minutes; empty: no such link.
         runtime: the file in ``wrapper/`` that stands for it then; lean_libraries: arguments that stand last then.
-        named: the option before the name that a library bears inside, where that would be the path it was built at.
+        named: the option before the name that a library holds inside, where that would be the path it was built at.
     """
 
     command: tuple[str, ...]
@@ -71,7 +71,7 @@ class Compiler:
     named: str = ""
 
     def link_flags(self, output: Path) -> tuple[str, ...]:
-        """The flags to link a library with; it bears its file name inside, wherever it is built."""
+        """The flags to link a library with; it holds its file name inside, wherever it is built."""
         return (*self.flags, f"{self.named}{output.name}") if self.named else self.flags
 
 

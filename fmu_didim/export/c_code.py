@@ -93,7 +93,7 @@ def generate_c(block: Block) -> str:
     ``block_start``               (u, p) -> x (nx,)
     ``block_ready``               (x, p) -> the first outputs, if no input reaches them, without the others
     ``block_step``                (x, m, u, p, h) -> x (nx,), m (nm,) after a linearly implicit step, if there is one
-    ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is none
+    ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is no bound
     ``block_directional``         (x, u, p, dx, du, dp) -> J_update d, J_output d
     ``block_start_directional``   (u, p, du, dp) -> J_start d
     ============================  ===========================================================

@@ -35,7 +35,7 @@ class Platform:
 
     @property
     def bits_folder(self) -> str:
-        """A folder in ``binaries/`` that tells the bits only: ``linux64``, ``win64``, ``darwin64``."""
+        """A folder in ``binaries/`` that states the bits only: ``linux64``, ``win64``, ``darwin64``."""
         bits = "32" if self.architecture in ("x86", "i386", "i686", "aarch32", "armv7l") else "64"
         return f"{'win' if self.system == 'windows' else self.system}{bits}"
 

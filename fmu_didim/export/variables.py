@@ -71,7 +71,7 @@ class ExportedVariable:
     Attributes:
         reference: its value reference; own: its name, unit and description.
         attributes: causality and variability, and how its start is found.
-        start: start value; state: value reference of the state whose derivative it is; None where there is none.
+        start: start value; state: value reference of the state whose derivative it is; None if it is not a derivative.
     """
 
     reference: int

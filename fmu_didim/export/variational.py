@@ -234,7 +234,7 @@ class _Writer:
         return self._function(f"variational_{name}", [x, u, p], [value], product, solved)
 
     def _needed(self, outputs: ca.SX) -> ca.SX:
-        """The outputs that are followed or cost nothing; the others, such as accelerations, nobody reads here: zero."""
+        """The outputs that are followed or cost nothing; the others, such as accelerations, are not used here: zero."""
         result = ca.SX(outputs)
         for i in range(outputs.numel()):
             if i not in self.outputs and ca.depends_on(outputs[i], self.u):

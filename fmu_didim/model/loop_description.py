@@ -33,7 +33,7 @@ class LoopDescription:
     """A closed loop, its experiments and its free parameters.
 
     Attributes:
-        systems: label -> the loop along that experiment, with all that is spliced into its wiring.
+        systems: label -> the loop along that experiment, with all that is inserted into its wiring.
         experiments: label -> data, those for the estimation first.
         parameters: the base parameters, with their regressor where there is one.
         plant: the plant with the effects of its torque balance; plant_name: its name in the loop.

@@ -11,7 +11,7 @@ from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.cosim import Connection, System
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.ssp.parse import fmu_facts
-from fmu_didim.ssp.transform import Affine, Unit, spliced
+from fmu_didim.ssp.transform import Affine, Unit, component_transformation
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def parts(system: System) -> dict[str, Part]:
     found: dict[str, Part] = {}
     for name in system.order:
         component = system.components[name]
-        if spliced(component) is not None:
+        if component_transformation(component) is not None:
             continue
         if not isinstance(component, FmuComponent):
             raise InputError(
@@ -139,11 +139,11 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
             before = inbound.get(f"{name}.u")
             if before is None or not _stands_before(system, name, target) or system.delays.get(name):
                 raise InputError(
-                    f"The component '{name}' is no plain transformation of a connection.",
+                    f"The component '{name}' is not just a transformation of a connection.",
                     where=f"write_ssp: {source} -> {connection.target}",
                     next_step="Feed it, and put it without delay directly before the component that it feeds.",
                 )
-            own_transformation = spliced(system.components[name])
+            own_transformation = component_transformation(system.components[name])
             assert own_transformation is not None  # parts() has refused all others
             total = Affine(before.gain).then(own_transformation).then(total)
             source = before.source
@@ -155,5 +155,5 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
 def _stands_before(system: System, name: str, target: str) -> bool:
     """Whether nothing but other transformations is evaluated between this one and the component it feeds."""
     place = system.order.index(name)
-    following = next((n for n in system.order[place:] if spliced(system.components[n]) is None), None)
+    following = next((n for n in system.order[place:] if component_transformation(system.components[n]) is None), None)
     return following == target

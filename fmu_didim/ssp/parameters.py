@@ -35,7 +35,7 @@ class Bindings:
 
         Raises:
             UnknownNameError: strict, and a name leads to no parameter or input of an FMU.
-            InputError: a value is no number, or its unit cannot be converted.
+            InputError: a value is not a number, or its unit cannot be converted.
         """
         found: dict[Place, dict[str, float]] = {path: {} for path in self.fmus}
         for path in sorted(self.net.elements, key=len, reverse=True):
@@ -102,7 +102,7 @@ def _number(entry: MappingEntry, bound: Value, unit: Unit | None, where: str) ->
 
 
 def _entries(binding: Binding, *, strict: bool) -> Iterator[tuple[MappingEntry, Value, str]]:
-    """Where the values of a binding go, with a mapping only those it names; the values; where that is said."""
+    """Where the values of a binding go, with a mapping only those it names; the values; where that is written."""
     values = {binding.prefix + value.name: value for value in binding.values}
     if binding.mapping is None:
         for name, value in values.items():

@@ -68,13 +68,13 @@ def read_units(root: ET.Element, *, where: str) -> dict[str, Unit]:
     for own in root.iterfind("{*}Units/{*}Unit[{*}BaseUnit]"):
         name, base = own.get("name", ""), own.find("{*}BaseUnit")
         assert base is not None
-        here = f"{where}, Unit '{name}'"
+        place = f"{where}, Unit '{name}'"
         try:
             exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
         except ValueError as error:
-            raise InputError("An exponent of a unit is no integer.", where=here, got=str(error)) from error
-        factor, offset = _number(base, "factor", 1.0, where=here), _number(base, "offset", 0.0, where=here)
-        units[name] = _unit(name, UnitDefinition(exponents, factor, offset), here)
+            raise InputError("An exponent of a unit is not an integer.", where=place, got=str(error)) from error
+        factor, offset = _number(base, "factor", 1.0, where=place), _number(base, "offset", 0.0, where=place)
+        units[name] = _unit(name, UnitDefinition(exponents, factor, offset), place)
     return units
 
 
@@ -208,11 +208,11 @@ class _Reader:
         root = self._content(mapping, mapping, f"{{{SSM}}}ParameterMapping", f"{where}, ParameterMapping")
         entries: list[MappingEntry] = []
         for own in root.iterfind("{*}MappingEntry"):
-            here = f"{where}, MappingEntry {own.get('source')} -> {own.get('target')}"
-            source, target = (_required(own, key, where=here) for key in ("source", "target"))
+            place = f"{where}, MappingEntry {own.get('source')} -> {own.get('target')}"
+            source, target = (_required(own, key, where=place) for key in ("source", "target"))
             if any(target == entry.target for entry in entries):
-                raise InputError("Two entries of the mapping have the same target.", where=here, got=target)
-            entries.append(MappingEntry(source, target, _transformation(own, here), _suppressed(own, here)))
+                raise InputError("Two entries of the mapping have the same target.", where=place, got=target)
+            entries.append(MappingEntry(source, target, _transformation(own, place), _suppressed(own, place)))
         return tuple(entries)
 
     def loop(self, system: ET.Element) -> Loop | None:

@@ -17,7 +17,7 @@ from fmu_didim.ssp.archive import Archive, open_archive
 from fmu_didim.ssp.document import STRUCTURE, Loop, Node, Place, Structure, free_name
 from fmu_didim.ssp.parameters import Bindings
 from fmu_didim.ssp.parse import fmu_facts, parse_structure
-from fmu_didim.ssp.transform import Unit, splice
+from fmu_didim.ssp.transform import Unit, transforming_component
 from fmu_didim.ssp.wiring import Net, build_net, flat_name
 
 
@@ -156,7 +156,7 @@ def _system(
             connections.append(Connection(source, target, total.factor))
             continue
         name = free_name(re.sub(r"\W", "_", target) + "_transformation", "", {*components, *inserted, REFERENCE})
-        inserted[name] = splice(total)
+        inserted[name] = transforming_component(total)
         before[owner].append(name)
         connections += [Connection(source, f"{name}.u"), Connection(f"{name}.y", target)]
     loop = structure.loop or _guess(components, fed, steps, structure.step_size)

@@ -14,8 +14,8 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
 
-SPLICE = "linear_transformation"
-"""Name of the block that :func:`splice` makes, by which the writer knows it again."""
+TRANSFORMATION = "linear_transformation"
+"""Name of the block that :func:`transforming_component` makes, by which the writer knows it again."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Unit:
 def conversion(source: Unit | None, target: Unit | None, *, where: str) -> Affine:
     """From values in one unit to values in another; the identity if either is unknown (None).
 
-    An exponent of rad counts too: Hz and rad/s differ by 2 pi, and only it tells them apart.
+    An exponent of rad counts too: Hz and rad/s differ by 2 pi, and only it distinguishes them.
 
     Raises:
         InputError: the units differ in dimension, or one of two different ones is not defined.
@@ -75,14 +75,14 @@ def conversion(source: Unit | None, target: Unit | None, *, where: str) -> Affin
     return Affine(source.factor / target.factor, (source.offset - target.offset) / target.factor)
 
 
-def splice(transformation: Affine) -> ModelComponent:
+def transforming_component(transformation: Affine) -> ModelComponent:
     """A component without state, input ``u`` and output ``y``: y = factor * u + offset.
 
     It stands directly before the component it feeds, so it changes neither order nor time of the loop.
     """
     x, u, p = ca.SX.sym("x", 0), ca.SX.sym("u"), ca.SX.sym("p", 2)
     block = Block(
-        name=SPLICE,
+        name=TRANSFORMATION,
         description="Linear transformation of a connection",
         inputs=(Variable("u", "", "input"),),
         outputs=(Variable("y", "", "output"),),
@@ -98,9 +98,9 @@ def splice(transformation: Affine) -> ModelComponent:
     return ModelComponent(block, substeps=1)
 
 
-def spliced(component: Component) -> Affine | None:
-    """What a component made by :func:`splice` does; None for any other component."""
-    if isinstance(component, ModelComponent) and component.block.name == SPLICE:
+def component_transformation(component: Component) -> Affine | None:
+    """What a component made by :func:`transforming_component` does; None for any other component."""
+    if isinstance(component, ModelComponent) and component.block.name == TRANSFORMATION:
         values = component.parameter_values()
         return Affine(values["factor"], values["offset"])
     return None

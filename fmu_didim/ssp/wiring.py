@@ -63,17 +63,17 @@ class Net:
         """
         first, last = wires[0], wires[-1]
         start = self.ports[first.start]
-        here = start.unit or start.own or unit
-        total = Affine() if first.suppress else conversion(start.own, here, where=first.where)
+        unit_here = start.unit or start.own or unit
+        total = Affine() if first.suppress else conversion(start.own, unit_here, where=first.where)
         for wire in wires:
             end = self.ports[wire.end]
-            target = end.unit or end.own or here
+            target = end.unit or end.own or unit_here
             if not wire.suppress:
-                total = total.then(conversion(here, target, where=wire.where))
+                total = total.then(conversion(unit_here, target, where=wire.where))
             total = total.then(wire.transformation)
-            here = target
+            unit_here = target
         if not last.suppress:
-            total = total.then(conversion(here, self.ports[last.end].own, where=last.where))
+            total = total.then(conversion(unit_here, self.ports[last.end].own, where=last.where))
         return total
 
 

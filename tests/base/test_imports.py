@@ -49,7 +49,7 @@ def test_code_that_fails_is_told_with_its_line(tmp_path: Path, what: str, capsys
     with pytest.raises(InputError, match=told):
         load_case(case_with(tmp_path, text))
     assert main(["check", str(tmp_path / "case.yaml")]) == 1
-    assert "nobody has foreseen" not in capsys.readouterr().err
+    assert "unexpected error" not in capsys.readouterr().err
 
 
 UPDATES = {
@@ -83,10 +83,10 @@ def test_no_code_runs_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     path = case_with(tmp_path, f"__import__('pathlib').Path({str(tmp_path / 'ran')!r}).touch()\n" + GAINS)
     for verb in (["check"], ["identify", "--out", str(tmp_path / "out")], ["simulate"], ["discover"]):
         assert main([verb[0], str(path), *verb[1:], "--no-code"]) == 1
-        assert "names Python code, which is not to be run" in capsys.readouterr().err
+        assert "names Python code, which must not be run" in capsys.readouterr().err
     assert NO_CODE not in os.environ
     monkeypatch.setenv(NO_CODE, "1")
-    with pytest.raises(InputError, match="not to be run"):
+    with pytest.raises(InputError, match="must not be run"):
         load_case(path)
     assert not (tmp_path / "ran").exists()
     monkeypatch.delenv(NO_CODE)
@@ -99,10 +99,10 @@ def test_no_code_refuses_effects_as_well(tmp_path: Path, capsys: pytest.CaptureF
     assert "os:path" in robot
     (tmp_path / "robot.yaml").write_text(robot, encoding="utf-8")
     assert main(["export", str(tmp_path / "robot.yaml"), "--out", str(tmp_path), "--no-code"]) == 1
-    assert "not to be run" in capsys.readouterr().err
+    assert "must not be run" in capsys.readouterr().err
     case = "examples/scara/identify.yaml"
     assert main(["discover", case, "--effect", "os:path", "--no-code", "--out", str(tmp_path / "out")]) == 1
-    assert "not to be run" in capsys.readouterr().err
+    assert "must not be run" in capsys.readouterr().err
 
 
 def test_a_case_without_code_runs_all_the_same(tmp_path: Path) -> None:
@@ -234,4 +234,4 @@ def test_discover_takes_a_module_or_a_file(
     assert taken["effects"][key].title == "Root"
     assert taken["options"].forbid == {key}
     assert main([*arguments, "--no-code"]) == 1
-    assert "not to be run" in capsys.readouterr().err
+    assert "must not be run" in capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_an_error_that_nobody_has_foreseen(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert main(["check", CASE]) == 1
     told = capsys.readouterr().err
-    assert "fmu-didim: an error that nobody has foreseen: ZeroDivisionError: nobody thought of that." in told
+    assert "fmu-didim: unexpected error: ZeroDivisionError: nobody thought of that." in told
     assert "Traceback" not in told
     (log,) = tmp_path.glob("fmu-didim-*.log")
     assert str(log) in told

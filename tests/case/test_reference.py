@@ -94,7 +94,11 @@ JITTER = EVEN + 0.2 * PERIOD * np.random.default_rng(1).uniform(-1, 1, EVEN.size
 @pytest.mark.parametrize(
     ("given", "told", "text"),
     [
-        (at(JITTER), ["reference-resampled"], r"usually (4\.9|5\.0)\d* ms apart, were brought to 200 Hz. They lie 0\.5\d* ms"),
+        (
+            at(JITTER),
+            ["reference-resampled"],
+            r"usually (4\.9|5\.0)\d* ms apart, were brought to 200 Hz. They lie 0\.5\d* ms",
+        ),
         (at(np.arange(0, 5, 0.01)), ["reference-resampled"], "10 ms apart"),
         (at(np.delete(EVEN, [50, 51, 300])), ["reference-resampled", "reference-gaps"], "3 rows are missing"),
         (at(np.arange(0, 5, 0.3)), ["reference-resampled", "reference-coarse"], "300 ms apart"),

@@ -11,16 +11,16 @@ import pytest
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component, ModelComponent, wrap_control
-from fmu_didim.components.spliced import spliced_component
+from fmu_didim.components.inserted import inserted_component
 from fmu_didim.cosim import (
     Connection,
     Recording,
     System,
+    insert_after_output,
+    insert_before_input,
+    insert_effect,
     logged_torque,
     simulate,
-    splice,
-    splice_effect,
-    splice_output,
 )
 from fmu_didim.data.signals import trajectory
 from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
@@ -42,7 +42,7 @@ def scara_loop(plant: str = "model", controller: str = "model", **options: Any) 
 
 
 def gain(value: float = 1.0) -> Component:
-    return spliced_component(DriveGain(), "revolute", PERIOD, {"drive_gain": value})
+    return inserted_component(DriveGain(), "revolute", PERIOD, {"drive_gain": value})
 
 
 def difference(first: Recording, second: Recording) -> float:
@@ -54,9 +54,9 @@ class TestWiring:
     def test_a_gain_of_one_changes_no_bit(self) -> None:
         for compiled in (None, False):
             for system in (scara_loop("fmu", "fmu"), scara_loop("fmu", "fmu", delay_samples=1.4)):
-                spliced = splice(system, "one", gain(), at="plant.tau2")
-                spliced = splice_output(spliced, "two", gain(), of="plant.q1")
-                before, after = (simulate(s, MOTION, compiled=compiled) for s in (system, spliced))
+                changed = insert_before_input(system, "one", gain(), at="plant.tau2")
+                changed = insert_after_output(changed, "two", gain(), of="plant.q1")
+                before, after = (simulate(s, MOTION, compiled=compiled) for s in (system, changed))
                 assert before.compiled == after.compiled == (compiled is None)
                 assert all(np.array_equal(before.applied[name], after.applied[name]) for name in SIGNALS)
 
@@ -66,7 +66,7 @@ class TestWiring:
     def test_every_kind_of_component_gives_the_same_motion(self, plant: str, controller: str) -> None:
         values = {"T": 0.004}
         systems = [
-            splice_effect(scara_loop(*kinds), ActuatorLag(), 2, "revolute", values=values)
+            insert_effect(scara_loop(*kinds), ActuatorLag(), 2, "revolute", values=values)
             for kinds in ((plant, controller), ("fmu", "fmu"))
         ]
         first, second = (simulate(system, MOTION) for system in systems)
@@ -80,17 +80,17 @@ class TestWiring:
         }
         wires = (Connection("a.out", "c.in", 2.0), Connection("b.out", "c.in", -3.0), Connection("a.out", "c.other"))
         system = System(parts, wires, ("a", "b", "c"), 0.1, delays={"c": 2.0})
-        first = splice(system, "first", gain(), at="c.in")
+        first = insert_before_input(system, "first", gain(), at="c.in")
         assert first.order == ("a", "b", "first", "c")
         assert set(first.connections) == {
             Connection("a.out", "first.u", 2.0), Connection("b.out", "first.u", -3.0),
             Connection("a.out", "c.other"), Connection("first.y", "c.in"),
         }  # fmt: skip
         assert first.delays == system.delays
-        second = splice(first, "second", gain(), at="c.in")
+        second = insert_before_input(first, "second", gain(), at="c.in")
         assert second.order == ("a", "b", "first", "second", "c")
         assert {Connection("first.y", "second.u"), Connection("second.y", "c.in")} < set(second.connections)
-        behind = splice_output(system, "behind", gain(), of="a.out")
+        behind = insert_after_output(system, "behind", gain(), of="a.out")
         assert behind.order == ("a", "b", "behind", "c")
         assert set(behind.connections) == {
             Connection("behind.y", "c.in", 2.0), Connection("b.out", "c.in", -3.0),
@@ -99,9 +99,11 @@ class TestWiring:
         assert system.order == ("a", "b", "c")  # untouched
 
     def test_of_a_chain_the_newest_is_nearest_to_the_input(self) -> None:
-        inner = splice(scara_loop(), "zone", spliced_component(DeadZone(), "revolute", PERIOD), at="plant.tau2")
+        inner = insert_before_input(
+            scara_loop(), "zone", inserted_component(DeadZone(), "revolute", PERIOD), at="plant.tau2"
+        )
         inner = inner.replace("zone", inner.components["zone"].with_parameters({"dead_zone": 0.1}))
-        outer = simulate(splice(inner, "double", gain(2.0), at="plant.tau2"), MOTION)
+        outer = simulate(insert_before_input(inner, "double", gain(2.0), at="plant.tau2"), MOTION)
         command = outer.applied["controller.command2"]
         zoned = outer.applied["zone.y"]
         assert np.allclose(outer.inputs["plant.tau2"], 2 * zoned, rtol=1e-15)
@@ -112,17 +114,17 @@ class TestWiring:
         system = scara_loop()
         two = ModelComponent(scara_pd())
         with pytest.raises(InputError, match="one input and one output"):
-            splice(system, "two", two, at="plant.tau1")
+            insert_before_input(system, "two", two, at="plant.tau1")
         with pytest.raises(InputError, match="has a component of this name"):
-            splice(system, "plant", gain(), at="plant.tau1")
+            insert_before_input(system, "plant", gain(), at="plant.tau1")
         with pytest.raises(UnknownNameError, match="'tau3'"):
-            splice(system, "x", gain(), at="plant.tau3")
+            insert_before_input(system, "x", gain(), at="plant.tau3")
         with pytest.raises(UnknownNameError, match="component named 'motor'"):
-            splice(system, "x", gain(), at="motor.u")
+            insert_before_input(system, "x", gain(), at="motor.u")
         with pytest.raises(InputError, match="Nothing takes"):
-            splice_output(system, "x", gain(), of="plant.ddq1")
+            insert_after_output(system, "x", gain(), of="plant.ddq1")
         with pytest.raises(InputError, match="parallel"):
-            splice(scara_loop(jacobi=True), "x", gain(), at="plant.tau1")
+            insert_before_input(scara_loop(jacobi=True), "x", gain(), at="plant.tau1")
 
 
 class TestLag:
@@ -136,7 +138,7 @@ class TestLag:
         system = control.c2d(control.ss(-1 / lag, 1 / lag, [[1.0], [0.0]], [[0.0], [1.0]]), PERIOD / fine)
         response = control.forced_response(system, time, held, initial_state=[force[0]]).outputs[0]
         mean = np.add.reduceat((response[:-1] + response[1:]) / 2, np.arange(0, force.size * fine, fine)) / fine
-        part = spliced_component(ActuatorLag(), "revolute", PERIOD, {"T": lag})
+        part = inserted_component(ActuatorLag(), "revolute", PERIOD, {"T": lag})
         y = run_alone(part, force)
         assert np.abs(y - mean).max() < 5e-6  # trapezoidal rule at 25 us: (dt/T)^2/12 of a step of about 2
 
@@ -146,7 +148,7 @@ class TestLag:
         rule = control.ss([], [], [], [[stiffness, damping, -stiffness, -damping]], dt=PERIOD)
         rule = control.ss(rule, inputs=["q_ref1", "dq_ref1", "q1", "dq1"], outputs=["command1"])
         system = loop(ModelComponent(sledge(3.0).block()), wrap_control(rule, origin="test"), motion, joints=1)
-        ours = simulate(splice_effect(system, ActuatorLag(), 1, "prismatic", values={"T": lag}), motion)
+        ours = simulate(insert_effect(system, ActuatorLag(), 1, "prismatic", values={"T": lag}), motion)
         q, dq = motion.select(["q1"])[:, 0], motion.select(["dq1"])[:, 0]
         joint = control.c2d(
             control.ss([[0, 1, 0], [0, -1.5, 0.5], [0, 0, -1 / lag]], [[0], [0], [1 / lag]], np.eye(3), 0), PERIOD
@@ -162,7 +164,7 @@ class TestLag:
         assert worst < 0.02 * without  # the force varies within a period, its impulse is right
 
     def test_it_begins_as_after_a_constant_command(self) -> None:
-        part = spliced_component(ActuatorLag(), "revolute", PERIOD, {"T": 0.05})
+        part = inserted_component(ActuatorLag(), "revolute", PERIOD, {"T": 0.05})
         assert np.array_equal(run_alone(part, np.full(20, 3.0)), np.full(20, 3.0))
 
 
@@ -172,23 +174,23 @@ class TestOtherEffects:
         soft = {"Kp1": 90.0, "Kd1": 20.0, "Kp2": 1.5, "Kd2": 0.3}
         system = scara_loop()
         system = system.replace("controller", system.components["controller"].with_parameters(soft))
-        spliced = system
+        changed = system
         for joint in (1, 2):
-            spliced = splice_effect(spliced, Delay(), joint, "revolute", values={"delay": periods * PERIOD})
-        ours, theirs = simulate(spliced, MOTION), simulate(system.with_delay("plant", periods), MOTION)
+            changed = insert_effect(changed, Delay(), joint, "revolute", values={"delay": periods * PERIOD})
+        ours, theirs = simulate(changed, MOTION), simulate(system.with_delay("plant", periods), MOTION)
         assert np.abs(ours.applied["plant.q2"] - theirs.sampled["plant.q2"]).max() < 1e-12
         assert np.abs(ours.inputs["delay2.u"] - theirs.inputs["plant.tau2"]).max() < 1e-10
 
     def test_a_fraction_of_delay_has_the_impulse_of_the_shifted_command(self) -> None:
         force = np.random.default_rng(2).normal(size=50)
-        part = spliced_component(Delay(), "revolute", PERIOD, {"delay": 2.3 * PERIOD})
+        part = inserted_component(Delay(), "revolute", PERIOD, {"delay": 2.3 * PERIOD})
         line = np.concatenate([np.full(3, force[0]), force])
         assert np.allclose(run_alone(part, force), 0.7 * line[1:-2] + 0.3 * line[:-3], atol=1e-14)
 
     def test_saturation_clips_what_is_logged(self) -> None:
         free = simulate(scara_loop(), MOTION).inputs["plant.tau2"]
         limit = 0.6 * np.abs(free).max()
-        system = splice_effect(scara_loop(), TorqueSaturation(), 2, "revolute", values={"limit": limit})
+        system = insert_effect(scara_loop(), TorqueSaturation(), 2, "revolute", values={"limit": limit})
         recorded = simulate(system, MOTION)
         torque = recorded.inputs[logged_torque(system, 2)]
         assert torque.max() == limit
@@ -196,7 +198,7 @@ class TestOtherEffects:
 
     def test_the_controller_is_told_the_eccentric_position(self) -> None:
         values = {"eccentricity_cosine": 2e-4, "eccentricity_sine": -3e-4, "eccentricity_number": 2.0}
-        system = splice_effect(scara_loop(), EncoderEccentricity(), 2, "revolute", values=values)
+        system = insert_effect(scara_loop(), EncoderEccentricity(), 2, "revolute", values=values)
         recorded = simulate(system, MOTION)
         q = recorded.applied["plant.q2"]
         told = recorded.inputs["controller.q2"]
@@ -216,7 +218,7 @@ class TestOtherEffects:
             ModelComponent(sledge(3.0).block()), controller.with_names(named, controller.outputs), motion, joints=1
         )
         values = {"eccentricity_cosine": 1e-3}
-        recorded = simulate(splice_effect(system, EncoderEccentricity(), 1, "prismatic", values=values), motion)
+        recorded = simulate(insert_effect(system, EncoderEccentricity(), 1, "prismatic", values=values), motion)
         q, q_ref = recorded.applied["plant.q1"], motion.select(["q1"])[:, 0]
         assert np.abs(recorded.inputs["controller.q_ref1 - q1"] - (q_ref - q - 1e-3 * np.cos(q))).max() < 1e-15
 
@@ -226,7 +228,7 @@ class TestOrderOfADrive:
         for effects in (IN_THE_DRIVE, IN_THE_DRIVE[::-1], IN_THE_DRIVE[::2] + IN_THE_DRIVE[1::2]):
             system = scara_loop()
             for effect in effects:
-                system = splice_effect(system, effect, 2, "revolute")
+                system = insert_effect(system, effect, 2, "revolute")
             assert system.order == (
                 "controller", "controller_gain2", "torque_saturation2",
                 "drive_gain2", "dead_zone2", "delay2", "actuator_lag2", "plant",
@@ -235,17 +237,17 @@ class TestOrderOfADrive:
             assert logged_torque(system, 1) == "plant.tau1"
 
     def test_the_log_shows_the_command_before_the_drive(self) -> None:
-        system = splice_effect(scara_loop(), ControllerGain(), 2, "revolute", values={"controller_gain": 0.8})
-        system = splice_effect(system, ActuatorLag(), 2, "revolute", values={"T": 0.01})
+        system = insert_effect(scara_loop(), ControllerGain(), 2, "revolute", values={"controller_gain": 0.8})
+        system = insert_effect(system, ActuatorLag(), 2, "revolute", values={"T": 0.01})
         recorded = simulate(system, MOTION)
         logged = recorded.inputs[logged_torque(system, 2)]
         assert np.allclose(logged, 0.8 * recorded.applied["controller.command2"], rtol=1e-15)
         assert np.abs(recorded.inputs["plant.tau2"] - logged).max() > 0.01
 
     def test_an_effect_is_added_once_and_survives_pickling(self) -> None:
-        system = splice_effect(scara_loop(), ActuatorLag(), 1, "revolute", values={"T": 0.01})
+        system = insert_effect(scara_loop(), ActuatorLag(), 1, "revolute", values={"T": 0.01})
         with pytest.raises(InputError, match="has a component of this name"):
-            splice_effect(system, ActuatorLag(), 1, "revolute")
+            insert_effect(system, ActuatorLag(), 1, "revolute")
         assert logged_torque(pickle.loads(pickle.dumps(system)), 1) == "actuator_lag1.u"
         assert system.describe()["components"]["actuator_lag1"]["parameters"] == {"T": 0.01}
 

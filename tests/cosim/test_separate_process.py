@@ -67,15 +67,15 @@ def wanted(**values: float) -> np.ndarray:
 def test_an_fmu_runs_apart_until_it_is_proven(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     made = load_fmu(awkward_fmu(tmp_path))
-    assert made.runs_apart()
+    assert made.needs_own_process()
     pool = InstancePool()
     for values in ({}, {"a": 1.0}, {}):
         found = simulate(loop_of(made.with_parameters(values)), along(), pool=pool)
         np.testing.assert_allclose(result(found), wanted(**values), rtol=0, atol=1e-13)
         assert found.compiled
-        assert made.runs_apart()  # nobody knows yet how it ends
+        assert made.needs_own_process()  # nobody knows yet how it ends
     pool.close()
-    assert not made.runs_apart()
+    assert not made.needs_own_process()
     assert sum("has not run on this machine before" in r.getMessage() for r in caplog.records) == 1
     here = simulate(loop_of(made), along())
     assert np.array_equal(result(here), result(simulate(loop_of(replace(made, isolated=True)), along())))
@@ -85,19 +85,19 @@ def test_an_fmu_runs_apart_until_it_is_proven(tmp_path: Path, caplog: pytest.Log
 def test_a_proof_is_taken_back_when_a_process_died(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     made = load_fmu(awkward_fmu(tmp_path))
     simulate(loop_of(made), along())
-    assert not made.runs_apart()
+    assert not made.needs_own_process()
     code = (
         "import os, sys; from tests.cosim.test_separate_process import *; made = load_fmu(sys.argv[1]); "
-        "assert not made.runs_apart(); simulate(loop_of(made), along()); os._exit(int(sys.argv[2]))"
+        "assert not made.needs_own_process(); simulate(loop_of(made), along()); os._exit(int(sys.argv[2]))"
     )
     simulate(loop_of(made), along())  # it runs in this process, which lives
-    assert not made.runs_apart()
+    assert not made.needs_own_process()
     subprocess.run([sys.executable, "-c", code, str(made.path), "0"], check=True)
     trust._marks.clear()
-    assert made.runs_apart()
+    assert made.needs_own_process()
     assert "ended abruptly" in caplog.text
     simulate(loop_of(made), along())
-    assert not made.runs_apart()
+    assert not made.needs_own_process()
 
 
 FATAL = {
@@ -119,7 +119,7 @@ def test_what_ends_a_process_is_named_with_its_call_and_time(macro: str, tmp_pat
             simulate(loop_of(good, bad=made), along(), pool=pool)
         for part in (FATAL[macro].format(limit=limit), str(made.path), "step", "t = 0.03 s"):
             assert part in str(caught.value)
-    assert made.runs_apart()
+    assert made.needs_own_process()
 
 
 def test_an_interrupt_ends_a_loop_that_hangs(tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_what_cannot_travel_is_told_and_runs_here(tmp_path: Path, caplog: pytest
         np.testing.assert_allclose(result(found), 2 * wanted(), rtol=0, atol=1e-13)
     pool.close()
     assert "cannot go to another process" in caplog.text
-    assert not made.runs_apart()  # it was seen to run and to end alone
+    assert not made.needs_own_process()  # it was seen to run and to end alone
 
 
 @pytest.mark.gate
@@ -220,10 +220,10 @@ def test_fmus_that_do_not_stand_each_other_get_a_process_each(
         np.testing.assert_allclose(result(found), wanted(), rtol=0, atol=1e-13)
         np.testing.assert_allclose(result(found, "other"), wanted(a=1.0), rtol=0, atol=1e-13)
     assert len(count) >= 2
-    assert "perhaps they do not stand each other" in caplog.text
+    assert "perhaps they cannot share a process" in caplog.text
     pool.close()
-    assert not made.runs_apart()  # one of it does no harm
-    assert made.runs_apart(2)
+    assert not made.needs_own_process()  # one of it does no harm
+    assert made.needs_own_process(2)
 
 
 def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(

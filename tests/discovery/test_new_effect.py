@@ -14,11 +14,11 @@ from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import (
     EFFECTS,
     UNITS,
+    InsertedEffect,
     JointType,
     OperatingRange,
     Parameter,
     Search,
-    SplicedEffect,
     Surroundings,
     TorqueEffect,
 )
@@ -76,7 +76,7 @@ class FilmFriction(TorqueEffect):
         return 1 / shapes["Tf"]
 
 
-class FadingDrive(SplicedEffect):
+class FadingDrive(InsertedEffect):
     """tau = u - fading u |u|, with fading in 1/(N.m) (1/N): less torque for a large current, as iron saturates."""
 
     name = "fading_drive"

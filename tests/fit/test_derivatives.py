@@ -12,7 +12,7 @@ import pytest
 from fmu_didim.base.documents import validate
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, FmuComponent, ModelComponent, block_as_control, load_fmu
-from fmu_didim.cosim import System, simulate, splice_effect
+from fmu_didim.cosim import System, insert_effect, simulate
 from fmu_didim.cosim.derivatives import with_derivatives
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
@@ -92,7 +92,7 @@ LOOPS: Mapping[str, Callable[[], System]] = {
     "slow controller": lambda: replace(closed(), step_size=PERIOD / 2, every={"controller": 2}),
     "substeps": lambda: replace(closed(), substeps={"plant": 3}),
     "outputs after the step": lambda: replace(closed(), after_step=frozenset({"controller"})),
-    "lag of a drive": lambda: splice_effect(closed(), EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.004}),
+    "lag of a drive": lambda: insert_effect(closed(), EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.004}),
 }
 
 

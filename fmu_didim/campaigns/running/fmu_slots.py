@@ -12,7 +12,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from fmu_didim.base.cache import cache_directory, told
+from fmu_didim.base.cache import cache_directory, reported_as_input_error
 from fmu_didim.base.files import file_permissions, made
 
 SEAT_POLL_S = 0.05
@@ -37,7 +37,7 @@ def seats(files: Mapping[Path, int], is_over: Callable[[], bool]) -> Iterator[No
     """
     with ExitStack() as held:
         for place, count in sorted((_place(file), count) for file, count in files.items()):
-            with told(place):
+            with reported_as_input_error(place):
                 made(made(place.parent) / place.name)
             with suppress(PermissionError):  # another user's, in a folder that is not shared
                 os.utime(place)  # used
@@ -60,7 +60,7 @@ def _free_seat(place: Path, count: int) -> FileLock | None:
     """A seat that nobody had, now held; None if all are taken."""
     for k in range(count):
         lock = FileLock(place / f"{k}.lock", mode=file_permissions(place), thread_local=False)
-        with told(place), suppress(Timeout):
+        with reported_as_input_error(place), suppress(Timeout):
             lock.acquire(timeout=0)
             return lock
     return None

@@ -1,6 +1,6 @@
 """FMUs in the loop: FMI 2.0 and 3.0 for co-simulation and model exchange, FMI 1.0 for co-simulation.
 
-``component = load_fmu(path)`` is all most callers need; ``probe_fmu(component)`` tells how an FMU behaves.
+``component = load_fmu(path)`` is all most callers need; ``probe_fmu(component)`` reports how an FMU behaves.
 """
 
 from fmu_didim.components.fmu.component import FmuComponent

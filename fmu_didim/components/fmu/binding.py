@@ -21,7 +21,7 @@ from fmu_didim.data.signals import Array
 
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 MAXIMUM_ITERATIONS = 1000
-"""Event iterations at one instant, and pieces of one step, before an FMU is said not to get on."""
+"""Event iterations at one instant, and pieces of one step, after which an FMU is reported to make no progress."""
 Function = Callable[..., Any]
 Library = Mapping[str, Function]
 """The functions of a loaded library by name; those it does not have are missing."""
@@ -56,8 +56,8 @@ class Messages:
             self.lines.append(arguments[-1].decode("utf-8", "replace"))
             del self.lines[:-20]
 
-    def said(self) -> str | None:
-        """The last lines, None if there are none."""
+    def last_lines(self) -> str | None:
+        """The last lines; None if there are no lines."""
         return "; ".join(self.lines[-3:]) or None
 
 
@@ -94,11 +94,11 @@ class Binding(ABC):
         array_types: type of a variable -> numpy type of its values in C.
         real_type, enumeration_type: the types whose functions pass real values and enumerations.
         truth_type: of flags, in C; state_word: what the functions for states end in.
-        passes_sizes: whether the functions that pass values are told how many they are.
+        passes_sizes: whether the functions that pass values take their number.
         derivatives_function: of the continuous states, without the prefix.
         native_kind: how the compiled loop calls it (:mod:`fmu_didim.components.native`), None if it cannot.
         gives_initial_outputs: whether outputs can be asked for while it is being initialised.
-        tolerance: whether one is told at the set-up of a run, and which.
+        tolerance: whether one is given when a run is set up, and which.
     """
 
     prefix: str
@@ -126,7 +126,7 @@ class Binding(ABC):
             raise FmuError(
                 "The FMU cannot be instantiated.",
                 where=str(description.path),
-                got=self.messages.said(),
+                got=self.messages.last_lines(),
                 next_step=self._advice(),
             )
         self.c: Any = ctypes.c_void_p(address)
@@ -143,10 +143,10 @@ class Binding(ABC):
         """Raise SimulationError if a status is worse than a warning."""
         if status > 1:
             name = STATUS[status] if status < len(STATUS) else f"status {status}"
-            said = self.messages.said()
+            lines = self.messages.last_lines()
             advice = "The FMU refuses this step: choose another control rate." if name == "Discard" else ""
             raise SimulationError(
-                f"{call} of the FMU returned {name}.", where=self.description.path.name, got=said, next_step=advice
+                f"{call} of the FMU returned {name}.", where=self.description.path.name, got=lines, next_step=advice
             )
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -158,7 +158,7 @@ class Binding(ABC):
         self.check(full, function(self.c, *arguments))
 
     def reset(self) -> None:
-        """Back to the state after the instantiation, as far as the FMU does what it should."""
+        """Return to the state after the instantiation, if the FMU resets correctly."""
         self.call("Reset")
 
     def exit_initialisation(self) -> None:
@@ -243,11 +243,11 @@ class Binding(ABC):
         """The function that steps, and its arguments after (instance, time, size)."""
 
     def step_result(self) -> StepResult | None:
-        """What the last step left; None if there was nothing special."""
+        """The event or early return of the last step; None if it was an ordinary step."""
         return None
 
     def set_up_experiment(self, time: float) -> None:  # noqa: B027 - most versions have no such call
-        """Tell when the run begins (s), before any value is set: some FMUs take their start values anew then."""
+        """Set the start time (s), before any value is set: some FMUs then take their start values again."""
 
     @abstractmethod
     def enter_initialisation(self, time: float) -> None:
@@ -258,7 +258,7 @@ class Binding(ABC):
         raise self._without("clocks")
 
     def update_discrete_states(self) -> EventResult:
-        """Event iteration until nothing changes any more, in event mode."""
+        """Event iteration until no value changes, in event mode."""
         raise self._without("events")
 
     def exchange_call(self, name: str, values: Array) -> Call:

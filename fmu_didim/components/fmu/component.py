@@ -11,9 +11,9 @@ from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
-from fmu_didim.components.fmu.isolation.trust import is_proven, runs_here
+from fmu_didim.components.fmu.isolation.trust import is_trusted, mark_running
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun, tell_isolation
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun, log_isolation
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PROCESS, STATE, FmuSettings, Rerun
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
@@ -61,32 +61,32 @@ class FmuComponent(FmuSettings):
     def instantiate(self) -> Instance:
         rerun = known_rerun(self)
         keep = rerun is not None and rerun.strategy == STATE
-        if self._must_be_apart(rerun):
+        if self._must_be_isolated(rerun):
             if self.isolated is None and self.rerun == AUTO and rerun is not None:
-                tell_isolation(self, rerun)
+                log_isolation(self, rerun)
             return IsolatedInstance(replace(self, isolated=False, block=None), self.time_limit_s, keep_new_state=keep)
-        runs_here(self)
-        return self.instantiate_here(keep_new_state=keep)
+        mark_running(self)
+        return self.instantiate_in_process(keep_new_state=keep)
 
-    def _must_be_apart(self, rerun: Rerun | None) -> bool:
+    def _must_be_isolated(self, rerun: Rerun | None) -> bool:
         if self.isolated is not None:
             return self.isolated
         return rerun is not None and rerun.isolated
 
-    def runs_apart(self, instances: int = 1) -> bool:
-        """Whether so many instances of it may take their process with them, so that loops with them run in a process
-        of their own."""
+    def needs_own_process(self, instances: int = 1) -> bool:
+        """Whether so many instances of it may crash their process, so that loops with them run in a process of their
+        own."""
         rerun = known_rerun(self)
-        if self._must_be_apart(rerun):
+        if self._must_be_isolated(rerun):
             return True
-        return self.isolated is None and not self.is_own and not is_proven(self, instances)
+        return self.isolated is None and not self.is_own and not is_trusted(self, instances)
 
     @property
     def is_own(self) -> bool:
         """Whether this package has exported it."""
         return self.fmu.tool.startswith(OWN_TOOL)
 
-    def apart(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
+    def for_separate_process(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
         """The FMU as it goes to a process of loops, where it is run again as has been found here; and how that is.
 
         Args:
@@ -96,7 +96,7 @@ class FmuComponent(FmuSettings):
         way = AUTO if rerun is None else AGAIN if rerun.strategy == PROCESS else rerun.strategy
         return replace(self, isolated=False, rerun=way), rerun
 
-    def instantiate_here(self, *, keep_new_state: bool = False) -> FmuInstance:
+    def instantiate_in_process(self, *, keep_new_state: bool = False) -> FmuInstance:
         if self.interface.kind == MODEL_EXCHANGE:
             return ModelExchangeInstance(self, keep_new_state=keep_new_state)
         if self.event_mode:
@@ -107,7 +107,7 @@ class FmuComponent(FmuSettings):
         return find_rerun(self)
 
     def built_from(self, block: Block) -> FmuComponent:
-        """The same FMU with what only the block tells: its sample time and its equations."""
+        """The same FMU with what only the block knows: its sample time and its equations."""
         return replace(self, sample_time=block.sample_time, block=block)
 
     def equations(self) -> tuple[Block, int | None] | None:
@@ -128,7 +128,7 @@ class FmuComponent(FmuSettings):
         own_outputs = [v.name for v in self.fmu.of_causality("output") for _ in range(v.size)]
         pairs = []
         for output, own in zip(self.outputs, own_outputs, strict=True):
-            known = stated.get(own)  # of an output that is not listed nothing is said: it may depend on all
+            known = stated.get(own)  # an output that is not listed may depend on all inputs
             pairs += [
                 (output.name, shown.name)
                 for shown, name in zip(self.inputs, own_inputs, strict=True)
@@ -157,12 +157,12 @@ class FmuComponent(FmuSettings):
             described["solver"] = self.solver
             if self.solver == "rk4":
                 described["substeps"] = self.substeps or DEFAULT_SUBSTEPS
-        return described | ({"isolated": True} if self._must_be_apart(rerun) else {})
+        return described | ({"isolated": True} if self._must_be_isolated(rerun) else {})
 
 
 def foreign_co_simulation(component: Component) -> FmuComponent | None:
-    """The FMU of another tool that a component runs in co-simulation, by a solver that nobody here knows; None: it runs
-    none."""
+    """The FMU of another tool that a component runs in co-simulation, by a solver that is unknown here; None if it
+    does not run one."""
     form = component.compiled()
     if not isinstance(form, FmuComponent) or form.is_own or form.interface.kind != CO_SIMULATION:
         return None

@@ -31,7 +31,7 @@ class FmuVariable:
         type: as in the file: ``Real``, ``Float64``, ``Integer``, ...; reference: its value reference.
         variability, initial: as in FMI, defaults filled in.
         unit: the FMU's own unit, from the variable or its declared type.
-        start: text of the start value, elements of an array separated by blanks; None if there is none.
+        start: text of the start value, elements of an array separated by blanks; None if there is no start value.
         shape: sizes of the dimensions of an array, () for a scalar.
         clocks: value references of the clocks at whose ticks alone it has a value.
         negated: whether it is minus the variable that its reference means (FMI 1.0).
@@ -82,13 +82,13 @@ class FmuVariable:
         return tuple(f"{self.name}[{','.join(map(str, place))}]" for place in places)
 
     def starts(self, path: Path | str) -> tuple[float, ...]:
-        """Start values of the elements, 0 where there is none; raises FmuError for what is no number."""
+        """Start values of the elements, 0 where there is no start value; raises FmuError for what is not a number."""
         try:
             words = {"true": "1", "false": "0"} if self.type == "Boolean" else {}
             numbers = [float(words.get(text, text)) for text in (self.start or "").split()] or [0.0]
         except ValueError as error:
             where = f"{path}, variable '{self.name}'"
-            raise FmuError("A start value in the FMU is no number.", where=where, got=self.start) from error
+            raise FmuError("A start value in the FMU is not a number.", where=where, got=self.start) from error
         return tuple(numbers) if len(numbers) == self.size else (numbers[0],) * self.size
 
 
@@ -158,7 +158,7 @@ class FmuDescription:
         platforms: folders of ``binaries/`` with at least one library.
         state_count, indicator_count: continuous states and event indicators.
         units: unit -> its definition, where the FMU has one.
-        dependencies: output -> inputs that it depends on at once, None where all; None where nothing is said at all.
+        dependencies: output -> inputs that it depends on at once, None for all; None if the FMU states none.
         clocks: of FMI 3.0.
     """
 

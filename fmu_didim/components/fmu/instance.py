@@ -1,4 +1,4 @@
-"""Running instances of FMUs: what co-simulation and model exchange have in common, and co-simulation."""
+"""Running instances of FMUs: the common part of co-simulation and model exchange, and co-simulation."""
 
 from __future__ import annotations
 
@@ -295,7 +295,7 @@ class CoSimulationInstance(FmuInstance):
 
 def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:
     return FmuError(
-        f"The FMU did not take the value of '{name}': it reads back as another one.",
+        f"The FMU did not take the value of '{name}': another value is read back.",
         where=component.path.name,
         got=f"{found:.9g} after {wanted:.9g} was set, in the FMU's own units",
         next_step="Choose a value that the FMU allows, or leave the parameter as the FMU has it.",

@@ -33,7 +33,7 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
 
     if not re.fullmatch(r"\w[\w.-]*", interface.identifier):  # no path
         raise FmuError(
-            "The modelIdentifier of the FMU is no name.", where=f"{description.path}, {interface.kind}",
+            "The modelIdentifier of the FMU is not a valid name.", where=f"{description.path}, {interface.kind}",
             got=interface.identifier, valid="letters, digits and underscores", next_step="Ask its maker.",
         )  # fmt: skip
     folders = fmi.platform_folders()
@@ -71,13 +71,13 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
 
 
 def _by_wine(description: FmuDescription, interface: Interface) -> Path:
-    """The library that has the FMU run by Wine, which is told."""
-    _log.info("%s holds a library for Windows alone: Wine runs it.", description.path.name)
+    """The library that runs the FMU by Wine; that is logged."""
+    _log.info("%s holds a library for Windows only: Wine runs it.", description.path.name)
     try:
         return wine.bridge(interface)
     except BuildError as error:
         raise FmuError(
-            "The FMU holds a library for Windows alone, and what hands its calls to Wine could not be compiled.",
+            "The FMU holds a library for Windows only, and the bridge to Wine could not be compiled.",
             where=f"{description.path}, {interface.kind}", got=_first_error(str(error.got)),
             next_step=_EXPORT,
         ) from error  # fmt: skip
@@ -87,7 +87,7 @@ _log = logging.getLogger(__name__)
 _EXPORT = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
 _INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
 LONGEST_SOURCE = 2**20
-"""Bytes of a file in which is looked for what it includes."""
+"""Bytes of a source file that are searched for its includes."""
 
 
 def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[str]] | None:
@@ -117,7 +117,7 @@ def _main_files(sources: Path) -> list[str]:
 
 
 def _first_error(text: str) -> str:
-    """The first error that a compiler tells of."""
+    """The first error that a compiler reports."""
     lines = [line for line in text.splitlines() if "error" in line]
     return (lines or text.splitlines() or [""])[0][:500]
 
@@ -162,12 +162,12 @@ def load_library(fmi: FmiVersion, description: FmuDescription, interface: Interf
 
 
 CURRENT_FOLDER = threading.Lock()
-"""Held while the current folder, which belongs to all threads, is another one for a moment, and by who asks for it."""
+"""Held while the current folder, which all threads share, is changed for a moment, and while it is read."""
 _loaded: dict[tuple[Path, str, str, str], Library] = {}
 
 
 def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Library:
-    here = Path.cwd()
+    folder = Path.cwd()
     try:
         os.chdir(file.parent)  # some libraries look there for those they depend on
         dll = ctypes.CDLL(str(file))
@@ -179,7 +179,7 @@ def _load(file: Path, fmi: FmiVersion, interface: Interface, where: str) -> Libr
             next_step="Install the libraries that it needs (ldd FILE lists them), or export it with them inside.",
         ) from error
     finally:
-        os.chdir(here)
+        os.chdir(folder)
     required = [f"{fmi.binding.prefix}{name}" for name in fmi.required[interface.kind].split()]
     signatures = fmi.signatures(interface.kind)
     if unknown := [name for name in required if name not in signatures]:

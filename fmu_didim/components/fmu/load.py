@@ -57,7 +57,7 @@ def load_fmu(
         rerun: how it is run again: ``reset``, ``state`` (of a new instance, restored), ``re-instantiate`` or
             ``fresh process``; ``auto`` tries it out before the first run again and remembers the answer.
         event_mode: handle the events of FMI 3.0 co-simulation; always done where the FMU has input clocks.
-        tolerance: relative one that the FMU is told when a run is set up, for the step control that it may have; by
+        tolerance: relative, given to the FMU when a run is set up, for the step control that it may have; by
             default it takes its own. FMI 1.0 has none.
 
     Raises:
@@ -138,10 +138,10 @@ def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si
     pairs = {c: [p for v in group for p in scalars(v)] for c, group in scalar_groups.items()}
     references = {v.name: v.reference for v in options}
     references |= {name: v.reference for v in real for name in v.element_names()}
-    kept = tuple(dict.fromkeys((*groups["input"], *groups["output"], *real, *options, *starts)))
+    used = tuple(dict.fromkeys((*groups["input"], *groups["output"], *real, *options, *starts)))
     return FmuComponent(
         fmi=fmi,
-        fmu=replace(fmu, variables=kept),
+        fmu=replace(fmu, variables=used),
         interface=interface,
         inputs=tuple(v for v, _ in pairs["input"]),
         outputs=tuple(v for v, _ in pairs["output"]),
@@ -157,5 +157,5 @@ def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si
         arrays={name: v.element_names() for v in (*real, *starts) if v.shape for name in v.element_names()},
         option_types={v.name: v.type for v in options},
         fixed=frozenset(name for v in real if v.variability == "fixed" for name in v.element_names()),
-        has_derivatives=interface.has_derivatives and not any(v.shape for v in kept),
+        has_derivatives=interface.has_derivatives and not any(v.shape for v in used),
     )

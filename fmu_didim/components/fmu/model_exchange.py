@@ -172,7 +172,7 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
     library, prefix = binding.library, binding.prefix
     nominals = library.get(f"{prefix}GetNominalsOfContinuousStates")
 
-    def kept(function: Callable[..., int]) -> Callable[[Any, int], None]:
+    def keep_alive(function: Callable[..., int]) -> Callable[[Any, int], None]:
         def call(values: Any, count: int) -> None:
             instance._worst |= function(c, values, count)
 
@@ -191,10 +191,10 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
     return CVodeSolver(
         nx=instance._nx,
         nz=instance._nz,
-        get_x=kept(library[f"{prefix}GetContinuousStates"]),
-        set_x=kept(library[f"{prefix}SetContinuousStates"]),
-        get_dx=kept(library[f"{prefix}{binding.derivatives_function}"]),
-        get_z=kept(library[f"{prefix}GetEventIndicators"]),
+        get_x=keep_alive(library[f"{prefix}GetContinuousStates"]),
+        set_x=keep_alive(library[f"{prefix}SetContinuousStates"]),
+        get_dx=keep_alive(library[f"{prefix}{binding.derivatives_function}"]),
+        get_z=keep_alive(library[f"{prefix}GetEventIndicators"]),
         get_nominals=get_nominals,
         set_time=set_time,
         input=SimpleNamespace(apply=lambda time: None),  # it is applied while roots are looked for; here it is held

@@ -1,4 +1,4 @@
-"""Reads ``modelDescription.xml``: what all versions of FMI have in common; the rest is in ``versions``."""
+"""Reads ``modelDescription.xml``: the part that all versions of FMI share; the rest is in ``versions``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SUFFIXES = (".so", ".dll", ".dylib")
 
 
 def read_description(path: Path | str) -> FmuDescription:
-    """Read what an FMU says about itself, without loading its library. Its validation problems are not looked for.
+    """Read what an FMU says about itself, without loading its library. It is not validated.
 
     Raises:
         FmuError: the file is not a readable FMU, or of a version that is not in the table of ``versions``.

@@ -50,7 +50,7 @@ class RestartableInstance(Instance):
 
 @dataclass(frozen=True)
 class FmuSettings(Component):
-    """An FMU with its settings, and how values are found in it; what runs it, only its subclass knows.
+    """An FMU with its settings and the places of its values; its subclass runs it.
 
     Attributes:
         fmi: the version that it is read as; fmu: its description, with the variables that matter in the loop.
@@ -67,9 +67,9 @@ class FmuSettings(Component):
             -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
-        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where nothing
-            is said of it.
-        tolerance: that the FMU is told at the set-up of a run; None: none.
+        solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where the
+            user does not say.
+        tolerance: given to the FMU when a run is set up; None: no tolerance is given.
     """
 
     fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
@@ -113,7 +113,7 @@ class FmuSettings(Component):
 
     @property
     def input_types(self) -> tuple[str, ...]:
-        """Type of each input, elements of arrays apart."""
+        """Type of each input, one entry for each element of an array."""
         return tuple(v.type for v in self.fmu.of_causality("input") for _ in range(v.size))
 
     def reference(self, name: str) -> int:
@@ -155,7 +155,7 @@ class FmuSettings(Component):
         return tuple(Variable(name, causality="parameter") for name in self.option_types)
 
     @abstractmethod
-    def instantiate_here(self, *, keep_new_state: bool = False) -> RestartableInstance:
+    def instantiate_in_process(self, *, keep_new_state: bool = False) -> RestartableInstance:
         """A new running instance in this process; ``keep_new_state`` if it shall be run again from that state."""
 
     @abstractmethod

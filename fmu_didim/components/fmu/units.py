@@ -26,7 +26,7 @@ class Conversion:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing has to be computed."""
+        """Whether values stay as they are."""
         return self.factor == 1.0 and self.offset == 0.0
 
     def to_shown(self, own: float) -> float:
@@ -47,7 +47,7 @@ def conversion(unit: str, definitions: Mapping[str, UnitDefinition]) -> Conversi
     if own is None:
         found = named
     elif named is not None and _without_angle(named) == _without_angle(own) and own.offset == named.offset:
-        found = named  # tools leave rad out of the exponents; the name tells an angle from a number
+        found = named  # tools leave rad out of the exponents; only the name distinguishes an angle from a number
     else:
         found = own
     if found is None or (math.isclose(found.factor, 1.0, rel_tol=1e-15) and not found.offset):

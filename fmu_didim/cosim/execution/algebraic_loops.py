@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.cosim.execution.running import Part, Run
+from fmu_didim.cosim.execution.running import LoopRun, Part
 from fmu_didim.cosim.system import REFERENCE, System
 from fmu_didim.data.signals import Array
 
@@ -62,7 +62,7 @@ def _cycles(follows: dict[str, list[str]]) -> list[list[str]]:
     return [group for group in groups.values() if len(group) > 1 or group[0] in follows.get(group[0], ())]
 
 
-def really_closed(run: Run, loops: list[list[str]]) -> list[list[str]]:
+def really_closed(run: LoopRun, loops: list[list[str]]) -> list[list[str]]:
     """Those of the loops around which a change does travel at the present instant of an initialised run.
 
     The derivatives of the outputs on a loop by the inputs on it decide: where they are zero, the structure promised
@@ -71,7 +71,7 @@ def really_closed(run: Run, loops: list[list[str]]) -> list[list[str]]:
     return [loop for loop in loops if _closed(run, loop)]
 
 
-def _closed(run: Run, loop: list[str]) -> bool:
+def _closed(run: LoopRun, loop: list[str]) -> bool:
     follows: dict[str, list[str]] = {name: [] for name in loop}
     for part in run.parts:
         outputs = [name for name in loop if name.startswith(f"{part.name}.")]

@@ -19,7 +19,7 @@ import numpy as np
 from fmu_didim.base.cache import cached_folder
 from fmu_didim.base.errors import BuildError, InputError, SimulationError
 from fmu_didim.components.native import LINEAR, Native, NativeLinear
-from fmu_didim.cosim.execution.running import CHECK_INTERVAL, Part, Run
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun, Part
 from fmu_didim.export.build import compile_shared_library, find_compiler
 
 _DONE, _FAILED, _STOPPED = 0, 1, 2
@@ -27,7 +27,7 @@ _STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
 """Ticks in one call of the compiled loop at most; between two of them an interrupt is seen."""
 CHUNK_SECONDS = 0.1
-"""About how long such a call may take where somebody waits for beats."""
+"""[s] Duration of such a call, about, where beats are expected."""
 
 _void, _int32, _int64, _double = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
 
@@ -99,7 +99,7 @@ def fits(native: Native, part: Part) -> bool:
     return len({native.choose(size) for size in part.step_sizes()}) == 1
 
 
-def run_compiled(run: Run, natives: list[Native]) -> None:
+def run_compiled(run: LoopRun, natives: list[Native]) -> None:
     """Run all ticks by compiled code and fill the recording of the run.
 
     Args:
@@ -129,14 +129,14 @@ def run_compiled(run: Run, natives: list[Native]) -> None:
 
 
 def _address(array: Any, keep: list[Any]) -> int | None:
-    """Address of an array that lives as long as the run; None of nothing."""
+    """Address of an array that lives as long as the run; None for an empty one."""
     if array is None:
         return None
     keep.append(array)
     return int(array.ctypes.data)
 
 
-def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
+def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
     table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
     gapless = ticks[-1] - ticks[0] + 1 == ticks.size
     return _Loop(
@@ -150,7 +150,7 @@ def _loop(run: Run, parts: Any, keep: list[Any]) -> _Loop:
     )  # fmt: skip
 
 
-def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
+def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     part = run.parts[index]
     wiring, capacity = part.wiring, part.whole + 2
     outputs = run.values[part.place]
@@ -181,7 +181,7 @@ def _part(run: Run, index: int, native: Native, keep: list[Any]) -> _Part:
     return result
 
 
-def _wires(run: Run, part: Part) -> Any:
+def _wires(run: LoopRun, part: Part) -> Any:
     """The wiring of a part as the loop follows it: addresses and gain."""
     wires = np.empty(part.wiring.targets.size, dtype=_WIRE)
     wires["input"] = part.inputs.ctypes.data + 8 * part.wiring.targets
@@ -190,11 +190,11 @@ def _wires(run: Run, part: Part) -> Any:
     return wires
 
 
-def _reads(run: Run, index: int) -> tuple[int, int, int]:
+def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
     """How many of the first outputs of a part others read from its inputs to its step; are read there by those who look
     at all; and others read from its step to its next inputs.
 
-    What nobody reads need not be computed, but for the recording and the bounds: of the plant, which the controller has
+    Unused outputs need not be computed, but for the recording and the bounds: of the plant, which the controller has
     asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
     """
     part = run.parts[index]
@@ -227,7 +227,7 @@ def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:
     return linear
 
 
-def _error(run: Run, loop: _Loop, result: int, natives: list[Native]) -> Exception:
+def _error(run: LoopRun, loop: _Loop, result: int, natives: list[Native]) -> Exception:
     time = float(loop.failed_time)
     if result not in (_FAILED, _STOPPED):
         return run.diverged(int(loop.failed_signal), time)

@@ -15,13 +15,13 @@ from fmu_didim.cosim.execution.algebraic_loops import LoopSolver, algebraic_loop
 from fmu_didim.cosim.execution.compiled import fits, loop_library, run_compiled
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer, run_interpreted
-from fmu_didim.cosim.execution.running import Beat, Run, assemble
+from fmu_didim.cosim.execution.running import Beat, LoopRun, assemble
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
 
 
-def run_here(
+def run_in_process(
     system: System,
     reference: Trajectory,
     *,
@@ -58,7 +58,7 @@ def run_here(
         if error.is_finite:
             raise
         first = error
-    # Signals are looked at every 32 ticks: by then what is no number has gone around the loop, and the first one in the
+    # Signals are looked at every 32 ticks: by then NaN has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
     with _running(system, reference, ticks, bounds, pool, beat) as run:
         run_interpreted(run, solver=_loop_solver(run), careful=True)
@@ -73,7 +73,7 @@ def _running(
     bounds: Mapping[str, tuple[float, float]],
     pool: InstancePool | None,
     beat: Beat | None,
-) -> Iterator[Run]:
+) -> Iterator[LoopRun]:
     """A run that is initialised; its instances go back to the pool, unless a component failed in it."""
     run, reusable = assemble(system, reference, pool, beat), False
     try:
@@ -90,7 +90,7 @@ def _running(
 
 
 def compiled_components(system: System) -> System:
-    """The system with components that are compiled, if all can be: else nothing would be gained."""
+    """The system with components that are compiled, if all can be; a part of them would gain nothing."""
     forms = {name: component.compiled() for name, component in system.components.items()}
     for name, form in forms.items():
         if form is not system.components[name]:
@@ -98,7 +98,7 @@ def compiled_components(system: System) -> System:
     return system
 
 
-def _natives(run: Run) -> list[Native] | None:
+def _natives(run: LoopRun) -> list[Native] | None:
     if loop_library() is None:
         return None
     natives = []
@@ -110,7 +110,7 @@ def _natives(run: Run) -> list[Native] | None:
     return natives
 
 
-def _not_compiled(run: Run) -> InputError:
+def _not_compiled(run: LoopRun) -> InputError:
     if loop_library() is None:
         return InputError("There is no C compiler for the loop.", next_step="pip install ziglang")
     python = [part.name for part in run.parts if part.instance.native() is None]
@@ -121,7 +121,7 @@ def _not_compiled(run: Run) -> InputError:
     )
 
 
-def _loop_solver(run: Run) -> LoopSolver | None:
+def _loop_solver(run: LoopRun) -> LoopSolver | None:
     treatment = run.system.algebraic_loops
     if treatment == "previous":
         return None
@@ -167,7 +167,7 @@ def check_reference(system: System, reference: Trajectory, ticks: NDArray[np.int
         )
 
 
-def _recording(run: Run, *, compiled: bool) -> Recording:
+def _recording(run: LoopRun, *, compiled: bool) -> Recording:
     if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
         time = float(run.ticks[bad] * run.system.step_size + run.start)

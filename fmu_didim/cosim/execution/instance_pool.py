@@ -50,16 +50,16 @@ class InstancePool:
 
     def give_back(self, component: Component, instance: Instance) -> None:
         """Keep an instance whose run is over."""
-        self.lay_back(component.pool_key(), instance)
+        self.put_back(component.pool_key(), instance)
 
     def borrow(self, key: Hashable) -> Any:
-        """What was laid back under a key; None if there is nothing."""
+        """The instance or process that was returned under a key; None if there is none waiting."""
         with self._lock:
             waiting = self._kept.get(key, [])
             return waiting.pop() if waiting else None
 
-    def lay_back(self, key: Hashable | None, thing: Any) -> None:
-        """Keep something that has a method ``close``, or close it where there is no room or no key."""
+    def put_back(self, key: Hashable | None, thing: Any) -> None:
+        """Keep something that has a method ``close``, or close it if there is no room or no key."""
         with self._lock:
             waiting = self._kept.setdefault(key, [])
             if key is not None and self._end.alive and len(waiting) < self._size:
@@ -76,7 +76,7 @@ class InstancePool:
         return key in self._noted
 
     def close(self) -> None:
-        """Close all instances; the pool can be used on, but keeps nothing any more."""
+        """Close all instances; the pool can still be used, but keeps no further instances."""
         with self._lock:
             self._end()
             self._kept.clear()

@@ -8,13 +8,13 @@ import numpy as np
 
 from fmu_didim.components import Instance
 from fmu_didim.cosim.execution.algebraic_loops import LoopSolver
-from fmu_didim.cosim.execution.running import CHECK_INTERVAL, Run
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun
 
 Observer = Callable[[int, Mapping[str, Instance]], None]
 
 
 def run_interpreted(
-    run: Run, observe: Observer | None = None, solver: LoopSolver | None = None, *, careful: bool = False
+    run: LoopRun, observe: Observer | None = None, solver: LoopSolver | None = None, *, careful: bool = False
 ) -> None:
     """Run all ticks and fill the recording of the run; ``careful``: look at all values whenever they change."""
     h, t0, table, signals, rows = run.system.step_size, run.start, run.table, run.signals, run.rows
@@ -58,7 +58,7 @@ def run_interpreted(
     _check_bounds(run, time)
 
 
-def _record(run: Run, k: int, count: int) -> None:
+def _record(run: LoopRun, k: int, count: int) -> None:
     row = run.rows[k]
     if not run.delayed:
         if row < 0:
@@ -76,7 +76,7 @@ def _record(run: Run, k: int, count: int) -> None:
             run.record[late, part.given] = part.inputs
 
 
-def _check_bounds(run: Run, time: float) -> None:
+def _check_bounds(run: LoopRun, time: float) -> None:
     # Written so that NaN counts as outside.
     inside = (run.signals >= run.lowest) & (run.signals <= run.highest)
     if not inside.all():

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from fmu_didim.base.errors import DivergedError, FmuDidimError, UnknownNameError
 from fmu_didim.components import Component, Instance
 from fmu_didim.components.fmu.component import foreign_co_simulation
-from fmu_didim.cosim.execution.buffers import recording_memory
+from fmu_didim.cosim.execution.buffers import recording_buffer
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.system import REFERENCE, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
-"""Ticks between two looks for divergence: often enough to stop early, seldom enough to cost nothing."""
+"""[1] Ticks between two checks for divergence: few enough to stop early, enough to cost no time."""
 
 Beat = Callable[[], None]
 """Called while a run goes on, at every tick or every few."""
@@ -142,7 +142,7 @@ class Part:
 
 
 @dataclass
-class Run:
+class LoopRun:
     """A system and the memory of one run of it.
 
     Attributes:
@@ -152,9 +152,9 @@ class Run:
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
-        finite: whether all recorded signals are finite, None where nobody has looked.
+        finite: whether all recorded signals are finite, None if that is not known.
         lowest, highest: bounds of the signals.
-        beat: see :data:`Beat`; None where nobody listens.
+        beat: see :data:`Beat`; None if nobody asks for it.
     """
 
     system: System
@@ -179,13 +179,13 @@ class Run:
         return float(self.reference.time[0])
 
     def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]]) -> None:
-        """Memory for what is recorded at these ticks, and the bounds by signal."""
+        """The buffer of the recording at these ticks, and the bounds by signal."""
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
-        self.record = recording_memory(ticks.size, self.values.size)
+        self.record = recording_buffer(ticks.size, self.values.size)
         self.applied = self.record[:, : len(self.names)]
-        self.sampled = recording_memory(ticks.size, len(self.names)) if self.delayed else self.applied
+        self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
         for name, (low, high) in bounds.items():
             if name not in self.names:
@@ -229,7 +229,7 @@ class Run:
             self.beat()
 
     def diverged(self, i: int, time: float) -> DivergedError:
-        """The error for signal ``i`` that left its bounds, or is no number."""
+        """The error for signal ``i`` that left its bounds, or is not a number."""
         value = float(self.signals[i])
         what = f"The closed loop diverged: {self.names[i]} = {value:.3g}"
         if np.isfinite(value):
@@ -250,7 +250,7 @@ class Run:
         output = self.names[part.place.start + int(bad[0])]
         raise DivergedError(
             f"{output} = {self.values[part.place][bad[0]]}, while all its inputs are numbers.",
-            time=time, next_step=f"Mend the {part.name}, or keep its parameters in their range.",
+            time=time, next_step=f"Fix the {part.name}, or keep its parameters in their range.",
         ).in_component(part.name, time)  # fmt: skip
 
     def close(self, pool: InstancePool | None, *, reusable: bool) -> None:
@@ -262,7 +262,7 @@ class Run:
                 part.instance.close()
 
 
-def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> Run:
+def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> LoopRun:
     """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
     names = [f"{REFERENCE}.{name}" for name in reference.names]
     places: dict[str, slice] = {}
@@ -275,7 +275,7 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None, b
         if connection.source not in index:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
     end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
-    run = Run(system, reference, names, np.zeros(size), [], beat=beat)
+    run = LoopRun(system, reference, names, np.zeros(size), [], beat=beat)
     try:
         for name in system.order:
             component = system.components[name]

@@ -1,4 +1,4 @@
-"""The whole loop in a process of its own, for FMUs that may take their process with them: one request a run.
+"""The whole loop in a process of its own, for FMUs that may crash it: one request for each run.
 
 What crashes, exits, hangs or changes the current folder does so there. The process keeps the instances from run to run,
 as a pool does here. Where it dies, the loop is run once more with each such FMU in a process of its own, one message
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, NotCarriedError, ProcessEndedError, Worker
-from fmu_didim.components.fmu.isolation.trust import prove
-from fmu_didim.components.fmu.reuse.reset import tell_isolation, tell_unproven
+from fmu_didim.components.fmu.isolation.trust import record_trust
+from fmu_didim.components.fmu.reuse.reset import log_isolation
 from fmu_didim.components.fmu.settings import PROCESS, Rerun
 from fmu_didim.cosim.execution.compiled import loop_library
-from fmu_didim.cosim.execution.in_process import compiled_components, run_here
+from fmu_didim.cosim.execution.in_process import compiled_components, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import Observer
 from fmu_didim.cosim.recording import Recording
@@ -61,7 +61,7 @@ class LoopProcess:
         self.runs = 0
 
     def run(self, order: Order) -> Recording:
-        """Run a loop there; raises what the run raises, and ProcessEndedError, NotCarriedError."""
+        """Run a loop there; raises the errors of the run, ProcessEndedError and NotCarriedError."""
         fmus = [c for c in order.system.components.values() if isinstance(c, FmuComponent)]
         large = (*(c.fmu for c in fmus), *(c.block for c in fmus if c.block is not None), order.reference)
         found, observed = self._worker.request("the loop", _run, order, constants=large)
@@ -72,12 +72,12 @@ class LoopProcess:
         return recording
 
     def close(self) -> None:
-        """End the process; what ran there to a good end is proven then. May be called twice."""
+        """End the process; if it ends well, its FMUs are trusted from then on. May be called twice."""
         self._worker.close()
         if self.runs and self._worker.ended_well:
             counts = Counter(fmu.digest for fmu in self._fmus)
             for fmu in self._fmus:
-                prove(fmu, counts[fmu.digest])
+                record_trust(fmu, counts[fmu.digest])
 
 
 def _prepare(there: Any, beat_every: float) -> None:
@@ -90,18 +90,18 @@ def _run(there: Any, order: Order) -> tuple[Recording, dict[str, Any] | None]:
     if any(there.ways.get(digest, way) != way for digest, way in ways.items()):
         there.pool.close()  # an FMU that allows one instance is not made a second time beside the first
     there.ways |= ways
-    found = run_here(
+    found = run_in_process(
         order.system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe,
         pool=there.pool, compiled=order.compiled, beat=there.beat,
     )  # fmt: skip
     return found, None if order.observe is None else vars(order.observe)
 
 
-def run_apart(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
+def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """Run a loop in a process of its own because of some FMUs; with a pool, in the one that it ran in before."""
     key = frozenset((name, c.digest, c.interface.kind, c.time_limit_s) for name, c in fmus.items())
     if pool is not None and pool.is_noted(key):
-        return _each_alone(order, fmus, pool)
+        return _run_isolated(order, fmus, pool)
     process = pool.borrow(key) if pool is not None else None
     system, once = _as_sent(order.system, run_before=process is not None)
     process = process if process is not None else LoopProcess(tuple(fmus.values()))
@@ -113,32 +113,32 @@ def run_apart(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool
     except ProcessEndedError as error:
         if not error.by_fmu and not error.expired:
             raise  # it was killed from outside
-        found = _each_alone(order, fmus, None)  # raises what tells more
+        found = _run_isolated(order, fmus, None)  # raises an error that says more
         _log.warning(
             "A loop with %s ends its process (%s), while each of them in one of its own does not. It runs so now, "
-            "tens of times slower: perhaps they do not stand each other.", _names(fmus), error.what,
+            "tens of times slower: perhaps they cannot share a process.", _names(fmus), error.what,
         )  # fmt: skip
         _note(pool, key)
         return found
     except NotCarriedError as error:
         _log.warning(
             "The loop cannot go to another process (%s). So each of these FMUs runs in one of its own, tens of times "
-            "slower, until it is proven; isolated: false, if you trust it: %s.", error.got, _names(fmus),
+            "slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, _names(fmus),
         )  # fmt: skip
         _note(pool, key)
-        return _each_alone(order, fmus, pool)
+        return _run_isolated(order, fmus, pool)
     finally:
         if keep and pool is not None:
-            pool.lay_back(key, process)
+            pool.put_back(key, process)
         else:
             process.close()
 
 
-def running_apart(system: System) -> dict[str, FmuComponent]:
-    """The FMUs of a system that may take their process with them, by name."""
+def needing_own_process(system: System) -> dict[str, FmuComponent]:
+    """The FMUs of a system that may crash their process, by name."""
     fmus = {name: c for name, c in system.components.items() if isinstance(c, FmuComponent)}
     counts = Counter(fmu.digest for fmu in fmus.values())
-    return {name: fmu for name, fmu in fmus.items() if fmu.runs_apart(counts[fmu.digest])}
+    return {name: fmu for name, fmu in fmus.items() if fmu.needs_own_process(counts[fmu.digest])}
 
 
 def _names(fmus: Mapping[str, FmuComponent]) -> str:
@@ -159,26 +159,26 @@ def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:
     for name, component in system.components.items():
         components[name] = component
         if isinstance(component, FmuComponent):
-            components[name], rerun = component.apart(run_before=run_before and not component.is_own)
-            _tell(component, rerun)
+            components[name], rerun = component.for_separate_process(run_before=run_before and not component.is_own)
+            _log_isolation(component, rerun)
             once |= rerun is not None and rerun.strategy == PROCESS
     return replace(system, components=components), once
 
 
-def _tell(component: FmuComponent, rerun: Rerun | None) -> None:
+def _log_isolation(component: FmuComponent, rerun: Rerun | None) -> None:
     if component.isolated is not None or component.rerun == PROCESS:
         return  # as asked for
     if rerun is not None and rerun.isolated:
-        tell_isolation(component, rerun)
-    elif component.runs_apart():
-        tell_unproven(component)
+        log_isolation(component, rerun)
+    elif component.needs_own_process():
+        log_isolation(component, None)
 
 
-def _each_alone(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
+def _run_isolated(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """The loop in this process, with each of these FMUs in a process of its own."""
-    apart = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
-    system = replace(order.system, components={**order.system.components, **apart})
-    return run_here(
+    isolated = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
+    system = replace(order.system, components={**order.system.components, **isolated})
+    return run_in_process(
         system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe, pool=pool,
         compiled=order.compiled,
     )  # fmt: skip

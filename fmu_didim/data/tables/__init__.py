@@ -4,8 +4,9 @@ from fmu_didim.data.tables.columns import Column, TimeColumn
 from fmu_didim.data.tables.csv_file import CsvLayout
 from fmu_didim.data.tables.read import READERS, read_table, read_trajectory
 from fmu_didim.data.tables.select import Selected, selected
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 
 __all__ = [
-    "READERS", "Column", "CsvLayout", "Selected", "Table", "TimeColumn", "read_table", "read_trajectory", "selected",
+    "READERS", "Column", "CsvLayout", "Selected", "SignalTable", "TimeColumn", "read_table", "read_trajectory",
+    "selected",
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 ``2026-11-22T13:45:01.123Z``, ``2026-11-22 13:45:01,123``, ``22.11.2026 13:45:01``, ``13:45:01.123``. All stamps of a
 file count from 0:00 of the day of its first one, so that files of one day share a clock. Dates with slashes are not
-read: nobody can know whether the day or the month comes first.
+read: the day or the month may come first.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Calendar:
 
     @property
     def note(self) -> str:
-        """What is told of the clock, where there are such stamps."""
+        """How the clock is described where there are such stamps."""
         return f"calendar times, counted in s from {f'{self.day} ' if self.day else ''}0:00" if self.columns else ""
 
 

@@ -11,7 +11,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, TIME_CONTRADICTS
 from fmu_didim.data.tables.columns import TimeColumn
-from fmu_didim.data.tables.table import Table, split_unit
+from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
 
 STAMP_ROUNDING = 0.5
@@ -24,11 +24,11 @@ other."""
 TIME_NAMES = ("t", "time", "zeit")
 
 
-def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | None:
+def clock_column(table: SignalTable, time: TimeColumn, names: Sequence[str]) -> str | None:
     """The column of the instants of these columns; None where the rows are to be counted.
 
     Raises:
-        InputError: there is none, or the columns have different ones.
+        InputError: there is no such column, or the columns have different ones.
     """
     own = {table.times[name] for name in names if name in table.times}
     if time.name is not None:
@@ -56,11 +56,11 @@ def clock_column(table: Table, time: TimeColumn, names: Sequence[str]) -> str | 
     return found
 
 
-def _rows(table: Table, clock: str) -> str:
+def _rows(table: SignalTable, clock: str) -> str:
     return f"{clock}: {table.columns[clock].size} rows" if clock in table.columns else clock
 
 
-def _by_name(table: Table) -> str | None:
+def _by_name(table: SignalTable) -> str | None:
     if not table.has_header:
         return None
     named = {name: split_unit(name)[0] for name in table.columns}
@@ -73,11 +73,11 @@ def _by_name(table: Table) -> str | None:
     return None
 
 
-def instants(table: Table, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:
-    """(N,) instants of the rows in s, and what is to be told of them.
+def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:
+    """(N,) instants of the rows in s, and the diagnostics of how they were found.
 
     Raises:
-        InputError: the unit is none of time, or stamps cannot be rounded ones of the rate given.
+        InputError: the unit is not a unit of time, or the stamps are not rounded instants of the given rate.
     """
     if clock is None:
         assert time.rate_hz is not None
@@ -88,7 +88,7 @@ def instants(table: Table, time: TimeColumn, clock: str | None, count: int) -> t
     return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
 
 
-def _seconds(table: Table, clock: str, time: TimeColumn) -> float:
+def _seconds(table: SignalTable, clock: str, time: TimeColumn) -> float:
     unit = time.unit or table.unit(clock)
     known = known_unit(unit) if unit else None
     if clock in table.calendar and known != known_unit("s"):
@@ -98,13 +98,13 @@ def _seconds(table: Table, clock: str, time: TimeColumn) -> float:
         )  # fmt: skip
     if known is not None and known.powers != {"s": 1}:
         raise InputError(
-            "The unit of the time column is none of time.", where=f"{table.source}, column {clock}", got=unit,
+            "The unit of the time column is not a unit of time.", where=f"{table.source}, column {clock}", got=unit,
             next_step="Name another column, or give its unit: time: {name: ..., unit: ms}.",
         )  # fmt: skip
     return known.factor if known is not None else 1.0
 
 
-def _counted(table: Table, time: TimeColumn) -> list[Diagnostic]:
+def _counted(table: SignalTable, time: TimeColumn) -> list[Diagnostic]:
     text = f"Its rows were counted: {time.rate_hz:g} Hz from t = {time.start_s:g} s."
     beside = _by_name(table)
     if beside is None:
@@ -127,7 +127,7 @@ def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagn
     if twice or off >= STAMP_ROUNDING / rate:
         usual = 1 / float(np.median(np.diff(stamps)))
         raise InputError(
-            "The stamps are not rounded ones of that rate.", where=source,
+            "The stamps do not lie near the instants of that rate.", where=source,
             got=f"{rate:g} Hz; the stamps come at {usual:.6g} Hz, lie up to {1000 * off:.3g} ms off, and {twice} "
             "of them fall on the instant of another",
             next_step="Correct time: {rate_hz: ...}, or leave it out.",

@@ -1,4 +1,4 @@
-"""What is told of how files were read."""
+"""Diagnostics of how files were read."""
 
 from __future__ import annotations
 

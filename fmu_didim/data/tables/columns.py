@@ -65,7 +65,7 @@ class TimeColumn(Strict):
     Attributes:
         name: of the column; by default ``t`` or ``time`` (``Zeit``), with or without a unit behind it.
         unit: such as ms; by default what the file states, else s.
-        rate_hz: rows are 1 / rate apart. Without ``name``: where the file has no time column, or none to be trusted.
+        rate_hz: rows are 1 / rate apart. Without ``name``: where the file has no reliable time column.
             With it: the stamps are rounded, and each row belongs to the nearest instant of that rate.
         start_s: instant of the first row, where there is no time column.
     """
@@ -84,7 +84,7 @@ class TimeColumn(Strict):
     def _is_a_time(self) -> TimeColumn:
         known = None if self.unit is None else known_unit(self.unit)
         if self.unit is not None and (known is None or known.powers != {"s": 1}):
-            raise ValueError(f"'{self.unit}' is no unit of time; valid: s, ms, us, ns, min")
+            raise ValueError(f"'{self.unit}' is not a unit of time; valid: s, ms, us, ns, min")
         if self.start_s and (self.name is not None or self.rate_hz is None):
             raise ValueError("start_s goes with rate_hz and without name")
         return self
@@ -189,7 +189,7 @@ def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, w
     if column.torque_constant is not None:
         names, valid = ("A",), ({"A": 1},)
     if definition.offset:
-        raise InputError("A unit with a zero of its own is no unit of this signal.", where=where, got=unit)
+        raise InputError("A unit with an offset cannot be the unit of this signal.", where=where, got=unit)
     if not valid or powers in valid:
         return
     raise InputError(

@@ -23,7 +23,7 @@ from fmu_didim.base.documents import Strict
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.calendar_time import SLASHES, Calendar
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 from fmu_didim.data.units import known_unit
 
 WORDS = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "space"}
@@ -73,8 +73,8 @@ class _MisfitError(Exception):
         self.text = delimiter.join(cells)[:80]
 
 
-def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
-    """The table in a CSV file; what had to be recognised stands in its notes.
+def read_csv(path: Path, layout: CsvLayout | None = None) -> SignalTable:
+    """The table in a CSV file; its notes state what had to be recognised.
 
     Raises:
         InputError: no layout fits the file, or several do.
@@ -100,7 +100,7 @@ def read_csv(path: Path, layout: CsvLayout | None = None) -> Table:
         raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200])
     stamps = [names[k] for k in sorted(only.calendar.columns)]
     units = dict(zip(names, only.units, strict=False)) | dict.fromkeys(stamps, "s")
-    return Table(
+    return SignalTable(
         columns={name: only.data[:, i] for i, name in enumerate(names)},
         units={name: unit for name, unit in units.items() if unit not in _NO_UNIT},
         notes=tuple(notes), source=str(path), has_header=bool(only.names), calendar=tuple(stamps),
@@ -132,7 +132,7 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     calendar = Calendar()
     for number, cells in _rows(lines, delimiter):
         if not data:
-            calendar = Calendar()  # what stands above the numbers is none of their stamps
+            calendar = Calendar()  # text above the numbers is not one of their stamps
         numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
         if not data:
             count = len(cells)
@@ -169,7 +169,7 @@ def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -> list[float] | None:
-    """The numbers of a row; None if it is none.
+    """The numbers of a row; None if it is not a row of numbers.
 
     Args:
         calendar: where cells may be its stamps, in the same columns as before, and beside at least one number.
@@ -177,7 +177,7 @@ def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -
     plain = cells
     if decimal == ",":
         plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else "" for cell in cells]
-    if any("_" in cell for cell in cells):  # 1_0 is no ten
+    if any("_" in cell for cell in cells):  # 1_0 is not ten
         return None
     try:
         found, stamps = [float(cell) for cell in plain], set[int]()
@@ -205,7 +205,7 @@ def _number(cell: str) -> float | None:
 
 
 def _is_value(cell: str) -> bool:
-    """Whether a cell is no name, because it is a number, whichever the decimal sign, or a stamp."""
+    """Whether a cell is a number, with either decimal sign, or a stamp, so that it cannot be a name."""
     return any(_numbers([cell], sign) is not None for sign in ".,") or Calendar().seconds(cell) is not None
 
 
@@ -256,7 +256,7 @@ def _refuse_if_unclear(path: Path, lines: list[str], found: list[_Parsed], misfi
     raise InputError(
         "A line of the CSV file is not a row of numbers.", where=f"{path}, line {worst.line}", got=worst.text,
         valid=f"{separated}, decimal {sign}, as in the other lines; before them one line with as many names",
-        next_step='Mend the line, or say how the file is written: csv: {delimiter: ";", decimal: ",", skip_lines: 0}.',
+        next_step='Fix the line, or say how the file is written: csv: {delimiter: ";", decimal: ",", skip_lines: 0}.',
     )  # fmt: skip
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from fmu_didim.base.errors import InputError, loading
 from fmu_didim.data.tables.nested import as_columns
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units")
 
 
-def read_hdf5(path: Path, *, separator: str = "/") -> Table:
+def read_hdf5(path: Path, *, separator: str = "/") -> SignalTable:
     """Columns of the datasets of a file: ``group/q``, of matrices ``group/q(1)``, fields of records ``group/q``.
 
     Units are read from the attribute ``unit`` or ``units`` of a dataset.
@@ -46,4 +46,4 @@ def read_hdf5(path: Path, *, separator: str = "/") -> Table:
         file.visititems(visit)
     columns = as_columns(named.items())
     stated = {name: units.get(name, units.get(name.rpartition("(")[0], "")) for name in columns}
-    return Table(columns, {name: unit for name, unit in stated.items() if unit}, source=str(path))
+    return SignalTable(columns, {name: unit for name, unit in stated.items() if unit}, source=str(path))

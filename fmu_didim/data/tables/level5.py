@@ -25,9 +25,9 @@ _NUMERIC = range(6, 16)
 _IS_COMPLEX = 0x0800
 _HEADER = 128
 MAXIMUM_DEPTH = 20
-"""Of structs in one another."""
+"""[1] Levels of nested structs at most."""
 MAXIMUM_BYTES = 256 * 2**20
-"""Of one compressed variable: 33 million numbers."""
+"""[byte] Size of one compressed variable at most: 33 million numbers."""
 
 
 def is_level_5(content: bytes) -> bool:
@@ -101,7 +101,7 @@ def _structs(
 ) -> dict[str, Content] | list[dict[str, Content]]:
     """A struct, or the list of those of an array of them."""
     if depth > MAXIMUM_DEPTH:
-        raise ValueError(f"structs stand in one another more than {MAXIMUM_DEPTH} deep")
+        raise ValueError(f"structs are nested more than {MAXIMUM_DEPTH} deep")
     (_, length), (_, names) = _two(parts)
     (size,) = struct.unpack_from(f"{order}i", length) if len(length) >= 4 else (0,)
     if size <= 0 or len(names) % size:

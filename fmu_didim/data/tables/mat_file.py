@@ -8,12 +8,12 @@ from fmu_didim.base.errors import InputError, loading
 from fmu_didim.data.tables.hdf5_file import read_hdf5
 from fmu_didim.data.tables.level5 import contents, is_level_5
 from fmu_didim.data.tables.nested import as_columns, leaves
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 
 HDF5_MARK = b"MATLAB 7.3 MAT-file"
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(path: Path) -> SignalTable:
     """Columns of the variables of a MAT file: vectors, matrices (``q(1)``) and fields of structs (``log.q``).
 
     Raises:
@@ -38,4 +38,4 @@ def read_mat(path: Path) -> Table:
             next_step="Save timetables and timeseries as arrays: t = seconds(T.Time); q = T.Variables; save('log.mat', "
             "'t', 'q').",
         )  # fmt: skip
-    return Table(columns, source=str(path))
+    return SignalTable(columns, source=str(path))

@@ -10,10 +10,10 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, loading
 from fmu_didim.data.signals import Array
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 
 
-def read_mf4(path: Path) -> Table:
+def read_mf4(path: Path) -> SignalTable:
     """Channels with their units, each with the instants of its own group: nothing is brought to a common time.
 
     A name that several groups have becomes ``<group>.<name>``, groups counted from 0; the instants of a group are the
@@ -46,7 +46,7 @@ def read_mf4(path: Path) -> Table:
             clock = _clock(columns, g, np.asarray(signal.timestamps, dtype=float))
             columns[name], times[name] = samples.astype(float), clock
             units[name] = signal.unit or ""
-    return Table(columns, {n: u for n, u in units.items() if u}, times=times, source=str(path))
+    return SignalTable(columns, {n: u for n, u in units.items() if u}, times=times, source=str(path))
 
 
 def _clock(columns: dict[str, Array], group: int, stamps: Array) -> str:

@@ -15,7 +15,7 @@ MOST_COLUMNS = 20_000
 
 
 def leaves(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Path and value of what is no mapping: ``log.q``; elements of a list of structs are ``signals(1).values``."""
+    """Path and value of all that is not a mapping: ``log.q``; elements of a list are ``signals(1).values``."""
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from ((f"{name}.{rest}", inner) for rest, inner in leaves(value))
@@ -36,7 +36,7 @@ def _is_list_of_structs(value: Any) -> bool:
 def as_columns(named: Iterable[tuple[str, Any]]) -> dict[str, Array]:
     """Columns of the numeric arrays among these; scalars and texts are left out.
 
-    A matrix gives one column ``name(i)`` for each signal in it. Which of its sides is time is told by the lengths of
+    A matrix gives one column ``name(i)`` for each signal in it. Which of its sides is time follows from the lengths of
     the plain vectors of the file, else it is the longer side.
     """
     arrays = {name: np.squeeze(np.asarray(value)) for name, value in named if _is_numeric(value)}

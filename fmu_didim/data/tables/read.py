@@ -16,15 +16,15 @@ from fmu_didim.data.tables.mat_file import read_mat
 from fmu_didim.data.tables.mf4_file import read_mf4
 from fmu_didim.data.tables.parquet_file import read_parquet
 from fmu_didim.data.tables.select import selected
-from fmu_didim.data.tables.table import Table
+from fmu_didim.data.tables.table import SignalTable
 
-READERS: dict[str, Callable[[Path], Table]] = {
+READERS: dict[str, Callable[[Path], SignalTable]] = {
     ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".mat": read_mat, ".parquet": read_parquet,
     ".h5": read_hdf5, ".hdf5": read_hdf5, ".hdf": read_hdf5, ".mf4": read_mf4, ".mdf": read_mf4,
 }  # fmt: skip
 
 
-def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
+def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> SignalTable:
     """The columns of a file, as they stand there.
 
     Args:
@@ -42,7 +42,7 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> Table:
         raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READERS)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of a file is told in our words
+            warnings.simplefilter("ignore")  # what matters is reported in our own words
             return read_csv(path, layout) if reader is read_csv else reader(path)
     except FmuDidimError:
         raise

@@ -14,7 +14,7 @@ from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.data.tables.clock import clock_column, instants
 from fmu_didim.data.tables.codes import FILE_LAYOUT, UNIT_CONTRADICTS, UNIT_FROM_FILE, UNIT_UNKNOWN
 from fmu_didim.data.tables.columns import Column, Target, TimeColumn, conversion, target
-from fmu_didim.data.tables.table import Table, split_unit
+from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
 
 NO_COLUMNS: Mapping[str, Column] = {}
@@ -22,14 +22,14 @@ NO_COLUMNS: Mapping[str, Column] = {}
 
 @dataclass(frozen=True)
 class Selected:
-    """Signals, and what is to be told of how they were read."""
+    """Signals, and the diagnostics of how they were read."""
 
     signals: Trajectory
     told: tuple[Diagnostic, ...] = ()
 
 
 def selected(
-    table: Table,
+    table: SignalTable,
     *,
     time: TimeColumn | None = None,
     columns: Mapping[str, Column] = NO_COLUMNS,
@@ -80,7 +80,7 @@ def selected(
     return Selected(signals, tuple(told))
 
 
-def _row_count(table: Table, own: Mapping[str, str], clock: str | None) -> int:
+def _row_count(table: SignalTable, own: Mapping[str, str], clock: str | None) -> int:
     """Rows of the time column, which all columns that are asked for must have."""
     sizes = {name: table.columns[name].size for name in own.values()}
     if clock is not None:
@@ -96,8 +96,8 @@ def _row_count(table: Table, own: Mapping[str, str], clock: str | None) -> int:
     return Counter(numbers.size for numbers in table.columns.values()).most_common(1)[0][0]
 
 
-def _others(table: Table, own: Mapping[str, str], clock: str | None, count: int) -> Iterator[tuple[str, str]]:
-    """Name of the signal and of the column, of columns that nobody named but that may be meant."""
+def _others(table: SignalTable, own: Mapping[str, str], clock: str | None, count: int) -> Iterator[tuple[str, str]]:
+    """Name of the signal and of the column, of columns that the case does not name."""
     names = [
         name for name, numbers in table.columns.items()
         if numbers.size == count and name != clock and name not in own.values()
@@ -112,7 +112,7 @@ def _others(table: Table, own: Mapping[str, str], clock: str | None, count: int)
 
 
 def _unit_doubts(
-    table: Table, signal: str, name: str, column: Column, stated: str, wanted: Target, contradicts: str
+    table: SignalTable, signal: str, name: str, column: Column, stated: str, wanted: Target, contradicts: str
 ) -> Iterator[Diagnostic]:
     if contradicts:
         text = f"The case says {column.unit} for {signal}, the file says {contradicts} for its column {name}."

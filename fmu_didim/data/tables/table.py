@@ -15,7 +15,7 @@ _WITH_UNIT = re.compile(r"^(?P<name>.*?\S)\s*(?:\[(?P<square>[^\[\]]+)\]|\((?P<r
 
 
 def split_unit(title: str) -> tuple[str, str]:
-    """Name and unit of a title such as ``Achse1 [°]``; the unit is empty where none that is known stands there."""
+    """Name and unit of a title such as ``Achse1 [°]``; the unit is empty if the title has no known unit."""
     match = _WITH_UNIT.match(title.strip())
     unit = (match["square"] or match["round"]).strip() if match else ""
     if match is None or unit.isdigit() or known_unit(unit) is None:
@@ -24,7 +24,7 @@ def split_unit(title: str) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Table:
+class SignalTable:
     """Columns of numbers in a file.
 
     Attributes:
@@ -58,7 +58,7 @@ class Table:
         return self.units.get(name) or (split_unit(name)[1] if self.has_header else "")
 
     def find(self, name: str) -> str | None:
-        """The column of that name, with or without the unit behind it; None where there is none.
+        """The column of that name, with or without the unit behind it; None if there is no such column.
 
         Raises:
             InputError: several columns have that name before their units.

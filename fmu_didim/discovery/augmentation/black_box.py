@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.components.spliced import spliced_component
+from fmu_didim.components.inserted import inserted_component
 from fmu_didim.cosim import Connection, System
 from fmu_didim.data.signals import Array, Variable
 from fmu_didim.dynamics.block import Block
@@ -35,8 +35,8 @@ from fmu_didim.dynamics.effects import (
     Surroundings,
     TorqueEffect,
 )
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import JointUnits
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 from fmu_didim.dynamics.robot.rate import EXPLICIT
 from fmu_didim.model.loop_model import LoopModel
 
@@ -49,7 +49,7 @@ longer ones do: little beside the noise of any drive."""
 START_TIME, START_POSITION = "t_start", "q_start"
 
 
-class TorquePart(SplicedEffect):
+class TorquePart(InsertedEffect):
     """A torque effect as a component with inputs ``u``, ``q``, ``dq`` and output ``y``; nearest to the plant.
 
     Args:
@@ -180,7 +180,7 @@ def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type:
     return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
 
 
-def splice_part(
+def insert_part(
     system: System, part: TorquePart, joint: int, joint_type: JointType, *, starts: Mapping[str, float], plant: str
 ) -> System:
     """The system with the component of an effect right before the plant, named ``<effect><joint>``.
@@ -189,7 +189,7 @@ def splice_part(
         starts: time and position of the joint at the start, by the names of the parameters for them.
     """
     name, at = f"{part.name}{joint}", f"{plant}.tau{joint}"
-    component = spliced_component(part, joint_type, system.step_size)
+    component = inserted_component(part, joint_type, system.step_size)
     offered = {v.name for v in component.parameters}
     component = component.with_parameters({key: value for key, value in starts.items() if key in offered})
     place = system.order.index(plant)

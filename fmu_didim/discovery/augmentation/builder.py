@@ -16,21 +16,21 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.cosim import System, splice_effect
+from fmu_didim.cosim import System, insert_effect
 from fmu_didim.data.signals import Variable
 from fmu_didim.discovery.augmentation.black_box import (
     START_POSITION,
     START_TIME,
     TorquePart,
     can_be_added,
-    splice_part,
+    insert_part,
     subdivision,
     torque_part,
 )
 from fmu_didim.discovery.augmentation.ranges import travelled
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.dynamics.block import Block
-from fmu_didim.dynamics.effects import EFFECTS, Effect, JointType, Search, SplicedEffect, TorqueEffect
+from fmu_didim.dynamics.effects import EFFECTS, Effect, InsertedEffect, JointType, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
 from fmu_didim.model.loop_description import EffectAtJoint
@@ -183,7 +183,7 @@ class LoopModelBuilder:
             if part is None:
                 continue
             added.append(effect_at)
-            name, amplitudes = self.splice_name(effect_at), self.parameters_of(effect_at)[0]
+            name, amplitudes = self.inserted_name(effect_at), self.parameters_of(effect_at)[0]
             for label, system in systems.items():
                 system = self._with_part(label, system, part, effect_at.joint)
                 component = system.components[name].with_parameters({v.name: float(size) for v in amplitudes})
@@ -191,14 +191,14 @@ class LoopModelBuilder:
         components = self._components(added)
         return replace(self.base, systems=systems, added_effects=tuple(added), added_components=components)
 
-    def _with_part(self, label: str, system: System, part: SplicedEffect, joint: int) -> System:
+    def _with_part(self, label: str, system: System, part: InsertedEffect, joint: int) -> System:
         kind, plant = self.joint_type(joint), self.base.plant_name
         if isinstance(part, TorquePart):
             position, _ = joint_reference(self.base.experiments[label].reference, joint)
             begin = float(self.base.experiments[label].reference.time[0])
             starts = {START_TIME: begin, START_POSITION: float(position[0])}
-            return splice_part(system, part, joint, kind, starts=starts, plant=plant)
-        return splice_effect(system, part, joint, kind, plant=plant)
+            return insert_part(system, part, joint, kind, starts=starts, plant=plant)
+        return insert_effect(system, part, joint, kind, plant=plant)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other free parameters keep their values."""
@@ -225,8 +225,8 @@ class LoopModelBuilder:
         effect = self.effect(effect_at)
         amplitudes, shapes = self.parameters_of(effect_at)
         search = self.search(effect_at)
-        spliced, nonlinear, of_log = self.is_spliced(effect_at), not effect.is_linear, effect.is_of_log
-        owner = self.splice_name(effect_at) if spliced else LOG if of_log else PLANT
+        spliced, nonlinear, of_log = self.is_inserted(effect_at), not effect.is_linear, effect.is_of_log
+        owner = self.inserted_name(effect_at) if spliced else LOG if of_log else PLANT
         free_parameters = []
         for variable, is_shape in (*((v, False) for v in amplitudes), *((v, True) for v in shapes)):
             number = f"_{effect_at.joint}" if is_shape or nonlinear else f"{effect_at.joint}"
@@ -283,15 +283,15 @@ class LoopModelBuilder:
         own = {joint_parameter(v.name, effect_at.joint, is_shape=False) for v in amplitudes}
         return bool(own) and own <= names
 
-    def is_spliced(self, effect_at: EffectAtJoint) -> bool:
+    def is_inserted(self, effect_at: EffectAtJoint) -> bool:
         """Whether an effect is a component of its own in the wiring."""
         return self.part(effect_at) is not None
 
-    def splice_name(self, effect_at: EffectAtJoint) -> str:
+    def inserted_name(self, effect_at: EffectAtJoint) -> str:
         """Name of the component of an effect in the wiring."""
         return f"{self.effect(effect_at).name}{effect_at.joint}"
 
-    def part(self, effect_at: EffectAtJoint) -> SplicedEffect | None:
+    def part(self, effect_at: EffectAtJoint) -> InsertedEffect | None:
         """The component that an effect is in the wiring, None if it belongs into the equations of the plant."""
         effect = self.effect(effect_at)
         if isinstance(effect, TorqueEffect) and self.description is None:
@@ -299,7 +299,7 @@ class LoopModelBuilder:
             if not self.is_own(effect_at) and can_be_added(self.base, effect, effect_at.joint, kind):
                 given = {v.name for v in self.base.plant.outputs}
                 return torque_part(effect, integrates=f"q{effect_at.joint}" not in given)
-        return effect if isinstance(effect, SplicedEffect) else None
+        return effect if isinstance(effect, InsertedEffect) else None
 
     def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], *, watch: Watch, workers: int) -> None:
         """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
@@ -326,7 +326,9 @@ class LoopModelBuilder:
 
     def _inner(self, added_effects: Sequence[EffectAtJoint]) -> tuple[EffectAtJoint, ...]:
         """Those effects that belong into the equations of the plant."""
-        return tuple(a for a in added_effects if not (self.is_spliced(a) or self.is_own(a) or self.is_of_log(a.effect)))
+        return tuple(
+            a for a in added_effects if not (self.is_inserted(a) or self.is_own(a) or self.is_of_log(a.effect))
+        )
 
     def _block(self, inner: Sequence[EffectAtJoint]) -> Block:
         if self.description is None:
@@ -348,7 +350,7 @@ class LoopModelBuilder:
 
     def _components(self, added_effects: Sequence[EffectAtJoint]) -> dict[str, int]:
         """Components that effects put into the wiring, and their joints."""
-        return {self.splice_name(a): a.joint for a in added_effects if self.is_spliced(a)}
+        return {self.inserted_name(a): a.joint for a in added_effects if self.is_inserted(a)}
 
     def _wired(self, added_effects: Sequence[EffectAtJoint]) -> dict[str, System]:
         """The loops of the experiments with all splices in their wiring."""

@@ -44,6 +44,7 @@ from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.dynamics.effects.external_force import ExternalForce
 from fmu_didim.dynamics.effects.first_order import JointTorque
 from fmu_didim.dynamics.effects.gravity_compensator import GravityCompensator
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import (
     LINK_PARAMETERS,
     NOMINAL_ACCELERATION,
@@ -69,7 +70,6 @@ from fmu_didim.dynamics.effects.position_dependent_friction import PositionDepen
 from fmu_didim.dynamics.effects.power_viscous import PowerViscous
 from fmu_didim.dynamics.effects.presliding import Presliding
 from fmu_didim.dynamics.effects.quadratic_viscous import QuadraticViscous
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 from fmu_didim.dynamics.effects.spring import Spring
 from fmu_didim.dynamics.effects.stribeck import Stribeck
 from fmu_didim.dynamics.effects.structure import StructureEffect
@@ -147,8 +147,31 @@ def torque_effect(name: str) -> TorqueEffect:
 
 
 __all__ = [
-    "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
-    "Column", "Effect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect", "NonlinearEffect",
-    "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "SplicedEffect", "StructureEffect", "Surroundings",
-    "TorqueEffect", "Values", "effect_catalogue", "find_effect", "torque_effect",
+    "DEFAULT_EFFECTS",
+    "EFFECTS",
+    "LINK_PARAMETERS",
+    "NOMINAL_ACCELERATION",
+    "NOMINAL_SPEED",
+    "PAYLOAD",
+    "UNITS",
+    "Column",
+    "Effect",
+    "InsertedEffect",
+    "JointTorque",
+    "JointType",
+    "JointUnits",
+    "MeasurementEffect",
+    "NonlinearEffect",
+    "OperatingRange",
+    "Parameter",
+    "Place",
+    "PreCheck",
+    "Search",
+    "StructureEffect",
+    "Surroundings",
+    "TorqueEffect",
+    "Values",
+    "effect_catalogue",
+    "find_effect",
+    "torque_effect",
 ]  # fmt: skip

@@ -1,14 +1,14 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_rate
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 SHORTEST = 1e-12
 """A lag in s below which its exponential is zero in any case."""
 
 
-class ActuatorLag(SplicedEffect):
+class ActuatorLag(InsertedEffect):
     """T dtau/dt + tau = command, with T in s, sampled exactly at the control period h.
 
     With a = exp(-h/T), x the torque at the beginning of a period and u the command held over it,

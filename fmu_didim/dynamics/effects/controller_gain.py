@@ -1,10 +1,10 @@
 import casadi as ca
 
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 
-class ControllerGain(SplicedEffect):
+class ControllerGain(InsertedEffect):
     """tau = controller_gain * u: all gains of the joint's controller are wrong by one factor.
 
     The torque log shows the command itself, after it: the plant is driven by what is logged.

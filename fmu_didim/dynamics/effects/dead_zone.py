@@ -1,14 +1,14 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_sign
+from fmu_didim.dynamics.effects.inserted import NO_LIMIT, InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import NO_LIMIT, SplicedEffect
 
 ROUNDING = 0.05
 """Radius of the rounded corners, as a fraction of the width."""
 
 
-class DeadZone(SplicedEffect):
+class DeadZone(InsertedEffect):
     """tau = u - clip(u, -d, d), with the half width d = dead_zone in N.m (N) and slightly rounded corners:
 
     clip(u, -d, d) ~ (sqrt((u + d)^2 + e^2) - sqrt((u - d)^2 + e^2)) / 2,    e = 0.05 d

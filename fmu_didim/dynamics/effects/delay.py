@@ -1,14 +1,14 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_rate
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 LONGEST = 8
 """Longest delay in control periods."""
 
 
-class Delay(SplicedEffect):
+class Delay(InsertedEffect):
     """tau(t) = command(t - delay), with the delay in s, from 0 to 8 control periods h.
 
     For n = delay/h periods the mean over a period of the delayed, held command is

@@ -1,11 +1,11 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.first_order import FirstOrder
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 
-class DriveGain(SplicedEffect):
+class DriveGain(InsertedEffect):
     """tau = drive_gain * u: a wrong torque constant or gear ratio; the torque log shows u.
 
     On a joint without coupling to others it scales all parameters of the row alike and cannot be seen.

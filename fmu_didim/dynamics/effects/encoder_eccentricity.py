@@ -1,7 +1,7 @@
 import casadi as ca
 
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
 
 
 def amplitude(name: str, text: str) -> Parameter:
@@ -9,7 +9,7 @@ def amplitude(name: str, text: str) -> Parameter:
     return Parameter(name, "position", text, neutral=0.0, limits=(-1.0, 1.0), search=Search(1e-4, 1e-2, 2))
 
 
-class EncoderEccentricity(SplicedEffect):
+class EncoderEccentricity(InsertedEffect):
     """y = q + eccentricity_cosine cos(N q) + eccentricity_sine sin(N q), amplitudes in rad (m), N in 1/rad (1/m).
 
     The controller gets y for q. A velocity that it takes from the plant stays that of the joint; one that it

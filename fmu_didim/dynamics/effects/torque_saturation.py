@@ -1,11 +1,11 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import PreCheck
+from fmu_didim.dynamics.effects.inserted import NO_LIMIT, InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.spliced import NO_LIMIT, SplicedEffect
 
 
-class TorqueSaturation(SplicedEffect):
+class TorqueSaturation(InsertedEffect):
     """tau = min(max(u, -limit), limit), with the limit in N.m (N); the torque log shows the limited command."""
 
     name = "torque_saturation"

@@ -17,8 +17,8 @@ from fmu_didim.dynamics.effects import (
     DEFAULT_EFFECTS,
     LINK_PARAMETERS,
     Effect,
+    InsertedEffect,
     JointType,
-    SplicedEffect,
     TorqueEffect,
     find_effect,
 )
@@ -106,9 +106,9 @@ class Joint(Strict):
         """Those of its effects that act in the torque balance."""
         return tuple(effect for effect in self.all_effects() if isinstance(effect, TorqueEffect))
 
-    def outside_effects(self) -> tuple[SplicedEffect, ...]:
+    def outside_effects(self) -> tuple[InsertedEffect, ...]:
         """Those that act outside the plant, in drive or sensor; the plant's equations lack them, the loop has them."""
-        return tuple(effect for effect in self.all_effects() if isinstance(effect, SplicedEffect))
+        return tuple(effect for effect in self.all_effects() if isinstance(effect, InsertedEffect))
 
     def outside_parameters(self) -> tuple[Variable, ...]:
         """The parameters of these, without the joint number."""

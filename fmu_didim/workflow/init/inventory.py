@@ -13,7 +13,7 @@ import numpy as np
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.data.tables import READERS, Table, TimeColumn, read_table
+from fmu_didim.data.tables import READERS, SignalTable, TimeColumn, read_table
 from fmu_didim.data.tables.clock import instants
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
@@ -29,7 +29,7 @@ class DataFile:
     """A file of signals."""
 
     path: Path
-    table: Table
+    table: SignalTable
 
     @cached_property
     def guesses(self) -> list[Guess]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.data.tables import Table, TimeColumn
+from fmu_didim.data.tables import SignalTable, TimeColumn
 from fmu_didim.data.tables.clock import clock_column
 from fmu_didim.data.tables.table import split_unit
 from fmu_didim.data.units import known_unit
@@ -52,14 +52,14 @@ class Guess:
     side: Side
 
 
-def guesses(table: Table) -> list[Guess]:
+def guesses(table: SignalTable) -> list[Guess]:
     """What each column is taken for, the time left out."""
     clock = time_column(table)
     names = [n for n in table.columns if n != clock and n not in table.times.values()]
     return [_guess(table, name) for name in names]
 
 
-def time_column(table: Table, names: Sequence[str] = ()) -> str | None:
+def time_column(table: SignalTable, names: Sequence[str] = ()) -> str | None:
     """The time column of these columns, None where none is found."""
     try:
         return clock_column(table, TimeColumn(), names)
@@ -67,7 +67,7 @@ def time_column(table: Table, names: Sequence[str] = ()) -> str | None:
         return None
 
 
-def _guess(table: Table, name: str) -> Guess:
+def _guess(table: SignalTable, name: str) -> Guess:
     return guess(name, table.unit(name), bare=split_unit(name)[0] if table.has_header else "")
 
 

@@ -170,7 +170,7 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
         values = {
             k.key: float(v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True) if k.effect == index
         }
-        name = builder.splice_name(effect_at)
+        name = builder.inserted_name(effect_at)
         path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
         files[f"part_{name}"] = path.name
     return files

@@ -13,8 +13,8 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import (
     EFFECTS,
     Effect,
+    InsertedEffect,
     JointType,
-    SplicedEffect,
     Surroundings,
     TorqueEffect,
     find_effect,
@@ -138,7 +138,7 @@ def effect_plot(effect: Effect) -> list[str]:
     time = np.arange(POINTS, dtype=np.float64) * STEP
     w = 2 * np.pi * FREQUENCY_HZ
     q, dq, ddq = (AMPLITUDE * w**k * np.sin(w * time + k * np.pi / 2) for k in (0, 1, 2))
-    if isinstance(effect, SplicedEffect):
+    if isinstance(effect, InsertedEffect):
         u = np.sin(w * time)
         return text_plot(
             time, {"u": u, "y": _output(effect, u)}, x_name="time in s", y_name="signal before (u), after (y)"
@@ -181,7 +181,7 @@ def _torque(effect: TorqueEffect, time: Array, q: Array, dq: Array, ddq: Array) 
     return np.asarray(ca.Function("torque", [x, z], [total]).map(time.size)(motion.T, states.T)).ravel()
 
 
-def _output(effect: SplicedEffect, u: Array) -> Array:
+def _output(effect: InsertedEffect, u: Array) -> Array:
     """What comes out of a drive or sensor effect, each of its parameters in the middle of where it is searched."""
     block = effect.block("revolute", STEP)
     grids = effect.search("revolute")

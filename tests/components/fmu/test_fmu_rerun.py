@@ -15,7 +15,7 @@ import pytest
 
 from fmu_didim.base.errors import FmuError, InputError, SimulationError
 from fmu_didim.components import Instance
-from fmu_didim.components.fmu import FmuComponent, load_fmu, probe_fmu
+from fmu_didim.components.fmu import load_fmu, probe_fmu
 from fmu_didim.components.fmu.inspection import probe as probe_module
 from fmu_didim.components.fmu.isolation import process as process_module
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
@@ -167,8 +167,7 @@ def test_fmus_that_crash_in_what_every_run_does_are_isolated(tmp_path: Path, cap
     assert len(caplog.records) == 1  # as asked for
 
 
-ANY = np.zeros((2, 1))
-FINE = {"first": ANY, "second": ANY, "deterministic": True, "reproducible": True}
+FINE = {"deterministic": True, "reproducible": True}
 GOOD, BAD = "restores", "does not restore"
 
 
@@ -176,21 +175,21 @@ GOOD, BAD = "restores", "does not restore"
     ("facts", "strategy", "isolated"),
     [
         (Facts(**FINE, reset=GOOD, new_state=GOOD), "reset", False),
-        (Facts(**FINE, reset=GOOD, new_state="crash", crashed=frozenset({"state"})), "reset", False),
-        (Facts(**FINE, reset="crash", new_state=GOOD, crashed=frozenset({"reset"})), "state", False),
-        (Facts(**FINE, reset="a", new_state="b", crashed=frozenset({"reset", "state"})), "re-instantiate", False),
-        (Facts(**FINE, reset=GOOD, new_state=BAD, crashed=frozenset({TOGETHER})), "reset", True),
-        (Facts(**FINE, reset=BAD, new_state=GOOD, crashed=frozenset({"reset", "parameters"})), "state", True),
-        (Facts(**FINE, reset=BAD, new_state=BAD, crashed=frozenset({"parameters"})), "re-instantiate", True),
-        (Facts(first=ANY, second=ANY, reproducible=True, reset=GOOD), "fresh process", True),
-        (Facts(first=ANY, second=ANY, reset=GOOD), "re-instantiate", False),
-        (Facts(first=ANY, second=ANY, crashed=frozenset({"reset"})), "re-instantiate", False),
-        (Facts(failure="why", crashed=frozenset({"runs"})), "fresh process", True),
+        (Facts(**FINE, reset=GOOD, new_state="crash", crashed=("state",)), "reset", False),
+        (Facts(**FINE, reset="crash", new_state=GOOD, crashed=("reset",)), "state", False),
+        (Facts(**FINE, reset="a", new_state="b", crashed=("reset", "state",)), "re-instantiate", False),
+        (Facts(**FINE, reset=GOOD, new_state=BAD, crashed=(TOGETHER,)), "reset", True),
+        (Facts(**FINE, reset=BAD, new_state=GOOD, crashed=("reset", "parameters",)), "state", True),
+        (Facts(**FINE, reset=BAD, new_state=BAD, crashed=("parameters",)), "re-instantiate", True),
+        (Facts(reproducible=True, reset=GOOD), "fresh process", True),
+        (Facts(reset=GOOD), "re-instantiate", False),
+        (Facts(crashed=("reset",)), "re-instantiate", False),
+        (Facts(failure="why", crashed=("runs",)), "fresh process", True),
         (Facts(failure="why"), "re-instantiate", False),
-        (Facts(first=ANY, single=True, reproducible=True, reset=GOOD, new_state=GOOD), "reset", True),
-        (Facts(first=ANY, single=True, reproducible=True, reset=BAD, new_state=GOOD), "state", True),
-        (Facts(first=ANY, single=True, reproducible=True, reset=BAD, new_state=BAD), "fresh process", True),
-        (Facts(first=ANY, single=True, reset=GOOD, new_state=GOOD), "fresh process", True),
+        (Facts(single=True, reproducible=True, reset=GOOD, new_state=GOOD), "reset", True),
+        (Facts(single=True, reproducible=True, reset=BAD, new_state=GOOD), "state", True),
+        (Facts(single=True, reproducible=True, reset=BAD, new_state=BAD), "fresh process", True),
+        (Facts(single=True, reset=GOOD, new_state=GOOD), "fresh process", True),
     ],
 )  # fmt: skip
 def test_what_is_chosen(facts: Facts, strategy: str, isolated: bool) -> None:
@@ -235,13 +234,13 @@ def test_one_instance_a_process(
 
 def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    real = rerun_module.ask_facts
+    real = rerun_module.find_facts
 
-    def counted(component: FmuComponent, h: float, limit: float) -> Any:
-        asked.append(component)
-        return real(component, h, limit)
+    def counted(run: rerun_module.TrialRunner) -> Facts:
+        asked.append(run.component)
+        return real(run)
 
-    monkeypatch.setattr(rerun_module, "ask_facts", counted)
+    monkeypatch.setattr(rerun_module, "find_facts", counted)
     made = load_fmu(awkward_fmu(tmp_path))
     instance = made.instantiate()
     assert not asked
@@ -259,24 +258,16 @@ def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pyte
 
 def failing(monkeypatch: pytest.MonkeyPatch, question: str, *, by_fmu: bool) -> None:
     """One of the trials ends its process."""
-    real = rerun_module.run_in_fresh_process
+    real = process_module.ReusedWorker.run
 
-    def run_in_fresh_process(asked: Any, *arguments: Any, **options: Any) -> Any:
-        if getattr(asked, "__name__", "") == question:
+    def run(self: Any, asked: Any, *arguments: Any, **options: Any) -> Any:
+        if asked.__name__ == question:
             error = ProcessEndedError("The process ended.")
             error.by_fmu = by_fmu
             raise error
-        return real(asked, *arguments, **options)
+        return real(self, asked, *arguments, **options)
 
-    shared = process_module.Reused.run
-
-    def run(self: Any, asked: Any, *arguments: Any, **options: Any) -> Any:
-        if getattr(asked, "__name__", "") == question:
-            return run_in_fresh_process(asked)
-        return shared(self, asked, *arguments, **options)
-
-    monkeypatch.setattr(rerun_module, "run_in_fresh_process", run_in_fresh_process)
-    monkeypatch.setattr(process_module.Reused, "run", run)
+    monkeypatch.setattr(process_module.ReusedWorker, "run", run)
 
 
 def kept(tmp_path: Path) -> list[str]:
@@ -304,7 +295,7 @@ def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("question", ["side_by_side", "parameters", "tunable", "response", "state"])
+@pytest.mark.parametrize("question", ["side_by_side", "parameters", "tunable", "response", "saved_state"])
 def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
 ) -> None:
@@ -325,7 +316,7 @@ def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.
     for macro in ("CRASH_IN_STEP", "HANG_IN_STEP", "MISSING_SYMBOL"):
         made = load_fmu(awkward_fmu(tmp_path, macro))
         assert made.find_rerun() is made.find_rerun()  # in this process it is
-        assert probe_fmu(made, time_limit_s=0.5).failure  # a crash and a hang alike
+        assert probe_fmu(made, time_limit_s=0.5).facts.failure  # a crash and a hang alike
     assert kept(tmp_path) == []
 
 
@@ -355,7 +346,7 @@ def test_a_probe_of_one_instance_a_process(tmp_path: Path) -> None:
     lines = probe_fmu(load_fmu(awkward_fmu(tmp_path, "CRASH_AT_SECOND")), fresh=True).lines()
     assert "new instances one after the other: FATAL" in lines
     assert "reset: restores" in lines
-    assert "parameters: not tried, as a process bears one instance only" in lines
+    assert "parameters: not tried, as a process can hold one instance only" in lines
     assert lines[-1].startswith("run it again by: reset (a second instance in one process is fatal or hangs")
 
 
@@ -364,11 +355,11 @@ def test_a_probe_within_its_time(tmp_path: Path) -> None:
     made, told = load_fmu(awkward_fmu(tmp_path)), []
     found = probe_fmu(made, whole_s=0.0, say=told.append)
     assert told == ["whether it can be run again"]
-    assert found.reset == "restores"
+    assert found.facts.reset == "restores"
     assert "half the step: Not asked: the time was up" in found.lines()
     again = probe_fmu(made, say=told.append)
     assert "half step" in told
-    assert again.acting == ("a", "d")
+    assert again.parameters == {"a": "acts", "d": "acts", "unused": "no effect"}
 
 
 @pytest.mark.parametrize(
@@ -379,7 +370,7 @@ def test_half_the_step(tmp_path: Path, macro: str, line: str) -> None:
     found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
     (said,) = [text for text in found.lines() if text.startswith("half the step: ")]
     assert line in said
-    assert found.strategy == "reset"
+    assert found.rerun.strategy == "reset"
 
 
 @pytest.mark.parametrize(("macro", "told"), [("", False), ("READING_ACTS", True), ("ROUGH_BETWEEN_STEPS", False)])
@@ -387,7 +378,7 @@ def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool)
     found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
     said = [text for text in found.lines() if "CHANGE WHAT FOLLOWS, y by" in text]
     assert bool(said) == told
-    assert found.reading is not None
+    assert not isinstance(found.reading, str)
 
 
 @pytest.mark.parametrize(("dependencies", "d", "told"), [("", 0.5, False), (' dependencies=""', 0.5, True),
@@ -402,8 +393,8 @@ def test_outputs_that_follow_against_the_description(tmp_path: Path, dependencie
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
     found = probe_fmu(made, fresh=True)
-    assert made.describe()["reset"] == found.strategy == "state"
-    monkeypatch.delattr(rerun_module, "ask_facts")
+    assert made.describe()["reset"] == found.rerun.strategy == "state"
+    monkeypatch.delattr(rerun_module, "find_facts")
     instance = made.instantiate()
     wanted = run(instance, U)
     assert instance.restart(made)

@@ -86,7 +86,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
 def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = stated(exported("pd", "3.0"), tmp_path / "nine.fmu", "9.0")
     found = probe_fmu(load_fmu(path), fresh=True, step_size=PERIOD)
-    assert (found.failure, found.strategy, found.reset) == ("", "reset", "restores")
+    assert (found.facts.failure, found.rerun.strategy, found.facts.reset) == ("", "reset", "restores")
     assert main(["fmu", "info", str(path)]) == 0
     assert "FMI 9.0" in capsys.readouterr().out
     with pytest.raises(FmuError, match=r"valid: 2\.0, 3\.0, 9\.0, 1\.0 for co-simulation[\s\S]*2\.0 or 3\.0 or 9\.0"):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ import pytest
 import fmu_didim
 from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import load_fmu
-from fmu_didim.components.fmu.isolation.process import run_in_fresh_process
+from fmu_didim.components.fmu.isolation.process import ReusedWorker
 from tests.awkward.build import awkward_fmu, library
 from tests.components.fmu.helpers import ONES, H, slave_outputs
 from tests.helpers import drive
@@ -70,11 +72,16 @@ def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path
     assert not (folder / MARKER).exists()
 
 
+def in_another_process(expression: str) -> Any:
+    with closing(ReusedWorker("test")) as worker:
+        return worker.run(eval, expression, time_limit=patience(30.0))
+
+
 @pytest.mark.usefixtures("folder")
 def test_the_package_is_the_one_of_the_parent() -> None:
     """Whatever is installed: here PYTHONPATH or an editable install say where it is."""
     what = "(__import__('fmu_didim').__file__, __import__('sys').flags.isolated, __import__('numpy').__file__)"
-    package, isolated, numpy_file = run_in_fresh_process(eval, what, where="test", time_limit=patience(30.0))
+    package, isolated, numpy_file = in_another_process(what)
     assert Path(package).samefile(fmu_didim.__file__)
     assert isolated == 1
     assert Path(numpy_file).samefile(np.__file__)
@@ -87,5 +94,5 @@ def test_folders_of_the_parent_come_last(folder: Path, tmp_path: Path, monkeypat
     (own / "struct.py").write_text((folder / "struct.py").read_text())
     (own / "of_the_user.py").write_text("VALUE = 7\n")
     monkeypatch.setattr(sys, "path", [str(own), *sys.path])
-    assert run_in_fresh_process(eval, "__import__('of_the_user').VALUE", where="test", time_limit=patience(30.0)) == 7
+    assert in_another_process("__import__('of_the_user').VALUE") == 7
     assert not (folder / MARKER).exists()

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.data.tables import Column, Selected, Table, TimeColumn, selected
+from fmu_didim.data.tables import Column, Selected, SignalTable, TimeColumn, selected
 
 ARM, AXIS = ("N.m", "N.m"), ("N",)
 ROWS = np.array([1.0, 2.0, -4.0])
@@ -20,7 +20,7 @@ ROWS = np.array([1.0, 2.0, -4.0])
 
 def made(column: Any, signal: str = "q1", *, unit: str = "", units: tuple[str, ...] = ARM, **options: Any) -> Selected:
     name = column if isinstance(column, str) else column["name"]
-    table = Table({"t": np.arange(3.0), name: ROWS}, {name: unit} if unit else {}, source="log.csv")
+    table = SignalTable({"t": np.arange(3.0), name: ROWS}, {name: unit} if unit else {}, source="log.csv")
     return selected(table, columns={signal: Column.model_validate(column)}, torque_units=units, **options)
 
 
@@ -83,7 +83,7 @@ def test_conversion(
         ("x", "dq1", "deg", ARM, r"valid: rad/s"),
         ({"name": "x", "unit": "1"}, "q1", "", ARM, r"encoder"),
         ({"name": "x", "unit": "mm", "gear_ratio": 2}, "q1", "", AXIS, r"valid: rad\n"),
-        ("x", "q1", "degC", ARM, r"zero of its own"),
+        ("x", "q1", "degC", ARM, r"A unit with an offset"),
         ("absent", "q1", "", ARM, "absent"),
     ],
 )
@@ -92,7 +92,7 @@ def test_units_that_are_none_of_the_signal(
 ) -> None:
     if column == "absent":
         with pytest.raises(InputError, match=r"no column named 'y'[\s\S]*log\.csv"):
-            selected(Table({"t": ROWS, "x": ROWS}, source="log.csv"), columns={"q1": Column(name="y")})
+            selected(SignalTable({"t": ROWS, "x": ROWS}, source="log.csv"), columns={"q1": Column(name="y")})
         return
     with pytest.raises(InputError, match=problem):
         made(column, signal, unit=unit, units=units)
@@ -137,9 +137,9 @@ def test_columns_that_are_none(content: dict[str, Any], problem: str) -> None:
         Column.model_validate(content)
 
 
-def table(stamps: Any = None, name: str = "t", **more: Any) -> Table:
+def table(stamps: Any = None, name: str = "t", **more: Any) -> SignalTable:
     columns = {"q1": np.arange(100.0)}
-    return Table(({} if stamps is None else {name: np.asarray(stamps)}) | columns, source="log.csv", **more)
+    return SignalTable(({} if stamps is None else {name: np.asarray(stamps)}) | columns, source="log.csv", **more)
 
 
 GRID = np.arange(100) * 0.005
@@ -163,7 +163,7 @@ ROUNDED = np.rint(1000 * np.arange(100) * 0.0052) / 1000
         (table(ROUNDED), {"name": "t", "rate_hz": 1 / 0.0052}, np.arange(100) * 0.0052, ["stamps-on-grid"]),
     ],
 )
-def test_instants(given: Table, time: dict[str, Any], expected: Any, told: list[str]) -> None:
+def test_instants(given: SignalTable, time: dict[str, Any], expected: Any, told: list[str]) -> None:
     found = selected(given, time=TimeColumn.model_validate(time))
     assert_allclose(found.signals.time, expected, atol=6e-4 if told == ["stamps-on-grid"] else 1e-12)
     if told == ["stamps-on-grid"]:
@@ -176,14 +176,14 @@ def test_instants(given: Table, time: dict[str, Any], expected: Any, told: list[
     [
         (table(), {}, r"no time column[\s\S]*log\.csv[\s\S]*valid: t, time[\s\S]*rate_hz"),
         (table(GRID), {"name": "x"}, r"no column named 'x'"),
-        (table(GRID, "t [V]"), {}, r"none of time[\s\S]*V"),
+        (table(GRID, "t [V]"), {}, r"not a unit of time[\s\S]*V"),
         (table(GRID, "T"), {}, r"no time column"),  # a temperature
-        (table(GRID), {"name": "t", "rate_hz": 150}, r"not rounded[\s\S]*come at 200 Hz"),
+        (table(GRID), {"name": "t", "rate_hz": 150}, r"do not lie near[\s\S]*come at 200 Hz"),
         (table(GRID[:50]), {"name": "t"}, r"no signal of its length"),
         (table(GRID, calendar=("t",), units={"t": "s"}), {"name": "t", "unit": "ms"}, r"no unit[\s\S]*Leave out unit"),
     ],
 )
-def test_instants_that_cannot_be(given: Table, time: dict[str, Any], problem: str) -> None:
+def test_instants_that_cannot_be(given: SignalTable, time: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
         selected(given, time=TimeColumn.model_validate(time))
 
@@ -192,7 +192,7 @@ def test_dropped_rows_stay_dropped() -> None:
     """Rounded stamps are brought to their grid; what the logger lost is not papered over."""
     kept = np.delete(np.arange(100), [40, 41])
     found = selected(
-        Table({"t": ROUNDED[kept], "q1": kept.astype(float)}, source="log.csv"),
+        SignalTable({"t": ROUNDED[kept], "q1": kept.astype(float)}, source="log.csv"),
         time=TimeColumn(name="t", rate_hz=1 / 0.0052),
     )
     assert found.signals.time.size == 98
@@ -201,7 +201,7 @@ def test_dropped_rows_stay_dropped() -> None:
 
 
 def test_columns_of_other_lengths_are_named() -> None:
-    given = Table({"t": GRID, "tau": np.zeros(50)}, source="log.csv")
+    given = SignalTable({"t": GRID, "tau": np.zeros(50)}, source="log.csv")
     with pytest.raises(InputError, match=r"different lengths[\s\S]*t: 100, tau: 50"):
         selected(given, columns={"tau1": Column(name="tau")})
 
@@ -214,7 +214,7 @@ def test_instants_of_another_group_are_refused() -> None:
 
 
 def test_file_without_header_is_told() -> None:
-    given = Table({"1": GRID, "2": GRID}, source="log.csv", has_header=False)
+    given = SignalTable({"1": GRID, "2": GRID}, source="log.csv", has_header=False)
     with pytest.raises(InputError, match=r"no time column[\s\S]*its number"):
         selected(given)
     with pytest.raises(InputError, match=r"log\.csv \(it has no header line: its columns are numbered from 1\)"):

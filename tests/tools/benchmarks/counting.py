@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
 
-from fmu_didim.components.derivatives import VariedComponent
+from fmu_didim.components.derivatives import VariationalComponent
 from fmu_didim.cosim import KeptRecordings, Recording, System, simulate
 from fmu_didim.estimators import Estimator
 from fmu_didim.fit.estimate import Estimate
@@ -41,7 +41,7 @@ def simulated(model: LoopModel, estimator: Estimator) -> tuple[Estimate, Simulat
     def counted(system: System, *arguments: Any, ticks: Any, **options: Any) -> Recording:
         plant = system.components[model.plant_name]
         if ticks[-1] > 0:
-            counts[isinstance(plant, VariedComponent)].append(plant.stated_substeps or 0)
+            counts[isinstance(plant, VariationalComponent)].append(plant.stated_substeps or 0)
         return simulate(system, *arguments, ticks=ticks, **options)
 
     with patch.object(loop_model, "simulate", counted):

@@ -57,7 +57,7 @@ class Done:
     def is_clean(self) -> bool:
         """Whether it ended by itself and showed no traceback."""
         told = self.output + self.errors
-        return self.code in ENDS and not re.search("Traceback|nobody has foreseen|Exception ignored", told)
+        return self.code in ENDS and not re.search("Traceback|unexpected error|Exception ignored", told)
 
 
 @dataclass

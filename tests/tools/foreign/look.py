@@ -22,7 +22,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu import FmuProbe, load_fmu, probe_fmu, read_description
 from fmu_didim.components.fmu.inspection.probe import HALF_STEP
-from fmu_didim.components.fmu.reuse.trials import SAME
+from fmu_didim.components.fmu.reuse.trials import SAME, Change
 from fmu_didim.cosim import simulate
 from fmu_didim.data.signals import trajectory
 from fmu_didim.ssp import read_ssp
@@ -58,22 +58,29 @@ def fmu(path: Path) -> dict[str, Any]:
         found = probe_fmu(load_fmu(path), whole_s=PROBE_S)
     except FmuDidimError as error:
         return {**facts, "answer": REFUSED, "says": _first(str(error)), "peer": peer(path)}
-    if found.failure:
-        return {**facts, "answer": FAILS, "says": _first(found.failure), "peer": peer(path)}
+    if found.facts.failure:
+        return {**facts, "answer": FAILS, "says": _first(found.facts.failure), "peer": peer(path)}
     return {**facts, "answer": RUNS, "says": "; ".join(_remarks(found))}
 
 
 def _remarks(found: FmuProbe) -> list[str]:
     remarks: list[tuple[Any, str]] = [
-        (True, f"again by {found.strategy}"),
-        (found.single, "one instance a process"),
-        (found.half_step and found.half_step[1] > HALF_STEP, "another result at half the step"),
-        (found.reading and found.reading[1] > SAME, "reading its outputs changes what follows"),
+        (True, f"again by {found.rerun.strategy}"),
+        (found.facts.single, "one instance a process"),
+        (_is_above(found.half_step, HALF_STEP), "another result at half the step"),
+        (_is_above(found.reading, SAME), "reading its outputs changes what follows"),
         (found.undeclared, "outputs follow at once against its description"),
-        (not (found.deterministic and found.reproducible) and not found.single, "instances or processes differ"),
+        (
+            not (found.facts.deterministic and found.facts.reproducible) and not found.facts.single,
+            "instances or processes differ",
+        ),
         (not found.outputs, "no outputs"),
     ]
     return [text for holds, text in remarks if holds]
+
+
+def _is_above(change: Change | str, limit: float) -> bool:
+    return not isinstance(change, str) and change[1] > limit
 
 
 def peer(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""What the exit status of a process tells of its end."""
+"""What the exit status of a process says about its end."""
 
 from __future__ import annotations
 

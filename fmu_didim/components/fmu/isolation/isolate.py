@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, Worker
-from fmu_didim.components.fmu.isolation.trust import prove
+from fmu_didim.components.fmu.isolation.trust import record_trust
 from fmu_didim.components.fmu.settings import PROCESS, STATE, FmuSettings
 from fmu_didim.data.signals import Array
 
@@ -21,7 +21,7 @@ def _hold(there: Any, component: FmuSettings) -> None:
 
 
 def _instantiate(there: Any, keep_new_state: bool) -> None:
-    there.instance, there.states = there.component.instantiate_here(keep_new_state=keep_new_state), []
+    there.instance, there.states = there.component.instantiate_in_process(keep_new_state=keep_new_state), []
     there.closing = [there.instance]
 
 
@@ -30,7 +30,7 @@ def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
     there.states.clear()
     if not there.instance.restart_by(strategy, component):
         there.instance.close()
-        there.instance = component.instantiate_here(keep_new_state=strategy == STATE)
+        there.instance = component.instantiate_in_process(keep_new_state=strategy == STATE)
         there.closing = [there.instance]
 
 
@@ -118,4 +118,4 @@ class IsolatedInstance(Instance):
     def close(self) -> None:
         self._worker.close()
         if self._stepped and self._worker.ended_well:
-            prove(self._component)
+            record_trust(self._component)

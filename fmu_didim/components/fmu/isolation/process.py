@@ -1,4 +1,4 @@
-"""The other process for FMUs, seen from here: a crash, an exit or an endless loop there ends in an error here.
+"""The process of an FMU, as its parent controls it: a crash, an exit or an endless loop becomes an error.
 
 The process is started fresh (it inherits no memory), talks over its standard input and output, and ends when it is
 told to, when its input closes, or when a call takes longer than the time limit.
@@ -35,7 +35,7 @@ WELL = 77
 ANSWER, ERROR, BEAT = "answer", "error", "beat"
 """Kinds of messages of the process."""
 MOST_CONSTANTS = 64
-"""Objects that the process keeps so; then it forgets them all."""
+"""Objects that the process keeps at most; then it forgets them all."""
 
 
 def pack(message: Any, numbers: Mapping[int, int] | None = None) -> bytes:
@@ -95,10 +95,10 @@ def worker_command() -> list[str]:
 
     Of the folders that this process searches for modules it gets all but the current one.
     """
-    here = {""}
+    current = {""}
     with contextlib.suppress(OSError):  # the current folder was deleted
-        here.add(os.path.realpath(os.curdir))
-    folders = [os.path.abspath(folder) for folder in sys.path if folder and os.path.realpath(folder) not in here]  # noqa: PTH100
+        current.add(os.path.realpath(os.curdir))
+    folders = [os.path.abspath(folder) for folder in sys.path if folder and os.path.realpath(folder) not in current]  # noqa: PTH100
     quiet = ["-B"] if sys.dont_write_bytecode else []  # what the environment says of it is not read in isolated mode
     return [sys.executable, "-I", *quiet, str(_START), str(_PACKAGE), *folders]
 
@@ -108,7 +108,7 @@ class NotCarriedError(SimulationError):
 
 
 class ProcessEndedError(FmuError):
-    """The process of an FMU died or was stopped: no matter of the values that it was run with, so no SimulationError.
+    """The process of an FMU died or was stopped, whatever the values of the run: so it is no SimulationError.
 
     Attributes:
         by_fmu: the FMU itself ended it, by a crash or an exit, and would do so again. Not so if it took too long,
@@ -170,7 +170,7 @@ class Worker:
         Args:
             what: the call, for messages.
             function: its first argument is a namespace that lives as long as the process, with a method ``beat`` by
-                which the function tells that it goes on: the time limit begins anew then.
+                which the function reports that it goes on: the time limit starts again then.
             constants: objects among the arguments that further requests will have again: they are sent once.
 
         Raises:
@@ -307,46 +307,37 @@ def _run_held(there: Any) -> Any:
     return function(*arguments)
 
 
-def run_in_fresh_process(function: Callable[..., Any], *arguments: Any, where: str, time_limit: float) -> Any:
-    """The result of a function of this package, called in a new process; all must be picklable.
-
-    Raises:
-        FmuDidimError: it raised it there; ProcessEndedError: the process died, or the time limit passed.
-    """
-    worker = Worker(where, time_limit)
-    try:
-        worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
-        return worker.request("the run", _run_held)
-    finally:
-        worker.close()
-
-
-class Reused:
-    """A process for one call after the other; a new one where the last has died.
+class ReusedWorker:
+    """A process for one call after the other; a new one after the last has died.
 
     Args:
         where: the FMU, for messages.
     """
 
     def __init__(self, where: str) -> None:
-        self._where, self._worker = where, None
-
-    _worker: Worker | None
+        self._where = where
+        self._worker: Worker | None = None
 
     def run(self, function: Callable[..., Any], *arguments: Any, time_limit: float) -> Any:
-        """As :func:`run_in_fresh_process`, but for the process."""
+        """The result of a function of this package, called in the process; all must be picklable.
+
+        Args:
+            time_limit: s, beside the time in which the process starts.
+
+        Raises:
+            FmuDidimError: the call raised it there; ProcessEndedError: the process died, or the time limit passed.
+        """
         if self._worker is None:
             self._worker = Worker(self._where, time_limit)
-        limit = max(time_limit, START_LIMIT)
         try:
-            self._worker.request("start", _hold, function, arguments, limit=limit)
+            self._worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
             return self._worker.request("the run", _run_held, limit=time_limit)
         except ProcessEndedError:
             self.close()
             raise
 
     def close(self) -> None:
-        """End the process; the next call begins a new one."""
+        """End the process; the next call starts a new one."""
         if self._worker is not None:
             self._worker.close()
             self._worker = None

@@ -1,8 +1,8 @@
-"""Which FMUs of other tools have run a loop and ended as they should, so that they may run in this process.
+"""Which FMUs of other tools are trusted to run in this process: those whose loop has run and ended well before.
 
-The proof of an FMU is a file of the cache under its content, written when a process of its own in which it ran has
-ended without an error. While it runs in an ordinary process a mark lies beside it: where the mark outlives its process,
-that one was ended abruptly, perhaps by the FMU, and the proof is taken back.
+A record in the cache, under the content of the FMU, states how many instances of it ran at once in a process of its own
+that ended without an error. While it runs in an ordinary process a mark lies beside that record: a mark that outlives
+its process shows that it ended abruptly, perhaps by the FMU, and the record is removed.
 """
 
 from __future__ import annotations
@@ -14,52 +14,40 @@ import os
 import sys
 from pathlib import Path
 
-from fmu_didim.base.cache import cache_directory, cache_file, is_trusted
+from fmu_didim.base.cache import cache_directory, read_record, write_record
 from fmu_didim.components.fmu.settings import FmuSettings
 
 _log = logging.getLogger(__name__)
 _marks: dict[Path, Path] = {}
 
 
-def is_proven(component: FmuSettings, instances: int = 1) -> bool:
-    """Whether so many instances have run in a process of their own to a good end, and no process has died since."""
+def is_trusted(component: FmuSettings, instances: int = 1) -> bool:
+    """Whether so many instances have run in a process of their own that ended well, and no process has died since."""
     path = _path(component)
-    if _proven(path) < instances:
+    if _instances(path) < instances:
         return False
-    if path in _marks:
-        return True
-    dead = [mark for mark in path.parent.glob(f"{path.name}.running-*") if not _is_alive(mark)]
-    if not dead:
+    abandoned = [] if path in _marks else [m for m in path.parent.glob(f"{path.name}.running-*") if not _is_alive(m)]
+    if not abandoned:
         return True
     _log.warning(
         "%s: a process in which it ran ended abruptly, so it runs in one of its own again ('isolated: false' beside "
         "its source, if you trust it).", component.path.name,
     )  # fmt: skip
-    for file in (path, *dead):
+    for file in (path, *abandoned):
         with contextlib.suppress(PermissionError):  # another user's
             file.unlink(missing_ok=True)
     return False
 
 
-def prove(component: FmuSettings, instances: int = 1) -> None:
-    """Note that a process of its own in which so many instances ran at once has come to a good end."""
+def record_trust(component: FmuSettings, instances: int = 1) -> None:
+    """Record that a process of its own in which so many instances ran at once has ended well."""
     path = _path(component)
-    if _proven(path) >= instances:
-        return
-    with contextlib.suppress(OSError), cache_file(path) as temporary:  # without a proof it only runs apart again
-        temporary.write_text(str(instances), encoding="ascii")
+    if _instances(path) < instances:
+        write_record(path, {"instances": instances})
 
 
-def _proven(path: Path) -> int:
-    """Instances at once that have been seen to run; 0 if none."""
-    try:
-        return int(path.read_text(encoding="ascii")) if is_trusted(path) else 0
-    except (OSError, ValueError):
-        return 0
-
-
-def runs_here(component: FmuSettings) -> None:
-    """Mark that a proven FMU runs in this process, until this ends in order."""
+def mark_running(component: FmuSettings) -> None:
+    """Mark that a trusted FMU runs in this process, until this ends in order."""
     path = _path(component)
     if path in _marks or sys.platform == "win32" or not path.is_file():
         return
@@ -70,7 +58,7 @@ def runs_here(component: FmuSettings) -> None:
 
 
 @atexit.register
-def _unmark() -> None:
+def _remove_marks() -> None:
     for mark in _marks.values():
         with contextlib.suppress(OSError):
             mark.unlink(missing_ok=True)
@@ -80,6 +68,12 @@ def _path(component: FmuSettings) -> Path:
     return cache_directory() / "proofs" / f"{component.digest}-{component.interface.kind}"
 
 
+def _instances(path: Path) -> int:
+    """Instances at once that have run well."""
+    count = (read_record(path) or {}).get("instances")
+    return count if isinstance(count, int) else 0
+
+
 def _is_alive(mark: Path) -> bool:
     """Whether the process of a mark still runs."""
     try:
@@ -87,5 +81,5 @@ def _is_alive(mark: Path) -> bool:
     except ProcessLookupError:
         return False
     except (OSError, ValueError):
-        return True
+        pass  # another user's process, or another file
     return True

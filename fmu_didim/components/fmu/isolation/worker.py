@@ -30,8 +30,8 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-class Kept(SimpleNamespace):
-    """What the functions that are called have kept for one another, and how they tell that they go on.
+class WorkerState(SimpleNamespace):
+    """What the functions that are called keep for one another, and how they report that they go on.
 
     Attributes:
         closing: what is closed at the end, in reverse order.
@@ -43,35 +43,35 @@ class Kept(SimpleNamespace):
         self._answers, self._last = answers, clock.monotonic()
 
     def beat(self) -> None:
-        """Tell the other process that the call goes on."""
+        """Report to the other process that the call goes on."""
         if clock.monotonic() - self._last > self.beat_every:
             send(self._answers, pack((BEAT, None)))
             self._last = clock.monotonic()
 
 
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Call what is asked for, one function after the other, each with what those before it have kept."""
-    kept = Kept(answers)
+    """Call what is asked for, one function after the other, each with the state that those before it left."""
+    state = WorkerState(answers)
     while True:
         try:
             data = receive(requests)
         except EOFError:
             break
         try:
-            send(answers, _reply(kept, data))
+            send(answers, _reply(state, data))
         except OSError:
             break
-    while kept.closing:
-        kept.closing.pop().close()
+    while state.closing:
+        state.closing.pop().close()
 
 
-def _reply(kept: Kept, data: bytes) -> bytes:
+def _reply(state: WorkerState, data: bytes) -> bytes:
     try:
-        function, *arguments = unpack(data, kept.constants)
+        function, *arguments = unpack(data, state.constants)
     except Exception as error:  # noqa: BLE001 - such as a module that is not found here
         return pack((ERROR, not_carried(error)))
     try:
-        return pack((ANSWER, function(kept, *arguments)))
+        return pack((ANSWER, function(state, *arguments)))
     except FmuDidimError as error:
         return pack((ERROR, error))
     except Exception as error:  # noqa: BLE001 - whatever it is, the other process has to know

@@ -1,9 +1,9 @@
-"""How an FMU is run again: found out once for its content, then kept.
+"""How an FMU is run again: found out once for its content, then remembered.
 
-Not every FMU is as new after ``fmiXReset``, so a reset is used only where it has been seen to work, with the values of
-all parameters changed before: then comes the state saved right after the instantiation, then a new instance, and where
-that differs from the first one a new process. An FMU that crashed or hung in a trial of what is done with it runs in a
-process of its own from then on; a way to run it again that crashed is just not taken.
+Not every FMU is as new after ``fmiXReset``. So a reset is used only if a trial has shown that it works, with the values
+of all parameters changed before; else the state saved right after the instantiation; else a new instance; and if that
+differs from the first one, a new process. An FMU that crashes or hangs in what every run does gets a process of its
+own; a way to run it again that crashes is just not used.
 """
 
 from __future__ import annotations
@@ -11,108 +11,247 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 import threading
 import time as clock
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from fmu_didim.base.cache import cache_directory, cache_file, is_trusted
-from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.components.fmu.isolation.process import ProcessEndedError, run_in_fresh_process
+import numpy as np
+
+from fmu_didim.base.cache import cache_directory, read_record, write_record
+from fmu_didim.base.errors import FmuDidimError, SimulationError
+from fmu_didim.components.fmu.isolation.process import ProcessEndedError, ReusedWorker
 from fmu_didim.components.fmu.reuse import trials
 from fmu_didim.components.fmu.reuse.trials import RESTORES
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
 from fmu_didim.data.signals import Array
 
 QUICK = 0.1
-"""[1] Fraction of the time limit of a trial that a single instance may take, so that the time limit of the trial with
-two of them is no fault of a busy machine."""
-
+"""[1] Fraction of the time limit within which a single instance must run, so that the timeout of a trial with two of
+them is not the fault of a busy machine."""
 OWN_TOOL = "fmu_didim "
-"""How ``generationTool`` of the FMUs exported by this package begins; the tests prove that their reset is exact."""
+"""Start of ``generationTool`` of the FMUs exported by this package; the tests prove that their reset is exact."""
 TIME_LIMIT = 30.0
-"""Seconds for each question put to an FMU."""
-Kept = TypeVar("Kept")
+"""[s] For each trial: far more than 50 steps of any sensible model take."""
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
+IN_TURN = "one instance after the other in one process"
+"""The same, if a process can hold a single instance only."""
 ONLY_QUIET = "with pseudo-random inputs, while it does with its inputs at their start values"
-"""How the failure of an FMU begins whose inputs may not be anything."""
-ONE_AFTER_THE_OTHER = "one instance after the other in one process"
-"""The same, where a process bears a single one."""
+"""Start of the failure of an FMU whose inputs may not have any value."""
 _FORMAT = 5
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
-_told: set[Path] = set()
+_logged: set[Path] = set()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The value of a trial, or the error that it ended with."""
+
+    value: Any = None
+    error: FmuDidimError | None = None
+
+    @property
+    def has_crashed(self) -> bool:
+        """Whether the process of the trial ended or hung."""
+        return isinstance(self.error, ProcessEndedError)
+
+    @property
+    def in_words(self) -> Any:
+        """The value, or why there is no value."""
+        return self.value if self.error is None else trials.in_words(self.error)
+
+
+class TrialRunner:
+    """Runs trials of an FMU in other processes.
+
+    Args:
+        limit_s: for each trial; whole_s: for all of them together, from now on.
+        shared: whether the trials share a process, as long as it lives.
+        progress: called with the name of each trial before it starts.
+
+    Attributes:
+        crashed: the trials in which the FMU ended its process.
+        unfinished: the trials that took too long, or whose process was killed or did not start. A busy machine may be
+            the reason, so what follows from them is not kept for later runs.
+    """
+
+    def __init__(
+        self, component: FmuSettings, h: float, limit_s: float, whole_s: float = math.inf, *, shared: bool = False,
+        progress: Callable[[str], None] = lambda name: None,
+    ) -> None:  # fmt: skip
+        self.component, self.h, self.limit_s, self._progress, self._shared = component, h, limit_s, progress, shared
+        self._ends = clock.monotonic() + whole_s
+        self._worker = ReusedWorker(str(component.path))
+        self.crashed: list[str] = []
+        self.unfinished: list[str] = []
+
+    @property
+    def left_s(self) -> float:
+        """Time for the next trial, s."""
+        return min(self.limit_s, self._ends - clock.monotonic())
+
+    def __call__(self, trial: Callable[..., Any], *arguments: Any) -> Answer:
+        """Run a trial; what goes wrong in it is part of the answer."""
+        name = trial.__name__.replace("_", " ")
+        if self.left_s <= 0:
+            self.unfinished.append(name)
+            return Answer(error=SimulationError("Not asked: the time was up."))
+        self._progress(name)
+        try:
+            return Answer(self._worker.run(trial, self.component, self.h, *arguments, time_limit=self.left_s))
+        except FmuDidimError as error:
+            if isinstance(error, ProcessEndedError):
+                (self.crashed if error.by_fmu else self.unfinished).append(name)
+            return Answer(error=error)
+        finally:
+            if not self._shared:
+                self.close()
+
+    def close(self) -> None:
+        """End the process."""
+        self._worker.close()
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What runs of an FMU have shown.
+    """What trials of an FMU have shown of running it again.
 
     Attributes:
-        failure: why it does not run; empty if it does; crashed: the trials that took their process with them.
-        first, second: trajectories of two new instances in one process.
-        reproducible: whether a new process gives the same as the first.
-        reset, new_state: ``restores``, ``does not restore``, or why it could not be tried.
-        took_s: time that a single instance took.
-        single: whether a second instance in its process, one after the other, was fatal, hung or was refused.
-        unfinished: the trials that did not come to their end: they took too long, or their process was killed or did
-            not start. A busy machine may be the reason, so what follows from them is not kept for later runs.
+        failure: why it does not run; empty if it does; crashed: the trials that ended their process.
+        not_finite: outputs that became NaN or infinite.
+        deterministic: a second new instance in its process gives the same trajectory.
+        reproducible: an instance in a new process does so.
+        reset, new_state: ``restores``, ``does not restore``, or why that could not be tried: whether a reset, or the
+            state saved right after the instantiation, gives a new instance, changed parameters included.
+        single: a second instance in its process, after the first, was fatal, hung or was refused.
+        unfinished: as for :class:`TrialRunner`.
     """
 
     failure: str = ""
-    crashed: frozenset[str] = frozenset()
-    first: Array | None = None
-    second: Array | None = None
+    crashed: tuple[str, ...] = ()
+    not_finite: tuple[str, ...] = ()
     deterministic: bool = False
     reproducible: bool = False
     reset: str = ""
     new_state: str = ""
     single: bool = False
-    took_s: float = 0.0
     unfinished: tuple[str, ...] = ()
 
     @property
-    def may_be_kept(self) -> bool:
-        """Whether all was measured to its end; what kept an FMU from running may be gone the next time."""
+    def is_final(self) -> bool:
+        """Whether the FMU runs and all trials came to their end: what prevents that may be gone the next time."""
         return not self.failure and not self.unfinished
 
 
+def find_facts(run: TrialRunner) -> Facts:
+    """Try an FMU out: in one process if that goes well, else in one process for each trial."""
+    whole = run(trials.runs_again)
+    if whole.error is None:
+        first, second, *answers = whole.value
+        return _facts(run, first, second, answers)
+    pair = run(trials.two_in_turn) if whole.has_crashed else whole
+    if pair.error is not None:
+        return _facts_of_single(run, (IN_TURN,) if whole.has_crashed else ())
+    first, second = pair.value
+    reset, state = run(trials.reset, first), run(trials.new_state, first)
+    crashed = (RESET,) * reset.has_crashed + (STATE,) * state.has_crashed
+    return _facts(run, first, second, [reset.in_words, state.in_words], crashed or (TOGETHER,))
+
+
+def _facts_of_single(run: TrialRunner, crashed: tuple[str, ...]) -> Facts:
+    """What can be found out if a process can hold one instance only, or none."""
+    alone = run(trials.once_timed)
+    if alone.error is not None:
+        failure = " ".join(str(alone.error).split())
+        if run(trials.quiet).error is None:  # pseudo-random inputs may be more than the model supports
+            failure = f"{ONLY_QUIET}: {failure}"
+        return Facts(failure, ("runs",) if crashed else (), unfinished=tuple(run.unfinished))
+    first, took = alone.value
+    answers = [run(trial, first).in_words for trial in (trials.reset, trials.new_state)]
+    found = _facts(run, first, None, answers, crashed)
+    # If it is quick alone, it hung with two instances, and no busy machine was to blame.
+    return replace(found, unfinished=()) if took < QUICK * run.limit_s else found
+
+
+def _facts(
+    run: TrialRunner, first: Array, second: Array | None, answers: list[str], crashed: tuple[str, ...] = ()
+) -> Facts:
+    repeated = run(trials.once)
+    return Facts(
+        crashed=crashed,
+        not_finite=tuple(v.name for v, y in zip(run.component.outputs, first.T, strict=True) if not _is_finite(y)),
+        deterministic=second is not None and trials.same(first, second),
+        reproducible=repeated.error is None and trials.same(first, repeated.value),
+        reset=answers[0], new_state=answers[1], single=second is None, unfinished=tuple(dict.fromkeys(run.unfinished)),
+    )  # fmt: skip
+
+
+def _is_finite(values: Array) -> bool:
+    return bool(np.isfinite(values).all())
+
+
+def choose(facts: Facts) -> Rerun:
+    """The cheapest way to run the FMU again that has been shown to give the same as a new instance."""
+    if facts.failure:
+        if facts.crashed:
+            return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
+        return Rerun(AGAIN, "it could not be tried: it does not run here")
+    way = RESET if facts.reset == RESTORES else STATE if facts.new_state == RESTORES else ""
+    if facts.single:
+        why = f"a second instance in one process is {'fatal or hangs' if facts.crashed else 'refused'}"
+        if way and facts.reproducible:
+            return Rerun(way, f"{why}, but the one runs as new after '{way}'", isolated=True)
+        return Rerun(PROCESS, f"{why}, and neither reset nor state makes the one as new", isolated=True)
+    isolated = bool({*facts.crashed} - {RESET, STATE})  # a crash in one of these matters only if it is used
+    note = f"; it crashed or hung when it was tried: {', '.join(sorted(facts.crashed))}" if isolated else ""
+    if not facts.deterministic:
+        if facts.reproducible:
+            return Rerun(PROCESS, "a second instance in one process differs from the first", isolated=True)
+        return Rerun(AGAIN, f"its runs differ even in new processes: it is not deterministic{note}", isolated)
+    reason = {
+        RESET: "after a reset it runs as a new instance",
+        STATE: f"its reset is not reliable ({facts.reset}), but its saved state is restored",
+    }.get(way, f"neither its reset ({facts.reset}) nor its saved state ({facts.new_state}) is reliable")
+    return Rerun(way or AGAIN, reason + note, isolated)
+
+
 def known_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again, None if that has not been found out yet."""
+    """How to run it again; None if that has not been found out yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
     if component.fmu.tool.startswith(OWN_TOOL):
         return Rerun(RESET, "exported by this package, whose reset is exact")
     path = _path(component)
     if path not in _known:
-        found = read_kept(path, Rerun)
-        if found is None:
+        record = read_record(path)
+        try:
+            _known[path] = Rerun(**(record or {}))
+        except TypeError:  # not known, or written by another version
             return None
-        _known[path] = found
     return _known[path]
 
 
 def find_rerun(component: FmuSettings) -> Rerun:
-    """How to run it again; asks the FMU, in other processes, the first time."""
+    """How to run it again; tries the FMU out, in other processes, the first time."""
     with _lock:
         known = known_rerun(component)
         if known is not None:
             return known
-        facts = ask_facts(component, step_of(component), TIME_LIMIT)
+        facts = find_facts(TrialRunner(component, step_of(component), TIME_LIMIT))
         return remember_rerun(component, choose(facts), facts)
 
 
 def remember_rerun(component: FmuSettings, found: Rerun, facts: Facts) -> Rerun:
-    """Remember how to run it again: in this process, and if all was measured to its end for later ones."""
+    """Remember how to run it again: in this process, and for later ones if the facts are final."""
     path = _path(component)
-    if facts.may_be_kept:
-        keep(path, found)
+    if facts.is_final:
+        write_record(path, asdict(found))
     elif facts.unfinished:
         _log.warning(
             "%s: a trial of it did not come to its end (%s), so the next run tries it again. On a machine that is not "
@@ -124,175 +263,36 @@ def remember_rerun(component: FmuSettings, found: Rerun, facts: Facts) -> Rerun:
 
 
 def _path(component: FmuSettings) -> Path:
-    """Its place in the cache, by content and interface but not by values: an identification changes those."""
+    """Its place in the cache, by content and interface but not by values, as an identification changes those."""
     what = [_FORMAT, component.digest, component.interface.kind, component.solver, component.event_mode]
     key = hashlib.sha256(json.dumps(what).encode()).hexdigest()
     return cache_directory() / "reruns" / f"{component.digest}-{key[:16]}.json"
 
 
-def read_kept(path: Path, kind: Callable[..., Kept]) -> Kept | None:
-    """What :func:`keep` has written; None if it is not there, from another version or from a user who is not trusted:
-    then it is asked again."""
-    try:
-        return kind(**json.loads(path.read_text(encoding="utf-8"))) if is_trusted(path) else None
-    except (OSError, ValueError, TypeError):
-        return None
-
-
-def keep(path: Path, found: Any) -> None:
-    """Write a dataclass to a file as a whole; several processes may do so at the same time."""
-    with suppress(OSError), cache_file(path) as temporary:  # the disk is full, ...: it is found out again
-        temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
-
-
 def step_of(component: FmuSettings) -> float:
-    """Step in s to try an FMU with: its sample time, the one of its default experiment, or 1 ms."""
+    """Step of the trials in s: its sample time, the step of its default experiment, or 1 ms."""
     return component.sample_time or component.fmu.experiment.step or 1e-3
 
 
-def ask_facts(component: FmuSettings, h: float, limit: float) -> Facts:
-    """Try an FMU out: all in one process if it stands that, else one process for each question."""
-    unfinished: dict[str, None] = {}
+def log_isolation(component: FmuSettings, rerun: Rerun | None) -> None:
+    """Log, once in a process, why an FMU runs in a process of its own, what that costs, and the remedy.
 
-    def ask(question: Callable[..., Any]) -> Any:
-        try:
-            return run_in_fresh_process(question, component, h, where=str(component.path), time_limit=limit)
-        except ProcessEndedError as error:
-            if not error.by_fmu:
-                unfinished[trial_name(question)] = None
-            raise
-
-    facts = _asked(ask)
-    if facts.single and facts.took_s < QUICK * limit:
-        unfinished = {}  # alone it is quick: it hung, and no busy machine was to blame
-    return replace(facts, unfinished=tuple(unfinished))
-
-
-def trial_name(question: Callable[..., Any]) -> str:
-    """What is tried, in words."""
-    if isinstance(question, partial):
-        return str(question.keywords["strategy"])
-    return question.__name__.replace("_", " ")
-
-
-def _asked(ask: Callable[..., Any]) -> Facts:
-    crashed: frozenset[str] = frozenset()
-    try:
-        first, second, reset, state = ask(trials.runs_again)
-    except ProcessEndedError:
-        try:
-            first, second = ask(trials.two_in_turn)
-        except FmuDidimError:
-            return _asked_alone(ask, frozenset({ONE_AFTER_THE_OTHER}))
-        ended: list[str] = []
-        reset, state = (_said_alone(ask, way, ended) for way in (RESET, STATE))
-        crashed = frozenset(ended or [TOGETHER])
-    except FmuDidimError:  # of the first instance, or of the second one alone
-        return _asked_alone(ask, frozenset())
-    alike = trials.same(first, second)
-    return Facts("", crashed, first, second, alike, _is_repeated(ask, first), reset, state)
-
-
-def _is_repeated(ask: Callable[..., Any], first: Array) -> bool:
-    """Whether a new process gives the same trajectory."""
-    try:
-        return trials.same(first, ask(trials.once))
-    except FmuDidimError:
-        return False
-
-
-def _failed(ask: Callable[..., Any], error: FmuDidimError, crashed: frozenset[str]) -> Facts:
-    """What an FMU is said to fail at; pseudo-random inputs may be more than its model stands."""
-    failure = " ".join(str(error).split())
-    try:
-        ask(trials.quiet)
-    except FmuDidimError:
-        return Facts(failure=failure, crashed=crashed)
-    return Facts(failure=f"{ONLY_QUIET}: {failure}", crashed=crashed)
-
-
-def _asked_alone(ask: Callable[..., Any], crashed: frozenset[str]) -> Facts:
-    """What can be asked where a process bears one instance only, or none; a second one crashed or was refused."""
-    begin = clock.monotonic()
-    try:
-        first = ask(trials.once)
-    except FmuDidimError as error:
-        return _failed(ask, error, frozenset({"runs"}) if crashed else crashed)
-    took = clock.monotonic() - begin
-    reproducible = _is_repeated(ask, first)
-    reset, state = (said(ask, partial(trials.restarted, strategy=way, wanted=first)) for way in (RESET, STATE))
-    return Facts("", crashed, first, first, False, reproducible, reset, state, single=True, took_s=took)
-
-
-def _said_alone(ask: Callable[..., Any], way: str, ended: list[str]) -> Any:
-    try:
-        return ask(partial(trials.restarted, strategy=way))
-    except FmuDidimError as error:
-        ended += [way] if isinstance(error, ProcessEndedError) else []
-        return trials.in_words(error)
-
-
-def said(ask: Callable[..., Any], question: Callable[..., Any]) -> Any:
-    """The answer to a question, or in words why there is none."""
-    try:
-        return ask(question)
-    except FmuDidimError as error:
-        return trials.in_words(error)
-
-
-def choose(facts: Facts) -> Rerun:
-    """The cheapest way that has been seen to give the same as a new instance."""
-    if facts.failure:
-        if facts.crashed:
-            return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
-        return Rerun(AGAIN, "it could not be tried: it does not run here")
-    if facts.single:
-        return _choose_single(facts)
-    apart = bool(facts.crashed - {RESET, STATE})  # one of these that crashed is not taken
-    alone = f"; it crashed or hung when it was tried: {', '.join(sorted(facts.crashed))}" if apart else ""
-    if not facts.deterministic:
-        if facts.reproducible:
-            return Rerun(PROCESS, "a second instance in one process differs from the first", isolated=True)
-        return Rerun(AGAIN, f"its runs differ even in new processes: it is not deterministic{alone}", apart)
-    if facts.reset == RESTORES:
-        return Rerun(RESET, f"after a reset it runs as a new instance{alone}", apart)
-    if facts.new_state == RESTORES:
-        reason = f"its reset is not to be relied on ({facts.reset}), but its saved state is restored{alone}"
-        return Rerun(STATE, reason, apart)
-    reason = f"neither its reset ({facts.reset}) nor its saved state ({facts.new_state}) is to be relied on{alone}"
-    return Rerun(AGAIN, reason, apart)
-
-
-def _choose_single(facts: Facts) -> Rerun:
-    """Of an FMU of which a process bears one instance."""
-    why = f"a second instance in one process is {'fatal or hangs' if facts.crashed else 'refused'}"
-    for way, answer in ((RESET, facts.reset), (STATE, facts.new_state)):
-        if facts.reproducible and answer == RESTORES:
-            return Rerun(way, f"{why}, but the one runs as new after '{way}'", isolated=True)
-    return Rerun(PROCESS, f"{why}, and neither reset nor state makes the one as new", isolated=True)
-
-
-def tell_isolation(component: FmuSettings, rerun: Rerun) -> None:
-    """Log, once in a process, that an FMU was found to need a process of its own, what that costs, and the remedy."""
-    cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
-    _tell(
-        component, logging.WARNING,
-        f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
-        "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again.",
-    )  # fmt: skip
-
-
-def tell_unproven(component: FmuSettings) -> None:
-    """Log, once in a process, that an FMU runs apart because nothing is known of it."""
-    _tell(
-        component, logging.INFO,
-        "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
-        "second to start ('isolated: false' beside its source, if you trust it).",
-    )  # fmt: skip
-
-
-def _tell(component: FmuSettings, level: int, text: str) -> None:
+    Args:
+        rerun: how it is run again, if it was found to need that process; None if it has not run here before.
+    """
     path = _path(component)
-    if path not in _told:
-        _told.add(path)
-        _log.log(level, "%s %s", component.path.name, text)
+    if path in _logged:
+        return
+    _logged.add(path)
+    if rerun is None:
+        level, text = logging.INFO, (
+            "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
+            "second to start ('isolated: false' beside its source, if you trust it)."
+        )  # fmt: skip
+    else:
+        cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
+        level, text = logging.WARNING, (
+            f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
+            "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again."
+        )  # fmt: skip
+    _log.log(level, "%s %s", component.path.name, text)

@@ -14,7 +14,7 @@ def version_of(text: str, where: str) -> FmiVersion:
     """The version as which a description with this ``fmiVersion`` is read.
 
     Raises:
-        FmuError: there is none; ``where`` is the place that it names.
+        FmuError: there is no such version; ``where`` is the place that the error names.
     """
     for fmi in VERSIONS.values():
         if fmi.accepts(text):

@@ -1,4 +1,4 @@
-"""What a version of FMI is to those who read and run FMUs."""
+"""A version of FMI, for reading and running FMUs."""
 
 from __future__ import annotations
 

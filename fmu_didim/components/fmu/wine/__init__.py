@@ -27,8 +27,8 @@ _SOURCES = ("bridge.c", "host.c", "protocol.h")
 def is_for_windows(fmi: str, description: FmuDescription, interface: Interface) -> bool:
     """Whether an interface has a library for 64-bit Windows that the bridge can hand calls to from this machine."""
     library = description.folder / "binaries" / WINDOWS_FOLDER / f"{interface.identifier}.dll"
-    here = sys.platform == "linux" and host_platform().architecture == "x86_64"
-    return here and fmi == FMI_VERSION and interface.kind == CO_SIMULATION and library.is_file()
+    supported = sys.platform == "linux" and host_platform().architecture == "x86_64"
+    return supported and fmi == FMI_VERSION and interface.kind == CO_SIMULATION and library.is_file()
 
 
 def is_installed() -> bool:

@@ -1,6 +1,6 @@
 """Effects between the components of the loop: in the drive of a joint, or in its encoder.
 
-A :class:`SplicedEffect` is a sampled or static system with one input u and one output y that is put into the
+A :class:`InsertedEffect` is a sampled or static system with one input u and one output y that is put into the
 wiring, so that it also acts on a plant that is known as a black box only:
 
     y[k] = output(u[k], x[k], p),    x[k+1] = following(u[k], x[k], p),    x[0] = start(u[0], p)
@@ -27,7 +27,7 @@ NO_LIMIT = 1e9
 """A torque, N.m or N, that no drive reaches."""
 
 
-class SplicedEffect(NonlinearEffect):
+class InsertedEffect(NonlinearEffect):
     """One effect of a drive or a sensor; its neutral values give y = u.
 
     Class attributes:

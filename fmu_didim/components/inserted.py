@@ -11,28 +11,28 @@ from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.model import ModelComponent
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import JointType
-from fmu_didim.dynamics.effects.spliced import SplicedEffect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 
 
 @dataclass(frozen=True)
-class SplicedComponent(ModelComponent):
+class InsertedComponent(ModelComponent):
     """A component that knows which effect it is; by that its place in the drive is found.
 
     Attributes:
         effect: the effect whose block it is.
     """
 
-    effect: SplicedEffect | None = None
+    effect: InsertedEffect | None = None
 
-    def with_parameters(self, values: Mapping[str, float]) -> SplicedComponent:
+    def with_parameters(self, values: Mapping[str, float]) -> InsertedComponent:
         other = super().with_parameters(values)
         return replace(self, block=other.block, twin=other.twin)
 
-    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> SplicedComponent:
+    def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> InsertedComponent:
         other = super().with_names(inputs, outputs)
         return replace(self, block=other.block, twin=other.twin)
 
-    def with_substeps(self, count: int) -> SplicedComponent:
+    def with_substeps(self, count: int) -> InsertedComponent:
         return self  # nothing is integrated
 
     def describe(self) -> dict[str, Any]:
@@ -40,9 +40,9 @@ class SplicedComponent(ModelComponent):
         return {**super().describe(), "effect": self.block.name, "parameters": values}
 
 
-def spliced_component(
-    effect: SplicedEffect, joint_type: JointType, step: float, values: Mapping[str, float] | None = None
-) -> SplicedComponent:
+def inserted_component(
+    effect: InsertedEffect, joint_type: JointType, step: float, values: Mapping[str, float] | None = None
+) -> InsertedComponent:
     """The component with input ``u`` and output ``y`` that has this effect; it also runs in the compiled loop.
 
     Args:
@@ -57,6 +57,6 @@ def spliced_component(
 
 
 @lru_cache(maxsize=64)
-def _neutral(effect: SplicedEffect, joint_type: JointType, step: float) -> SplicedComponent:
+def _neutral(effect: InsertedEffect, joint_type: JointType, step: float) -> InsertedComponent:
     model = with_compiled_twin(ModelComponent(effect.block(joint_type, step)))
-    return SplicedComponent(model.block, model.substeps, model.twin, effect)
+    return InsertedComponent(model.block, model.substeps, model.twin, effect)

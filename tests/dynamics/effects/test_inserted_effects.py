@@ -17,12 +17,12 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.components.spliced import spliced_component
-from fmu_didim.cosim import Connection, System, logged_torque, simulate, splice_effect
+from fmu_didim.components.inserted import inserted_component
+from fmu_didim.cosim import Connection, System, insert_effect, logged_torque, simulate
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.units import parse_unit
 from fmu_didim.dynamics.base_parameters import base_parameters
-from fmu_didim.dynamics.effects import EFFECTS, Effect, NonlinearEffect, SplicedEffect, StructureEffect
+from fmu_didim.dynamics.effects import EFFECTS, Effect, InsertedEffect, NonlinearEffect, StructureEffect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.dynamics.robot.description import write_robot
 from fmu_didim.dynamics.robot.tilt import horizontal_axes
@@ -34,7 +34,7 @@ from fmu_didim.workflow import identify
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, model_on, reference, scara, scara_pd, with_torque
 
 NONLINEAR: dict[str, NonlinearEffect] = {n: e for n, e in EFFECTS.items() if isinstance(e, NonlinearEffect)}
-SPLICED: dict[str, SplicedEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, SplicedEffect)}
+INSERTED: dict[str, InsertedEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, InsertedEffect)}
 STRUCTURE: dict[str, StructureEffect] = {n: e for n, e in NONLINEAR.items() if isinstance(e, StructureEffect)}
 KINDS = ("revolute", "prismatic")
 MOTION = reference(1.5)
@@ -99,11 +99,11 @@ class TestWhatTheySay:
 
 class TestNeutralValues:
     @pytest.mark.parametrize("compiled", [None, False])
-    @pytest.mark.parametrize("name", SPLICED)
+    @pytest.mark.parametrize("name", INSERTED)
     def test_of_drives_and_sensors_change_no_bit(self, name: str, compiled: bool | None) -> None:
         system = loop(load_fmu(build_fmu(scara().block())), load_fmu(build_fmu(scara_pd())), MOTION)
         before = simulate(system, MOTION, compiled=compiled)
-        after = simulate(splice_effect(system, SPLICED[name], 2, "revolute"), MOTION, compiled=compiled)
+        after = simulate(insert_effect(system, INSERTED[name], 2, "revolute"), MOTION, compiled=compiled)
         assert after.compiled == (compiled is None)
         assert np.array_equal(before.applied["plant.ddq2"], after.applied["plant.ddq2"])
 
@@ -152,13 +152,13 @@ def lagged(u: np.ndarray, lag: float) -> np.ndarray:
 
 class TestEquationsOfDrivesAndSensors:
     def test_all_are_there(self) -> None:
-        assert set(EQUATIONS) == set(SPLICED)
+        assert set(EQUATIONS) == set(INSERTED)
 
     @pytest.mark.parametrize("name", EQUATIONS)
     def test_the_block_follows_its_equation(self, name: str) -> None:
         values, equation = EQUATIONS[name]
         u = 1.5 * np.sin(0.2 * np.arange(120)) + 0.5 * np.random.default_rng(7).normal(size=120)
-        part = spliced_component(SPLICED[name], "revolute", PERIOD, values)
+        part = inserted_component(INSERTED[name], "revolute", PERIOD, values)
         assert part.twin is not None
         source = trajectory(np.arange(u.size) * PERIOD, {"u": u})
         system = System({"it": part}, (Connection("reference.u", "it.u"),), ("it",), PERIOD)
@@ -170,9 +170,9 @@ class TestEquationsOfDrivesAndSensors:
 
     @pytest.mark.parametrize("name", EQUATIONS)
     def test_its_fmu_is_valid_and_one_for_all_joints(self, name: str) -> None:
-        block = SPLICED[name].block("revolute", PERIOD)
+        block = INSERTED[name].block("revolute", PERIOD)
         assert validate_fmu(str(build_fmu(block))) == []
-        assert block.digest() == SPLICED[name].block("revolute", PERIOD).digest()
+        assert block.digest() == INSERTED[name].block("revolute", PERIOD).digest()
 
 
 def closed(robot: RobotDescription, motion: Trajectory = MOTION) -> np.ndarray:
@@ -417,7 +417,7 @@ class TestInARobotDescription:
         plant = {f"{n}_start{j}": motion.select([f"{n}{j}"])[0, 0] for n in ("q", "dq") for j in (1, 2)}
         system = case.system(motion)
         system = system.replace("plant", system.components["plant"].with_parameters(plant))
-        system = splice_effect(system, EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.008})  # type: ignore[arg-type]
+        system = insert_effect(system, EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.008})  # type: ignore[arg-type]
         recorded = simulate(system, motion)
         logged = recorded.inputs[logged_torque(system, 2)]
         assert np.abs(table.select(["tau2"])[:, 0] - logged).max() < 1e-12 * np.abs(logged).max()
