@@ -241,8 +241,8 @@ def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopMod
     """A model without the effects that change the log as a whole, and the parameters that they count as."""
     saved = 0.0
     for index in reversed(range(len(model.added_effects))):
-        if builder.is_of_log(model.added_effects[index].effect):
-            saved += builder.cost(model.added_effects[index])
+        if builder.effect(model.added_effects[index]).is_of_log:
+            saved += builder.at(model.added_effects[index]).cost
             model = builder.without(model, index)
     return model, saved
 

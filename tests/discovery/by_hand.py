@@ -125,16 +125,23 @@ class Catalogue:
         self.effects = {effect.name: effect for effect in effects}
         self.description: Any = None
         self.identified: set[str] = set()
+        self.amplitudes: tuple[Any, ...] = ()
+        self.shapes: tuple[Any, ...] = ()
         self._costs, self._joints = dict(costs or {}), joints
 
     def effect(self, effect_at: EffectAtJoint) -> Any:
         return self.effects[effect_at.effect]
 
-    def is_identified(self, effect_at: EffectAtJoint) -> bool:
-        return effect_at.effect in self.identified
+    def at(self, effect_at: EffectAtJoint) -> Any:
+        return SimpleNamespace(
+            cost=self._costs.get(effect_at.effect, 1.0), can_be_added=True, is_present=self._is_present(effect_at),
+            amplitudes=self.amplitudes, shapes=self.shapes,
+        )  # fmt: skip
 
-    def cost(self, effect_at: EffectAtJoint) -> float:
-        return self._costs.get(effect_at.effect, 1.0)
+    def _is_present(self, effect_at: EffectAtJoint) -> bool:
+        if self.description is None:
+            return effect_at.effect in self.identified
+        return effect_at.effect in self.description.joints[effect_at.joint - 1].effects
 
     def joints(self, name: str) -> tuple[int, ...]:
         return tuple(range(1, self._joints + 1))
@@ -142,8 +149,5 @@ class Catalogue:
     def link_values(self, joint: int) -> dict[str, float]:
         return {}
 
-    def can_add(self, effect_at: EffectAtJoint) -> bool:
-        return True
-
-    def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
+    def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
         pass

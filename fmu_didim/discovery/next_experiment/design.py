@@ -18,7 +18,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import without_folder
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory, write_csv
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs

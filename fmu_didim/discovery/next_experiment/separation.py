@@ -18,7 +18,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import shape_limits
+from fmu_didim.discovery.augmentation.places import shape_limits
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
 from fmu_didim.discovery.selection.competition import DEPENDENT
 from fmu_didim.fit.base_projection import BaseProjection

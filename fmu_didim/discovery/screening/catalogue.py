@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Variable
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import InBlackBox, Proposal
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
@@ -21,6 +22,7 @@ from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
 from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.workers import side_by_side
 
@@ -100,12 +102,12 @@ class SignatureCatalogue:
         self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
         torque, rows = fit.torque, fit.model.rows
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
-        smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
+        smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
         watch, left = watch or Watch(), list[EffectAtJoint]()
         simulated = [c for c in candidates if c not in derived and not isinstance(builder.effect(c), TorqueEffect)]
-        builder.compile(
-            [(*fit.model.added_effects, c) for c in simulated if builder.can_add(c)],
+        builder.prepare(
+            [(*fit.model.added_effects, c) for c in simulated if builder.at(c).can_be_added],
             watch=watch, workers=fit.model.workers,
         )  # fmt: skip
         told, workers = watch.counted("signatures of candidate", len(candidates)), fit.model.workers
@@ -114,7 +116,9 @@ class SignatureCatalogue:
             if watch.is_over:
                 left += together
                 continue
-            apart = [c for c in together if not (c in derived or c in simulated or builder.is_own(c))]
+            apart = [
+                c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
+            ]
             made = side_by_side([partial(self._made, c) for c in apart], workers)
             found = derived | dict(zip(apart, made, strict=True))
             for effect_at in together:
@@ -130,9 +134,9 @@ class SignatureCatalogue:
 
     def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
         effect = self.builder.effect(effect_at)
-        if not self.builder.can_add(effect_at):
+        if not self.builder.at(effect_at).can_be_added:
             return
-        if self.builder.is_own(effect_at):
+        if isinstance(self.builder.at(effect_at), InBlackBox):
             yield self._of_the_plant(effect_at)
         elif not isinstance(effect, TorqueEffect):
             yield from self._by_simulation(effect_at, effect)
@@ -141,14 +145,14 @@ class SignatureCatalogue:
 
     def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
         joint, joints = effect_at.joint - 1, range(1, self.fit.model.joint_count + 1)
-        kinds = [self.builder.joint_type(j) for j in joints]
+        kinds = [self.builder.loop.joint_type(j) for j in joints]
         if joint + effect.reach >= len(kinds):
             return
         kind = kinds[joint]
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))
-        tried = _thinned(effect, self.builder.search(effect_at), defaults)
+        tried = _thinned(effect, self.builder.at(effect_at).search, defaults)
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
@@ -168,7 +172,7 @@ class SignatureCatalogue:
         """Derivatives by the parameters of an effect that a black box has, at the values that it has."""
         joint, fit = effect_at.joint, self.fit
         present = {v.name: v.start for v in fit.model.plant.parameters}
-        amplitudes = [v.name for v in self.builder.parameters_of(effect_at)[0]]
+        amplitudes = [v.name for v in self.builder.at(effect_at).amplitudes]
         own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
         size = TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
         model = self.builder.build(fit.model, [Proposal(effect_at, own, dict.fromkeys(amplitudes, size))])
@@ -179,7 +183,7 @@ class SignatureCatalogue:
 
     def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
-        kind = self.builder.joint_type(effect_at.joint)
+        kind = self.builder.at(effect_at).joint_type
         present = {parameter.name: parameter.value for parameter in self.fit.model.free_parameters}
         robot = self.builder.description
         own = robot.joints[effect_at.joint - 1].parameters if robot is not None else {}
@@ -189,8 +193,8 @@ class SignatureCatalogue:
 
     def _by_simulation(self, effect_at: EffectAtJoint, effect: Effect) -> Iterator[Signature]:
         """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
-        amplitudes, shapes = self.builder.parameters_of(effect_at)
-        searched = self.builder.search(effect_at)
+        candidate = self.builder.at(effect_at)
+        amplitudes, shapes, searched = candidate.amplitudes, candidate.shapes, candidate.search
         size = float(np.sqrt(np.mean(self.fit.torque[:, effect_at.joint - 1] ** 2)))
         off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
@@ -203,7 +207,9 @@ class SignatureCatalogue:
             for name, values in trials.items()
             for value in values
         ]
-        tasks = [self._task(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
+        proposals = [Proposal(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
+        models = [self.builder.build(self.fit.model, [proposal]) for proposal in proposals]
+        tasks = [partial(self._difference, model) for model in models]
         differences = side_by_side(tasks, self.fit.model.allowed_workers(self.fit.values))
         columns = [
             # A stiffness is nothing when it is infinite: its inverse is the amplitude.
@@ -231,7 +237,7 @@ class SignatureCatalogue:
         found: dict[EffectAtJoint, list[Signature]] = {effect_at: [] for effect_at in smooth}
         shapes = {
             effect_at: _one_at_a_time(
-                {v.name: self.builder.search(effect_at)[v.name] for v in self.builder.parameters_of(effect_at)[1]}
+                {v.name: self.builder.at(effect_at).search[v.name] for v in self.builder.at(effect_at).shapes}
             )
             for effect_at in smooth
         }
@@ -272,26 +278,19 @@ class SignatureCatalogue:
             for effect_at, places in own.items()
         }
 
-    def _task(self, effect_at: EffectAtJoint, values: Mapping[str, float]) -> Callable[[], Array]:
-        torque, rows = self.fit.torque, self.fit.model.rows
-
-        def difference() -> Array:
-            model = self.builder.build(self.fit.model, [Proposal(effect_at, values)])
-            try:
-                parts = [
-                    change_of_torque(
-                        model.simulation(model.start, label),
-                        torque[part],
-                        self._beginnings[label],
-                        tolerance=REPEATS,
-                    )
-                    for label, part in rows.items()
-                ]
-            except SimulationError:
-                return np.zeros_like(torque)
-            return np.concatenate(parts)
-
-        return difference
+    def _difference(self, model: LoopModel) -> Array:
+        """(N, n) what a model changes in the torque; zero where it cannot be simulated."""
+        torque = self.fit.torque
+        try:
+            parts = [
+                change_of_torque(
+                    model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
+                )
+                for label, part in self.fit.model.rows.items()
+            ]
+        except SimulationError:
+            return np.zeros_like(torque)
+        return np.concatenate(parts)
 
 
 @dataclass(frozen=True)

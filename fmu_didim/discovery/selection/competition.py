@@ -15,8 +15,9 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Say, Watch
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome, Screened, Tried
 from fmu_didim.discovery.selection.plausible import implausible
@@ -104,7 +105,7 @@ class Competition:
                 continue
             coefficients = _coefficients(rest, residual)
             if effect_at not in costs:
-                costs[effect_at] = builder.cost(effect_at)
+                costs[effect_at] = builder.at(effect_at).cost
             cost = costs[effect_at] - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
             found.setdefault(effect_at, []).append(Screened(signature, coefficients, gain, surviving))
@@ -146,45 +147,60 @@ class Competition:
         fit, chosen = self.fit, self._largest_gap_first(chosen)
         best = fit.chi_square - LEAST
         leading = LEADING * max((s.gain for s in chosen), default=0.0)
-        told = watch.counted("fitting candidate", len(chosen))
-
-        def one(candidate: Screened, best: float) -> Contender | Outcome:
-            found = None
-            if watch.is_over:
-                return Outcome.NOT_TRIED
-            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
-            if self.fit.chi_square - reach * self._promised(candidate) > best:
-                told(f"{named} is out of reach of the best")
-                return Outcome.LEFT_EARLY
-            # Here, where no other fit has to wait for the compiler.
-            self.builder.compile([(*fit.model.added_effects, candidate.effect_at)], watch=watch, workers=1)
-            starts = [candidate.signature.proposal(candidate.coefficients)]
-            if candidate.others is not None and candidate.gain >= leading:
-                starts = self._scanned(candidate)
-            for start in starts:
-                fitted = self.refit(start, give_up_above=best, until=watch.ends)
-                if watch.is_over and (fitted is None or fitted.given_up):
-                    return Outcome.NOT_TRIED
-                if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
-                    found = fitted
-                    best = min(best, found.chi_square)
-            if found is None:
-                told(f"{named} cannot be simulated")
-                return Outcome.NOT_SIMULABLE
-            result = self.contender(candidate.effect_at, found)
-            told(f"{named}, BIC difference {result.delta_bic:.0f}")
-            return result
-
+        report = watch.counted("fitting candidate", len(chosen))
         results, workers = list[Contender | Outcome](), fit.model.allowed_workers(fit.values)
         for first in range(0, len(chosen), ABREAST):
-            together = [partial(one, candidate, best) for candidate in chosen[first : first + ABREAST]]
-            results += side_by_side(together, workers)
+            group = chosen[first : first + ABREAST]
+            hopeless = [fit.chi_square - reach * self._promised(candidate) > best for candidate in group]
+            wanted = [c.effect_at for c, is_left in zip(group, hopeless, strict=True) if not is_left]
+            self.builder.prepare([(*fit.model.added_effects, a) for a in wanted], watch=watch, workers=workers)
+            tasks = [
+                partial(
+                    self._outcome, candidate, best, is_left=is_left, scan=candidate.gain >= leading, watch=watch,
+                    report=report,
+                )
+                for candidate, is_left in zip(group, hopeless, strict=True)
+            ]  # fmt: skip
+            results += side_by_side(tasks, workers)
             fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
             best = min([best, *(c.fit.chi_square for c in fitted)])
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
         return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
+
+    def _outcome(
+        self, candidate: Screened, best: float, *, is_left: bool, scan: bool, watch: Watch, report: Say
+    ) -> Contender | Outcome:
+        """A candidate fitted, or why it is not.
+
+        Args:
+            best: chi-square above which a fit is given up; is_left: whether it is not fitted at all.
+            scan: whether sizes and shapes are tried in the loop first, where it lies outside the torque balance.
+        """
+        if watch.is_over:
+            return Outcome.NOT_TRIED
+        name = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
+        if is_left:
+            report(f"{name} is out of reach of the best")
+            return Outcome.LEFT_EARLY
+        starts = [candidate.signature.proposal(candidate.coefficients)]
+        if candidate.others is not None and scan:
+            starts = self._scanned(candidate)
+        found = None
+        for start in starts:
+            fitted = self.refit(start, give_up_above=best, until=watch.ends)
+            if watch.is_over and (fitted is None or fitted.given_up):
+                return Outcome.NOT_TRIED
+            if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                found = fitted
+                best = min(best, found.chi_square)
+        if found is None:
+            report(f"{name} cannot be simulated")
+            return Outcome.NOT_SIMULABLE
+        result = self.contender(candidate.effect_at, found)
+        report(f"{name}, BIC difference {result.delta_bic:.0f}")
+        return result
 
     def _largest_gap_first(self, chosen: Sequence[Screened]) -> list[Screened]:
         """Candidates by the gap of their joint, those of no joint in particular first; on one joint as they are."""
@@ -255,8 +271,8 @@ class Competition:
             for i, parameter in enumerate(found.model.free_parameters)
             if parameter.effect == index and not parameter.is_shape
         ]
-        absent = len(builder.parameters_of(effect_at)[0]) - len(own)
-        cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
+        absent = len(builder.at(effect_at).amplitudes) - len(own)
+        cost = builder.at(effect_at).cost - absent - _idle(found.jacobian[:, :, own])
         gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
         size, share = explained(fit.residual, found.residual, fit.noise)
         raw = self.torque_change_without(effect_at, found)
@@ -292,7 +308,7 @@ class Competition:
         neutral = builder.effect(proposal.effect_at).neutral
         for part in SMALLER:
             values = dict(proposal.values)
-            for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
+            for name in (v.name for v in builder.at(proposal.effect_at).amplitudes if v.name in values):
                 off = neutral.get(name, 0.0)
                 if np.isfinite(off):
                     values[name] = off + part * (values[name] - off)

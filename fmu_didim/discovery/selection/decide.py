@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.selection.candidates import Contender
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.fit.fit import Fit

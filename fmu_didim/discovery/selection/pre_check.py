@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.selection.candidates import Contender
 from fmu_didim.discovery.selection.competition import Competition
@@ -17,6 +18,7 @@ from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_ratio
 from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import side_by_side
 
 FITTED = 4
@@ -83,19 +85,23 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
     builder, fit = competition.builder, competition.fit
     measured = fit.model.measured
 
-    def one(effect_at: EffectAtJoint, part: float) -> tuple[float, EffectAtJoint, float] | None:
-        value = float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), part))
-        model = builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})])
+    def misfit(model: LoopModel) -> float | None:
         try:
-            reached = float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
+            return float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
         except SimulationError:
             return None
-        return reached, effect_at, value
 
-    places = [effect_at for joint in builder.joints(name) if builder.can_add(effect_at := EffectAtJoint(name, joint))]
-    tasks = [partial(one, effect_at, part) for effect_at in places for part in check.quantiles]
-    found = side_by_side(tasks, fit.model.allowed_workers(fit.values))
-    return sorted((trial for trial in found if trial is not None), key=lambda t: t[0])
+    candidates = (EffectAtJoint(name, joint) for joint in builder.joints(name))
+    tried = [
+        (effect_at, float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), quantile)))
+        for effect_at in candidates
+        if builder.at(effect_at).can_be_added
+        for quantile in check.quantiles
+    ]
+    models = [builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})]) for effect_at, value in tried]
+    misfits = side_by_side([partial(misfit, model) for model in models], fit.model.allowed_workers(fit.values))
+    trials = [(square, *trial) for square, trial in zip(misfits, tried, strict=True) if square is not None]
+    return sorted(trials, key=lambda t: t[0])
 
 
 def _held_out_tells(candidate: Contender, competition: Competition, options: Options) -> bool:

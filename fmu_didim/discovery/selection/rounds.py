@@ -141,7 +141,7 @@ def _with_shapes_held(
     competition: Competition, screened: Sequence[Screened], effect_at: EffectAtJoint
 ) -> Iterator[Contender]:
     candidate = next(s for s in screened if s.effect_at == effect_at)
-    if candidate.others is not None and competition.builder.parameters_of(effect_at)[1]:
+    if candidate.others is not None and competition.builder.at(effect_at).shapes:
         yield from competition.with_shapes_held(candidate)
 
 
@@ -158,14 +158,7 @@ def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoi
         if (effect.is_proposed or (anything and effect.is_base)) and name not in options.forbid
     ]
     candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
-    return [a for a in candidates if not _is_present(builder, a)]
-
-
-def _is_present(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
-    """Whether the base model has an effect already."""
-    if builder.description is None:
-        return builder.is_identified(effect_at)
-    return effect_at.effect in builder.description.joints[effect_at.joint - 1].effects
+    return [a for a in candidates if not builder.at(a).is_present]
 
 
 def _backward(
@@ -180,7 +173,7 @@ def _backward(
             without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
-        worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
+        worth = delta_bic(without.residual, fit.residual, builder.at(step.effect_at).cost, fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
         if worth < options.threshold or size < KEPT_GAIN * options.smallest_gain:
             watch.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")

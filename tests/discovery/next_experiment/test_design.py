@@ -21,7 +21,8 @@ from fmu_didim.cosim import System, closed_loop, simulate
 from fmu_didim.cosim.sampling import sample_operator
 from fmu_didim.data.excitation import Fourier, FourierJoint
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
@@ -172,9 +172,7 @@ class Builder(Catalogue):
     def __init__(self, *effects: Any, broken: float = np.inf, absent: bool = False, **more: Any) -> None:
         super().__init__(*effects, **more)
         self.broken, self.absent, self.built = broken, absent, 0
-
-    def parameters_of(self, effect_at: EffectAtJoint) -> tuple[Any, Any]:
-        return (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
+        self.amplitudes, self.shapes = (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
 
     def build(self, model: LawModel, proposals: Sequence[Proposal]) -> LawModel:
         self.built += 1
@@ -366,8 +364,7 @@ def test_what_a_contender_is_worth() -> None:
 
 def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder, before, found = one_more(costs={"gear": 2.0})
-    names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
-    builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
+    builder.amplitudes = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
     assert Competition(builder, before).contender(GEAR, found).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
     model = replace(found.model, free_parameters=(*found.model.free_parameters, further))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.selection import pre_check as checking
 from fmu_didim.discovery.selection.candidates import Contender
@@ -43,8 +43,8 @@ class Builder(Catalogue):
         self.left, self.refused = left or {}, refused
         self.proposed: list[Proposal] = []
 
-    def can_add(self, effect_at: EffectAtJoint) -> bool:
-        return effect_at.joint not in self.refused
+    def at(self, effect_at: EffectAtJoint) -> Any:
+        return SimpleNamespace(can_be_added=effect_at.joint not in self.refused, cost=1.0, amplitudes=(), shapes=())
 
     def build(self, model: TableModel, proposals: Sequence[Proposal]) -> Any:
         (proposal,) = proposals

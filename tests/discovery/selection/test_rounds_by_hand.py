@@ -384,7 +384,7 @@ def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tu
         asked.append(candidate)
         return iter(["one", "two"])
 
-    builder = SimpleNamespace(parameters_of=lambda at: (("F",), shapes))
+    builder = SimpleNamespace(at=lambda effect_at: SimpleNamespace(shapes=shapes))
     competition = SimpleNamespace(builder=builder, with_shapes_held=held)
     wanted, other = (
         Screened(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others) for n in ("b", "a")
