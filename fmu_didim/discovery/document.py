@@ -113,7 +113,7 @@ def findings_document(
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
     """What became of each candidate, round by round."""
-    last = {t.effect_at: number for number, contest in enumerate(discovery.tried, start=1) for t in contest}
+    last = {t.effect_at: number for number, comparison in enumerate(discovery.tried, start=1) for t in comparison}
     added = {step.effect_at for step in discovery.steps}
     return [
         CandidateResult(
@@ -121,8 +121,8 @@ def _candidates(discovery: Discovery) -> list[CandidateResult]:
             delta_bic=t.delta_bic, share_of_gap=t.share, parameters=t.cost, implausible=t.implausible,
             accepted=t.effect_at in added and last[t.effect_at] == number,  # afterwards it is no candidate any more
         )
-        for number, contest in enumerate(discovery.tried, start=1)
-        for t in contest
+        for number, comparison in enumerate(discovery.tried, start=1)
+        for t in comparison
     ]  # fmt: skip
 
 

@@ -22,7 +22,7 @@ def seconds_left(done: int, count: int, elapsed: float) -> float:
 
 
 @dataclass(frozen=True)
-class Watch:
+class Progress:
     """Progress of a search and the time that it has.
 
     Attributes:
@@ -37,20 +37,20 @@ class Watch:
     now: Callable[[], float] = clock.perf_counter
 
     @staticmethod
-    def limited(say: Say, limit_s: float | None) -> Watch:
-        """A watch whose time begins now.
+    def limited(say: Say, limit_s: float | None) -> Progress:
+        """Progress whose time starts now.
 
         Raises:
             InputError: the limit is no positive number.
         """
         if limit_s is None:
-            return Watch(say)
+            return Progress(say)
         if not limit_s > 0:
             raise InputError("The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s")
-        return Watch(say, limit_s, clock.perf_counter() + limit_s)
+        return Progress(say, limit_s, clock.perf_counter() + limit_s)
 
     @property
-    def is_over(self) -> bool:
+    def is_time_up(self) -> bool:
         """Whether the time is up: nothing new is begun then."""
         return self.now() >= self.ends
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.imports import without_folder
 from fmu_didim.checks.judgement import diagnostic_result, judgement
-from fmu_didim.discovery.selection.candidates import Outcome, Tried
+from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
@@ -79,7 +79,7 @@ def _listed(untried: list[EffectAtJoint]) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
-def _leader(tried: tuple[Tried, ...]) -> str:
+def _leader(tried: tuple[TriedCandidate, ...]) -> str:
     """The best of those that were fitted, which is none of the findings."""
     fitted = [(t.delta_bic, t.effect_at) for t in tried if t.outcome is Outcome.FITTED and t.delta_bic is not None]
     if not fitted:

@@ -1,4 +1,4 @@
-"""Fits, contenders and builders by hand: their torques are tables, nothing is simulated."""
+"""Fits, candidates and builders by hand: their torques are tables, nothing is simulated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
@@ -93,16 +93,16 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
     return fit_of(TableModel(residual(*mean_squares), held_out or {}, **more))
 
 
-def contender_of(
+def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     torque_change: float = 3.0, cost: float = 1.0, fit: Fit | None = None,
-) -> Contender:  # fmt: skip
-    """A contender that is accepted as it stands."""
+) -> FittedCandidate:  # fmt: skip
+    """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return Contender(at, fit, bic, size, share, torque_change, cost)
+    return FittedCandidate(at, fit, bic, size, share, torque_change, cost)
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:

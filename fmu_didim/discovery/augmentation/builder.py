@@ -15,7 +15,7 @@ import numpy as np
 from fmu_didim.discovery.augmentation.black_box import subdivision
 from fmu_didim.discovery.augmentation.places import BaseLoop, InWiring, PlacedEffect, Proposal, placed
 from fmu_didim.discovery.augmentation.plants import Plants, described
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import PLANT
@@ -94,15 +94,17 @@ class LoopModelBuilder:
         )
         return self._with_effects(replace(model, free_parameters=free_parameters), added_effects)
 
-    def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], *, watch: Watch, workers: int) -> None:
+    def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], *, progress: Progress, workers: int) -> None:
         """Compile all that models with these effects need, plants side by side, as far as the time allows.
 
         CasADi expressions must not be built by several threads at once: models that are built in threads are prepared
         first.
         """
-        self._plants.compile([self._at_all(added_effects) for added_effects in wanted], watch=watch, workers=workers)
+        self._plants.compile(
+            [self._at_all(added_effects) for added_effects in wanted], progress=progress, workers=workers
+        )
         for added_effects in wanted:
-            if not watch.is_over:
+            if not progress.is_time_up:
                 self._with_effects(self.base, tuple(added_effects))
 
     def _at_all(self, added_effects: Sequence[EffectAtJoint]) -> list[PlacedEffect]:

@@ -9,7 +9,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.discovery.augmentation.places import BaseLoop, PlacedEffect
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.loop_description import EffectAtJoint
@@ -36,14 +36,14 @@ class Plants:
             self._compiled[_key(added)] = self._compile(self._block(added))
         return self._compiled[_key(added)]
 
-    def compile(self, wanted: Sequence[Sequence[PlacedEffect]], *, watch: Watch, workers: int) -> None:
+    def compile(self, wanted: Sequence[Sequence[PlacedEffect]], *, progress: Progress, workers: int) -> None:
         """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
         missing = {_key(added): added for added in map(_in_equations, wanted) if _key(added) not in self._compiled}
         blocks = {key: self._block(added) for key, added in missing.items()}
-        report = watch.counted("compiling plant", len(blocks))
+        report = progress.counted("compiling plant", len(blocks))
 
         def compile_one(key: tuple[EffectAtJoint, ...], block: Block) -> None:
-            if not watch.is_over:
+            if not progress.is_time_up:
                 self._compiled[key] = self._compile(block)
                 report("")
 

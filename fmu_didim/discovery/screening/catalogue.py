@@ -13,7 +13,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Variable
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InBlackBox, Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
@@ -95,7 +95,12 @@ class SignatureCatalogue:
     """
 
     def __init__(
-        self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint], watch: Watch | None = None
+        self,
+        builder: LoopModelBuilder,
+        fit: Fit,
+        *,
+        candidates: Sequence[EffectAtJoint],
+        progress: Progress | None = None,
     ) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
@@ -104,16 +109,16 @@ class SignatureCatalogue:
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
-        watch, left = watch or Watch(), list[EffectAtJoint]()
+        progress, left = progress or Progress(), list[EffectAtJoint]()
         simulated = [c for c in candidates if c not in derived and not isinstance(builder.effect(c), TorqueEffect)]
         builder.prepare(
             [(*fit.model.added_effects, c) for c in simulated if builder.at(c).can_be_added],
-            watch=watch, workers=fit.model.workers,
+            progress=progress, workers=fit.model.workers,
         )  # fmt: skip
-        told, workers = watch.counted("signatures of candidate", len(candidates)), fit.model.workers
+        told, workers = progress.counted("signatures of candidate", len(candidates)), fit.model.workers
         for first in range(0, len(candidates), ABREAST):
             together = candidates[first : first + ABREAST]
-            if watch.is_over:
+            if progress.is_time_up:
                 left += together
                 continue
             apart = [

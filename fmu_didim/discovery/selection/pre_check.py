@@ -10,8 +10,8 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
-from fmu_didim.discovery.progress import Watch
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
 from fmu_didim.dynamics.effects import PreCheck
@@ -30,7 +30,7 @@ WORSE = 1.02
 the base parameters, which are fitted along."""
 
 
-def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Watch) -> tuple[Fit, list[Step]]:
+def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
     """The base model with the effects that are found before all others, and one step for each of them.
 
     Values at the upper quantiles of the measured torque of each joint are tried in full simulations.
@@ -39,8 +39,8 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Wat
     for name, effect in builder.effects.items():
         if effect.pre_check is None or name in options.forbid:
             continue
-        watch.say(f"pre-check: {effect.class_name}")
-        found = _checked(name, effect.pre_check, Competition(builder, fit), options, watch)
+        progress.say(f"pre-check: {effect.class_name}")
+        found = _checked(name, effect.pre_check, Competition(builder, fit), options, progress)
         if found is not None:
             step, fit = found
             steps.append(step)
@@ -48,7 +48,7 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Wat
 
 
 def _checked(
-    name: str, check: PreCheck, competition: Competition, options: Options, watch: Watch
+    name: str, check: PreCheck, competition: Competition, options: Options, progress: Progress
 ) -> tuple[Step, Fit] | None:
     """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
     fit = competition.fit
@@ -56,13 +56,13 @@ def _checked(
     cost = float(np.sum((fit.residual * fit.noise.weight) ** 2))
     if not tried or tried[0][0] > PROMISING * cost:
         return None
-    found: list[Contender] = []
+    found: list[FittedCandidate] = []
     for effect_at in dict.fromkeys(a for _, a, _ in tried[:FITTED]):
         value = next(v for _, a, v in tried if a == effect_at)
         start = {check.parameter: value}
         fitted = competition.refit(Proposal(effect_at, start, start))
         if fitted is not None:
-            found.append(competition.contender(effect_at, fitted))
+            found.append(competition.assess(effect_at, fitted))
     if not found:
         return None
     found.sort(key=lambda c: -c.delta_bic)
@@ -76,7 +76,7 @@ def _checked(
         )
     if reason:
         return None
-    watch.say(f"added: {name} on joint {best.effect_at.joint}")
+    progress.say(f"added: {name} on joint {best.effect_at.joint}")
     return replace(step_of(best, found, competition, options), remark=remark), best.fit
 
 
@@ -104,7 +104,7 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
     return sorted(trials, key=lambda t: t[0])
 
 
-def _held_out_tells(candidate: Contender, competition: Competition, options: Options) -> bool:
+def _held_out_tells(candidate: FittedCandidate, competition: Competition, options: Options) -> bool:
     """Whether the held-out experiment reaches the value, so that it would be seen there, or speaks against it."""
     change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
     if change >= options.smallest_size:

@@ -10,7 +10,7 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation import plants
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.helpers import arm_case
 
@@ -33,9 +33,9 @@ def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]
     made, compiled = builder
     said: list[str] = []
     wanted = [[GEAR], [SPRING], [GEAR], [LAG], [CLOCK], [LAG, SPRING]]
-    made.prepare(wanted, watch=Watch(said.append), workers=2)
+    made.prepare(wanted, progress=Progress(said.append), workers=2)
     assert len(compiled) == 2
-    made.prepare([[SPRING]], watch=Watch(), workers=2)
+    made.prepare([[SPRING]], progress=Progress(), workers=2)
     model = made.build(made.base, [Proposal(SPRING, {})])
     assert len(compiled) == 2
     assert model.added_effects == (SPRING,)
@@ -46,7 +46,7 @@ def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]
 def test_nothing_is_compiled_when_the_time_is_up(builder: tuple[LoopModelBuilder, list[Any]]) -> None:
     """A plant that is asked for all the same is still there."""
     made, compiled = builder
-    made.prepare([[GEAR], [SPRING]], watch=Watch(ends=0.0), workers=1)
+    made.prepare([[GEAR], [SPRING]], progress=Progress(ends=0.0), workers=1)
     assert compiled == []
     made.build(made.base, [Proposal(SPRING, {})])
     assert len(compiled) == 1
