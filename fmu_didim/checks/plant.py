@@ -48,7 +48,7 @@ UNSEEN = (LOG, EXTERNAL_TORQUE)
 """Owners of parameters that change no signal of the loop, or not in its first part."""
 
 
-def check_acting(model: LoopModel) -> None:
+def check_parameter_influence(model: LoopModel) -> None:
     """Simulate with each parameter changed: one that changes nothing at all cannot be identified.
 
     Needs one short simulation a parameter, and for the regressor measured on the plant one short simulation.
@@ -138,15 +138,15 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
             if signal not in first.applied or f"{name}{j}" not in reference.names:
                 continue
             column = reference.select([f"{name}{j}"])
-            here, there = float(first.applied[signal][0]), float(column[0, 0])
+            at_start, wanted = float(first.applied[signal][0]), float(column[0, 0])
             bound = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL)
-            if abs(here - there) > bound:
-                text = f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}."
+            if abs(at_start - wanted) > bound:
+                text = f"The plant starts at {name}{j} = {at_start:.4g} while the reference starts at {wanted:.4g}."
                 step = (
                     f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or begin "
                     "the reference where the plant stands."
                 )
                 found.append(
-                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(here - there), bound, next_step=step)
+                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(at_start - wanted), bound, next_step=step)
                 )
     return found

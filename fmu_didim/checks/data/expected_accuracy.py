@@ -52,7 +52,7 @@ RESONANCE = CATALOGUE(
 
 
 @dataclass(frozen=True)
-class Prospect:
+class ExpectedAccuracy:
     """What is predicted of the parameters.
 
     Attributes:
@@ -73,7 +73,7 @@ class Prospect:
         return tuple(name for name, is_small in zip(self.names, small, strict=True) if is_small)
 
 
-def look_ahead(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], Prospect | None]:
+def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], ExpectedAccuracy | None]:
     """Parameters that the data cannot tell apart, and what is predicted of them all, from a start with this torque
     (N, n); None where nothing can be.
 
@@ -91,7 +91,7 @@ def look_ahead(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[st
     return confounded(white, values, model.names, torque=size), predicted(model, values, white)
 
 
-def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | None:
+def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccuracy | None:
     """What the whitened sensitivity (r, p) at values (p,) predicts; None where it is singular."""
     if not np.abs(columns).any(axis=0).all():
         return None
@@ -106,10 +106,10 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | Non
     partner = tuple(
         (model.names[k], float(related[i, k])) if related[i, k] > CORRELATED else ("", 0.0) for i, k in enumerate(most)
     )
-    return Prospect(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
+    return ExpectedAccuracy(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
 
 
-def prospect_diagnostics(found: Prospect) -> list[Diagnostic]:
+def accuracy_diagnostics(found: ExpectedAccuracy) -> list[Diagnostic]:
     """Parameters that will not be significant."""
     names = found.insignificant
     if not names:

@@ -260,15 +260,15 @@ def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
         return
     spread = float(np.ptp(np.percentile(values, QUANTILES)))
     rests = [signal - medfilt(signal, NEIGHBOURS) for signal in (values, values - best[:, j])]
-    apart = np.min(np.abs(rests), axis=0)
+    deviation = np.min(np.abs(rests), axis=0)
     if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
         simulated = given.nominal[:, j]
         swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
-        apart = np.maximum(apart - maximum_filter1d(swings, NEIGHBOURS), 0.0)
-    spikes = np.flatnonzero(apart > SPIKE * spread)
+        deviation = np.maximum(deviation - maximum_filter1d(swings, NEIGHBOURS), 0.0)
+    spikes = np.flatnonzero(deviation > SPIKE * spread)
     if 0 < spikes.size <= MOST_SPIKES * values.size:
         text = (
-            f"{spikes.size} of {values.size} samples leave their neighbours by up to {apart.max():.4g}, where nine "
+            f"{spikes.size} of {values.size} samples leave their neighbours by up to {deviation.max():.4g}, where nine "
             f"tenths of the log lie within {spread:.4g}."
         )
-        yield Diagnostic(LOG_OUTLIERS, text, place, float(apart.max()), SPIKE * spread)
+        yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), SPIKE * spread)

@@ -76,7 +76,7 @@ TORQUE_UNIT = CATALOGUE(
 )  # fmt: skip
 
 
-def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
+def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
     """What the comparison of a log with its expected torque shows, in one experiment.
 
     Args:
@@ -86,7 +86,7 @@ def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diag
     if foreign or given.nominal is None:
         return foreign
     found = _order(given.measured, given.nominal, label)
-    correlation, ratio = relation(given.measured, given.nominal)
+    correlation, ratio = correlation_and_ratio(given.measured, given.nominal)
     for j in np.flatnonzero(correlation < AGAINST):
         found.append(
             Diagnostic(
@@ -97,7 +97,7 @@ def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diag
     return found or _scale(correlation, ratio, gains, label)
 
 
-def relation(measured: Array, expected: Array) -> tuple[Array, Array]:
+def correlation_and_ratio(measured: Array, expected: Array) -> tuple[Array, Array]:
     """(n,) correlation of each measured torque with the one that is expected, and their ratio; 0 where one is none."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.sum(measured * expected, axis=0) / np.sum(expected**2, axis=0)

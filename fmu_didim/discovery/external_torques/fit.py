@@ -178,8 +178,8 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     )
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
-        acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
+        pushed = model.pushed(label, external_torques).with_free(further)
+        free = minimise(pushed, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(FURTHER_STEPS, updates=UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)

@@ -50,8 +50,8 @@ STIFFNESS_TRIALS = (0.35, 0.5, 0.65, 0.8)
 """[1] More of them for a stiffness, with which the loop resonates."""
 LINEAR_TRIAL = 0.75
 """[1] Place simulated on a range that is not logarithmic."""
-APART = 1e-9
-"""[SI] A trial this near to the neutral value is none."""
+SMALLEST_DIFFERENCE = 1e-9
+"""[SI] A trial this near to the neutral value is left out."""
 SAME_SHAPE = 12
 """[decimal places] In which shapes that are the same agree."""
 
@@ -104,7 +104,7 @@ class SignatureCatalogue:
     ) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
-        self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
+        self._motions = [_ExperimentMotion.of(builder, fit, label) for label in fit.model.estimation_labels]
         torque, rows = fit.torque, fit.model.rows
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
@@ -115,26 +115,26 @@ class SignatureCatalogue:
             [(*fit.model.added_effects, c) for c in simulated if builder.at(c).can_be_added],
             progress=progress, workers=fit.model.workers,
         )  # fmt: skip
-        told, workers = progress.counted("signatures of candidate", len(candidates)), fit.model.workers
+        report, workers = progress.counted("signatures of candidate", len(candidates)), fit.model.workers
         for first in range(0, len(candidates), ABREAST):
             together = candidates[first : first + ABREAST]
             if progress.is_time_up:
                 left += together
                 continue
-            apart = [
+            in_balance = [
                 c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
             ]
-            made = side_by_side([partial(self._made, c) for c in apart], workers)
-            found = derived | dict(zip(apart, made, strict=True))
+            made = side_by_side([partial(self._signatures_of, c) for c in in_balance], workers)
+            found = derived | dict(zip(in_balance, made, strict=True))
             for effect_at in together:
-                self._signatures += found[effect_at] if effect_at in found else self._made(effect_at)
-                told("")
+                self._signatures += found[effect_at] if effect_at in found else self._signatures_of(effect_at)
+                report("")
         self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
 
-    def _made(self, effect_at: EffectAtJoint) -> list[Signature]:
+    def _signatures_of(self, effect_at: EffectAtJoint) -> list[Signature]:
         return list(self._make(effect_at))
 
     def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
@@ -145,7 +145,7 @@ class SignatureCatalogue:
             yield self._of_the_plant(effect_at)
         elif not isinstance(effect, TorqueEffect):
             yield from self._by_simulation(effect_at, effect)
-        elif self._along[0].motion is not None:
+        elif self._motions[0].motion is not None:
             yield from self._by_regressor(effect_at, effect)
 
     def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
@@ -161,14 +161,14 @@ class SignatureCatalogue:
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
-                columns = [along.columns(made, shapes) for along in self._along]
+                columns = [motion.columns(made, shapes) for motion in self._motions]
                 if 0 < max(float(np.abs(c).max()) for c in columns) < LARGEST_COLUMN:
                     kept.append(shapes)
                     loads.append(columns)
             if kept:
                 answers = [
-                    np.split(along.response.at_samples(np.concatenate(own, axis=2)), len(kept), axis=2)
-                    for along, own in zip(self._along, zip(*loads, strict=True), strict=True)
+                    np.split(motion.response.at_samples(np.concatenate(own, axis=2)), len(kept), axis=2)
+                    for motion, own in zip(self._motions, zip(*loads, strict=True), strict=True)
                 ]
                 for shapes, answer in zip(kept, zip(*answers, strict=True), strict=True):
                     yield Signature(effect_at, shapes, names, np.concatenate(answer), {})
@@ -247,23 +247,23 @@ class SignatureCatalogue:
             for effect_at in smooth
         }
         for place in range(max(len(tried) for tried in shapes.values())):
-            here = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
-            columns = self._derivatives(here)
+            shapes_at = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
+            columns = self._derivatives(shapes_at)
             if columns is None:
                 return {}
             for effect_at, (names, table) in columns.items():
                 neutral = self.builder.effect(effect_at).neutral
-                found[effect_at].append(Signature(effect_at, here[effect_at], names, table, neutral))
+                found[effect_at].append(Signature(effect_at, shapes_at[effect_at], names, table, neutral))
         return found
 
     def _derivatives(
-        self, here: Mapping[EffectAtJoint, Mapping[str, float]]
+        self, shapes_at: Mapping[EffectAtJoint, Mapping[str, float]]
     ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:
         """Names of the parameters of each effect and the derivatives (N, n, m) by them, at these shapes."""
-        proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in here.items()]
+        proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in shapes_at.items()]
         model = self.builder.build(self.fit.model, proposals)
         first = len(self.fit.model.free_parameters)
-        own: dict[EffectAtJoint, list[int]] = {effect_at: [] for effect_at in here}
+        own: dict[EffectAtJoint, list[int]] = {effect_at: [] for effect_at in shapes_at}
         for i, parameter in enumerate(model.free_parameters[first:], start=first):
             if parameter.effect is not None and not parameter.is_shape:
                 own[model.added_effects[parameter.effect]].append(i)
@@ -299,7 +299,7 @@ class SignatureCatalogue:
 
 
 @dataclass(frozen=True)
-class _Along:
+class _ExperimentMotion:
     """An experiment with its simulated motion and the answer of the loop to loads.
 
     Attributes:
@@ -311,9 +311,9 @@ class _Along:
     thinned: Motion | None
 
     @staticmethod
-    def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
+    def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _ExperimentMotion:
         response, motion = load_response(fit, label), simulated_motion(fit.simulation(label), builder.description)
-        return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
+        return _ExperimentMotion(response, motion, None if motion is None else _at(motion, response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
         """(K, n, m) of an effect at the ticks of the response."""
@@ -347,8 +347,8 @@ def _trials(variable: Variable, search: Search, size: float, neutral: float) -> 
         values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
     else:
         values = [search.lowest + LINEAR_TRIAL * (search.highest - search.lowest)]
-    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > APART]
-    return apart or [search.highest]
+    different = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > SMALLEST_DIFFERENCE]
+    return different or [search.highest]
 
 
 def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:

@@ -56,8 +56,8 @@ def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:
     scale = np.where(inverse, 1 / np.where(inverse, values, 1.0) ** 2, 1.0)
     covariance = covariance * np.outer(scale, scale)
     off = np.where(inverse, values * scale, values - np.where(inverse, 0.0, neutral))
-    acting = np.diag(covariance) > 0
-    if not acting.any():
+    free = np.diag(covariance) > 0
+    if not free.any():
         return 0.0
-    part = covariance[np.ix_(acting, acting)]
-    return float(stats.chi2.sf(off[acting] @ np.linalg.pinv(part, hermitian=True) @ off[acting], int(acting.sum())))
+    part = covariance[np.ix_(free, free)]
+    return float(stats.chi2.sf(off[free] @ np.linalg.pinv(part, hermitian=True) @ off[free], int(free.sum())))
