@@ -1,4 +1,4 @@
-"""Whether what a model leaves of the torque still depends on the motion: then it is no noise, whatever its size.
+"""Whether what a model leaves of the torque still depends on the motion: then it is not noise, whatever its size.
 
 The residual r of a joint is regressed on its sensitivities S, which the fit has used up, and on functions F of the
 simulated motion that the model does not have:
@@ -57,16 +57,16 @@ CREEPING = 0.005
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
-    meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
-    "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
+    meaning="The residual torque depends on the motion, which noise does not: some physics, the controller's gains or "
+    "the clock of the log differ from the model. The identified values absorb a part of it.",
     next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
 UNTESTED = CATALOGUE(
     "motion-untested", DOUBT, rank=62,
-    meaning="There are too few samples to tell whether what the model leaves of the measured torque follows the "
-    "motion: that physics is missing, or the clock or the controller is not as stated, would not be seen.",
-    next_step="Measure for longer or log at a higher rate; with low_pass, let more of the band through.",
+    meaning="There are too few samples to test whether the residual torque depends on the motion: missing physics, a "
+    "wrong clock or a wrong controller would go unnoticed.",
+    next_step="Measure for longer or log at a higher rate; with low_pass, raise its cut-off frequency.",
 )  # fmt: skip
 
 TORQUE_RATE = "rate of the torque"

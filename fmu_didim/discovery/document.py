@@ -44,7 +44,7 @@ Residuals = dict[str, tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is known of a discovery beside what was found.
+    """What is known of a discovery apart from its findings.
 
     Attributes:
         name: of the case; case: its file, for the commands that reasons name; limit_s: time that the search had.

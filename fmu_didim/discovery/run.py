@@ -35,26 +35,27 @@ from fmu_didim.results.findings import FindingResult, FindingsDocument, WindowRe
 
 FIRST_S = 0.25
 """[s] Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in
-their play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for
+their play, friction's deflection, the loop before the first sample). If nothing is found, gears are looked for
 with it."""
 OF_THE_DATA = 16
 """[rank] Diagnostics of the data before this rank hold whatever the model is; a torque that is limited, pushes, a
 clock or a delay, which come after, are what discovery itself names."""
 
 NO_HELD_OUT = (
-    "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
+    "There is no validation experiment: the test on held-out data was left out, and the information criterion alone "
+    "decided."
 )
 NO_MOTION = (
-    "The plant does not tell {0}: effects in its torque balance were left out, but for those whose parameters it has. "
+    "The plant has no output {0}: effects in its torque balance were left out, except those whose parameters it has. "
     "Map its velocity (plant: {{outputs: {{dq1: name in the plant}}}}) to have them tried."
 )
 INTEGRATED = (
-    "The plant does not tell {0}: it was taken from the integral of the velocity, from where the reference begins or "
-    "from zero. What depends on the position is therefore known but for where zero is."
+    "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
+    "from zero. What depends on the position is therefore known up to its zero."
 )
 UNFILTERED = (
-    "The low_pass of the case was left out: effects show above its cut-off, too, and the noise that they are compared "
-    "with is that of the log as it is."
+    "The low_pass of the case was not applied: effects show above its cut-off as well, and they are compared with "
+    "the noise of the unfiltered log."
 )
 
 Keep = Callable[[FindingsDocument], None]
@@ -63,7 +64,7 @@ Keep = Callable[[FindingsDocument], None]
 
 @dataclass(frozen=True)
 class Found:
-    """What :func:`discover` returns.
+    """The answer of :func:`discover`.
 
     Attributes:
         document: the content of ``findings.json``.
@@ -248,10 +249,10 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
 
 
 def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
-    """A second look at data in which nothing was found, with their beginning.
+    """A second search with the start of the data, if nothing was found without it.
 
-    Only gears can be recognised there: they start in the middle of their play and without load, while anything else
-    that differs at the beginning may as well be the state in which the machine started.
+    Only gears can be recognised there: they start in the middle of their play and without load. Anything else that
+    differs at the start may be due to the unknown initial state.
     """
     unseen = ended_before(found.document, request.progress.limit_s, f"gears in the first {FIRST_S:g} s of the data")
     if request.progress.is_time_up:
@@ -291,7 +292,7 @@ def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
 
 
 def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
-    """What discovery makes of a black box that does not tell its whole motion."""
+    """How discovery treats a black box without outputs for its whole motion."""
     if builder.description is not None:
         return ()
     given = {v.name for v in builder.base.plant.outputs}

@@ -1,4 +1,4 @@
-"""What a search says of its progress, with a clock by hand."""
+"""What a search reports of its progress, with a clock by hand."""
 
 from __future__ import annotations
 

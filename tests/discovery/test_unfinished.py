@@ -69,7 +69,7 @@ def test_what_was_not_looked_for_at_the_end_makes_it_unfinished() -> None:
     assert (found.verdict, [reason.code for reason in found.reasons]) == ("not_settled", ["search-cut"])
     assert found.unfinished.text == "The time limit of 5 s ended the search before gears were looked for."  # type: ignore[union-attr]
     again = ended_before(found, 5.0, "pushes")
-    assert again.unfinished.text.endswith("before gears were looked for. Nor were pushes looked for.")  # type: ignore[union-attr]
+    assert again.unfinished.text.endswith("before gears were looked for. Pushes were not looked for either.")  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])

@@ -1,4 +1,4 @@
-"""All that can be said of the data of a loop model before any fit."""
+"""Checks of the data of a loop model before any fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SUBSTEPS = 4
 
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
+    """What is wrong or doubtful with the data of a model, the most important first; empty if nothing is wrong.
 
     Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
     factor of three.
@@ -88,7 +88,7 @@ def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnost
 
 
 def drive_gains(model: LoopModel) -> Array:
-    """(n,) gain from the command to the logged torque of each joint; 1 where there is none."""
+    """(n,) gain from the command to the logged torque of each joint; 1 without one."""
     connections = model.systems[model.first].connections
     own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
     return np.array([own.get(target, 1.0) for target in model.logged])

@@ -26,7 +26,7 @@ from fmu_didim.model.parameters import RobotParameters
 LARGEST_LENGTH = 20.0
 """[m] Of a link, beyond which millimetres are suspected: no machine with joints has it."""
 LEAST_SCALE = 0.05
-"""[1] Relative change of a scale or a length from which it is told."""
+"""[1] Relative change of a scale or a length from which it is reported."""
 LARGEST_SCALE = 4.0
 """[1] Up to which a scale is looked for, up and down."""
 LARGEST_CHANGE = 0.6
@@ -36,7 +36,7 @@ SHORT_LINK = 0.2
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
-    meaning="A link is longer than any machine's: its length seems to be in millimetres.",
+    meaning="A link is longer than that of any robot: its length seems to be in millimetres.",
     next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 LINK_LENGTH = CATALOGUE(
@@ -46,7 +46,7 @@ LINK_LENGTH = CATALOGUE(
 )  # fmt: skip
 TORQUE_SCALE = CATALOGUE(
     "torque-scale", DOUBT, rank=22,
-    meaning="The torques of the joints do not fit each other: coupling and gravity say that one of them is scaled.",
+    meaning="The torques of the joints do not fit each other: coupling and gravity show that one of them is scaled.",
     next_step="Check gain, gear ratio and unit of the torque of each joint.",
 )  # fmt: skip
 DISTANCES = ("a", "d")

@@ -52,7 +52,7 @@ COMMAND_DELAY = CATALOGUE(
 )  # fmt: skip
 SAMPLING_KIND = CATALOGUE(
     "sampling-kind", DOUBT, rank=20,
-    meaning="The log seems to show averages where the case says points, or the other way round.",
+    meaning="The log seems to show averages where the case says points, or vice versa.",
     next_step="Find out how the logger samples; give torque: {sampling: ..., window: ...}.",
 )  # fmt: skip
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.discovery.augmentation.black_box import subdivision
-from fmu_didim.discovery.augmentation.places import BaseLoop, InWiring, PlacedEffect, Proposal, placed
+from fmu_didim.discovery.augmentation.places import BaseLoop, InWiring, LoopEffect, Proposal, placed
 from fmu_didim.discovery.augmentation.plants import Plants, described
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
@@ -46,7 +46,7 @@ class LoopModelBuilder:
         self._placed = {a: placed(a, effects[a.effect], self.loop) for a in places}
         self._plants = Plants(self.loop)
 
-    def at(self, effect_at: EffectAtJoint) -> PlacedEffect:
+    def at(self, effect_at: EffectAtJoint) -> LoopEffect:
         """An effect at a joint, in the place where it acts."""
         return self._placed[effect_at]
 
@@ -107,7 +107,7 @@ class LoopModelBuilder:
             if not progress.is_time_up:
                 self._with_effects(self.base, tuple(added_effects))
 
-    def _at_all(self, added_effects: Sequence[EffectAtJoint]) -> list[PlacedEffect]:
+    def _at_all(self, added_effects: Sequence[EffectAtJoint]) -> list[LoopEffect]:
         return [self.at(effect_at) for effect_at in added_effects]
 
     def _with_effects(self, model: LoopModel, added_effects: tuple[EffectAtJoint, ...]) -> LoopModel:

@@ -91,7 +91,7 @@ class BaseLoop:
 
 
 @dataclass(frozen=True)
-class PlacedEffect(ABC):
+class LoopEffect(ABC):
     """An effect at a joint of a loop, in the place where it acts.
 
     Class attributes:
@@ -202,7 +202,7 @@ class PlacedEffect(ABC):
         return shape_limits(self.search[name], name in self.effect.signed) if is_shape else (-np.inf, np.inf)
 
 
-class InEquations(PlacedEffect):
+class InEquations(LoopEffect):
     """A term in the torque balance of the plant, or another structure of it."""
 
     owner = PLANT
@@ -213,7 +213,7 @@ class InEquations(PlacedEffect):
         return self.loop.description is not None
 
 
-class InBlackBox(PlacedEffect):
+class InBlackBox(LoopEffect):
     """A term that a black-box plant has already, with parameters of the same names, none of which is identified."""
 
     owner = PLANT
@@ -225,7 +225,7 @@ class InBlackBox(PlacedEffect):
         return {n: s for n, s in super().search.items() if joint_parameter(n, joint, is_shape=True) in offered}
 
 
-class InLog(PlacedEffect):
+class InLog(LoopEffect):
     """A change of the torque log as a whole; the loop stays as it is."""
 
     owner = LOG
@@ -237,7 +237,7 @@ class InLog(PlacedEffect):
         return name, name
 
 
-class InWiring(PlacedEffect):
+class InWiring(LoopEffect):
     """A component between the others: in the drive of a joint or in its encoder."""
 
     @property
@@ -292,7 +292,7 @@ class BeforePlant(InWiring):
         return splice_part(system, self.part, joint, self.joint_type, starts=starts, plant=model.plant_name)
 
 
-PLACES: Mapping[Place, type[PlacedEffect]] = {
+PLACES: Mapping[Place, type[LoopEffect]] = {
     "torque balance": InEquations,
     "structure": InEquations,
     "drive": InWiring,
@@ -301,7 +301,7 @@ PLACES: Mapping[Place, type[PlacedEffect]] = {
 }
 
 
-def placed(effect_at: EffectAtJoint, effect: Effect, loop: BaseLoop) -> PlacedEffect:
+def placed(effect_at: EffectAtJoint, effect: Effect, loop: BaseLoop) -> LoopEffect:
     """An effect in the place where it acts in a loop."""
     kind = PLACES[effect.place]
     if loop.description is None and isinstance(effect, TorqueEffect):

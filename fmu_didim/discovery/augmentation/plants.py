@@ -8,7 +8,7 @@ from functools import partial
 from fmu_didim.base.errors import InputError
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
-from fmu_didim.discovery.augmentation.places import BaseLoop, PlacedEffect
+from fmu_didim.discovery.augmentation.places import BaseLoop, LoopEffect
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
@@ -25,7 +25,7 @@ class Plants:
         self._substeps = getattr(plant, "substeps", None) or getattr(plant, "options", {}).get("substeps")
         self._compiled: dict[tuple[EffectAtJoint, ...], Component] = {(): plant}
 
-    def plant(self, added: Sequence[PlacedEffect]) -> Component:
+    def plant(self, added: Sequence[LoopEffect]) -> Component:
         """The plant with those of these effects that change its equations.
 
         Raises:
@@ -36,7 +36,7 @@ class Plants:
             self._compiled[_key(added)] = self._compile(self._block(added))
         return self._compiled[_key(added)]
 
-    def compile(self, wanted: Sequence[Sequence[PlacedEffect]], *, progress: Progress, workers: int) -> None:
+    def compile(self, wanted: Sequence[Sequence[LoopEffect]], *, progress: Progress, workers: int) -> None:
         """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
         missing = {_key(added): added for added in map(_in_equations, wanted) if _key(added) not in self._compiled}
         blocks = {key: self._block(added) for key, added in missing.items()}
@@ -49,7 +49,7 @@ class Plants:
 
         side_by_side([partial(compile_one, key, block) for key, block in blocks.items()], workers)
 
-    def _block(self, added: Sequence[PlacedEffect]) -> Block:
+    def _block(self, added: Sequence[LoopEffect]) -> Block:
         if self.loop.description is None:
             raise InputError("This plant has no robot description, so its torque balance cannot get further effects.")
         return RobotModel(described(self.loop.description, added)).block()
@@ -59,16 +59,16 @@ class Plants:
         return component if not self._substeps else component.with_substeps(int(self._substeps))
 
 
-def described(robot: RobotDescription, added: Sequence[PlacedEffect]) -> RobotDescription:
+def described(robot: RobotDescription, added: Sequence[LoopEffect]) -> RobotDescription:
     """A robot description with effects, wherever they act."""
     for one in added:
         robot = one.described(robot)
     return robot
 
 
-def _in_equations(added: Sequence[PlacedEffect]) -> tuple[PlacedEffect, ...]:
+def _in_equations(added: Sequence[LoopEffect]) -> tuple[LoopEffect, ...]:
     return tuple(one for one in added if one.changes_equations)
 
 
-def _key(added: Sequence[PlacedEffect]) -> tuple[EffectAtJoint, ...]:
+def _key(added: Sequence[LoopEffect]) -> tuple[EffectAtJoint, ...]:
     return tuple(one.effect_at for one in added)

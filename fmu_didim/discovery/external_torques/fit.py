@@ -144,7 +144,7 @@ def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
 
 
 def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
-    """Whether most of the time is pushed, or most of that in external torques of which no end or no begin is seen."""
+    """Whether most of the time is pushed, or most of that in external torques without a visible start or end."""
     lengths = np.array([p.end_s - p.begin_s for p in external_torques])
     bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
     long = lengths.sum() > LONGEST * (time[-1] - time[0])

@@ -238,7 +238,7 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
             external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
-        # A staircase, or an external torque that outlasts the data: what little is left at its end is none.
+        # A staircase, or an external torque that outlasts the data: what little is left at its end is not counted.
         level += float(sizes[i])
         if abs(level) < UNPAIRED * np.abs(sizes).max():
             level = 0.0

@@ -32,7 +32,7 @@ from fmu_didim.model.loop_description import EffectAtJoint
 
 @dataclass(frozen=True)
 class PairSeparation:
-    """How well one member can be told from another if it is the truth.
+    """How well one member can be distinguished from another if it is the truth.
 
     Attributes:
         truth, rival: the members.
@@ -58,7 +58,7 @@ class SplittingExperiment:
         description: what to do, what it will tell, and what it cannot.
         reference: the motion, one row a control period, from rest to rest; None if none does better than the present.
         excitation: its document for a case, where it is a Fourier series.
-        separation_now, separation_then: smallest d over the pairs that a motion can split; NaN if there is none.
+        separation_now, separation_then: smallest d over the pairs that a motion can split; NaN without such a pair.
         bic_now, bic_then: smallest BIC difference to expect over these pairs.
         pairs: all, in both orders.
         advice: what splits the members, from the catalogue, for pairs that this motion leaves open.

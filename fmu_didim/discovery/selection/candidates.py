@@ -57,7 +57,7 @@ class FittedCandidate:
 
 
 class Outcome(Enum):
-    """What became of a candidate that was worth a fit."""
+    """What became of a shortlisted candidate."""
 
     FITTED = "fitted"
     LEFT_EARLY = "left early"

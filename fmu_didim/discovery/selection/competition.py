@@ -100,7 +100,7 @@ class Competition:
         count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
         found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
         costs: dict[EffectAtJoint, float] = {}
-        # A class is named once on a joint: a second member of it would only mend the form of the first.
+        # A class is named once on a joint: a second member would only correct the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
         for signature, (table, rest) in zip(asked, base.rests_of(s.columns for s in asked), strict=True):
@@ -127,7 +127,7 @@ class Competition:
         return replace(best, others=tuple(near))
 
     def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
-        """The candidates worth a closed-loop fit: the best, the best of each class near them, a gear on all joints."""
+        """The candidates to fit: the best, the best of each class near them, a gear on all joints."""
         worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
         if not worth:
             return []
@@ -144,7 +144,7 @@ class Competition:
 
     def compare(self, chosen: Sequence[ScreenedCandidate], *, progress: Progress, reach: float = REACH) -> Comparison:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
-        cannot catch up with the best, or is not fitted when the time is up, is no candidate. The best is the best
+        cannot catch up with the best, or is not fitted when the time is up, is not ranked. The best is the best
         plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
 
         Args:
@@ -269,7 +269,7 @@ class Competition:
         return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
     def assess(self, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
-        """What a fit with one more effect is worth."""
+        """The figures by which a fit with one more effect is judged."""
         builder, fit = self.builder, self.fit
         index = found.model.added_effects.index(effect_at)
         own = [

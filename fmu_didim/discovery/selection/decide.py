@@ -40,7 +40,7 @@ NEAR = 0.02
 with the blind benchmark."""
 
 FAILS_HELD_OUT = "held-out RMS ratio"
-"""How the objection begins that a candidate does not help on the held-out data."""
+"""Start of the objection that a candidate does not help on the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def decide(
     held: Callable[[EffectAtJoint], Iterable[FittedCandidate]] = lambda effect_at: (),
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
 ) -> FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]:
-    """The candidate to add, or why none is.
+    """The candidate to add, or the reasons why no candidate is accepted.
 
     Args:
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
@@ -161,7 +161,7 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
     worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > WORSE_JOINT]
     if worse:
         joint, one = worse[0]
-        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval begins at {one.low:.3f}"
+        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
     return ""
 
 
@@ -200,7 +200,7 @@ def step_of(
     effect = builder.effect(accepted.effect_at)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
-        # Whether a shift of the log may stand for a lag of the loop, or the other way round, only their fits tell.
+        # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell.
         alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
         if alike and member not in named:
             near.append((member, float("nan")))

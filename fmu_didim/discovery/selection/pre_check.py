@@ -50,7 +50,7 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: 
 def _checked(
     name: str, check: PreCheck, competition: Competition, options: Options, progress: Progress
 ) -> tuple[Step, Fit] | None:
-    """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
+    """The effect on the joint where it explains most, with the model refitted; None if it is not accepted."""
     fit = competition.fit
     tried = _tried(name, check, competition)
     cost = float(np.sum((fit.residual * fit.noise.weight) ** 2))
@@ -72,7 +72,7 @@ def _checked(
         reason = ""
         remark = (
             f"{name} on joint {best.effect_at.joint}: the held-out experiment hardly reaches the {check.parameter} and "
-            "neither confirms nor contradicts it; the estimation data alone decided."
+            "neither confirms nor contradicts it; only the estimation data decided."
         )
     if reason:
         return None
@@ -105,7 +105,7 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
 
 
 def _held_out_tells(candidate: FittedCandidate, competition: Competition, options: Options) -> bool:
-    """Whether the held-out experiment reaches the value, so that it would be seen there, or speaks against it."""
+    """Whether the held-out experiment reaches the value, so that the effect shows there, or contradicts it."""
     change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
     if change >= options.smallest_size:
         return True

@@ -1,4 +1,4 @@
-"""The rounds of discovery: compete, decide, add, refit, test backwards; until nothing more is worth a name."""
+"""The rounds of discovery: compete, decide, add, refit, test backwards; until no further effect is accepted."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Discovery:
     Attributes:
         base, final: fits without and with the effects; steps: one an effect that stayed.
         refused: candidates that were best in the last round but not accepted, and why.
-        tried: the candidates that were worth a fit, round by round.
+        tried: the shortlisted candidates, round by round.
         ending: whether it is at its end.
     """
 
@@ -59,7 +59,7 @@ def run_rounds(
     progress: Progress,
     keep: Callable[[Discovery], None] = lambda discovery: None,
 ) -> Discovery:
-    """Add effects to the base model as long as the data ask for them.
+    """Add effects to the base model as long as the data support them.
 
     Args:
         keep: called with what is known before the first round and after each one.
@@ -116,8 +116,8 @@ def _round(
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
-    """The candidates of a round, the best first, all that was tried, and the candidate to add, or why none is; None
-    where the time was up before all were tried."""
+    """The ranking of a round, all that was tried, and the candidate to add, or why no candidate is accepted; None where
+    the time was up before all were tried."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
@@ -154,7 +154,7 @@ def _shifts_log(fit: Fit) -> bool:
 
 
 def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    """What is tried: of a black box nobody knows that it has what belongs to every robot, so that is tried too."""
+    """The candidates; for a black box also what every base model has, because the box may lack it."""
     anything = builder.description is None
     names = [
         name

@@ -565,7 +565,7 @@ def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeyp
         (1, "", [995.0, 900.0, 400.0, 400.0]),
         (2, "", [995.0, 900.0, 995.0, 400.0]),  # those of one group do not see each other, whichever ends first
         (4, "", [995.0, 900.0, 995.0, 995.0]),
-        (1, "no machine has this", [995.0, 900.0, 995.0, 995.0]),
+        (1, "physically impossible", [995.0, 900.0, 995.0, 995.0]),
     ],
 )
 def test_each_fit_must_promise_more_than_the_best_so_far(

@@ -182,7 +182,7 @@ def test_held_out_data_that_do_not_reach_the_limit_say_nothing(
     _, steps, _, _ = checked()
     assert [s.remark for s in steps] == count * [
         "limit on joint 1: the held-out experiment hardly reaches the limit and neither confirms nor contradicts it; "
-        "the estimation data alone decided."
+        "only the estimation data decided."
     ]
 
 
