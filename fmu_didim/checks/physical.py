@@ -66,8 +66,8 @@ def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic
             np.int64
         )  # which of the free parameters act there
         theta, part = values[place], covariance[np.ix_(place, place)]
-        told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
-        for diagnostic in (*told, *indefinite(model.parameters, theta, part, low, high)):
+        of_experiment = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
+        for diagnostic in (*of_experiment, *indefinite(model.parameters, theta, part, low, high)):
             found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
     return list(found.values())
 

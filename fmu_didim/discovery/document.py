@@ -78,8 +78,8 @@ def findings_document(
         found_regions: where the base model disagrees.
     """
     residuals = _residuals(discovery)
-    told, unfinished = unfinished_search(discovery, about.limit_s)
-    judgement = judged(discovery, told, about.doubts)
+    unfinished_diagnostic, unfinished = unfinished_search(discovery, about.limit_s)
+    judgement = judged(discovery, unfinished_diagnostic, about.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(

@@ -51,9 +51,11 @@ def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -
     Args:
         what: was not looked for.
     """
-    told = document.unfinished
-    if told is not None:
-        more = told.model_copy(update={"text": f"{told.text} {what[0].upper()}{what[1:]} were not looked for either."})
+    known = document.unfinished
+    if known is not None:
+        more = known.model_copy(
+            update={"text": f"{known.text} {what[0].upper()}{what[1:]} were not looked for either."}
+        )
         return document.model_copy(update={"unfinished": more})
     text = f"The time limit of {limit_s or 0.0:g} s ended the search before {what} were looked for."
     cut = Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s")
@@ -84,8 +86,8 @@ def _leader(tried: tuple[TriedCandidate, ...]) -> str:
     fitted = [(t.delta_bic, t.effect_at) for t in tried if t.outcome is Outcome.FITTED and t.delta_bic is not None]
     if not fitted:
         return ""
-    worth, best = max(fitted, key=lambda f: f[0])
-    return f"; of those that were, {_named(best)} leads with a BIC difference of {worth:.0f}"
+    gain, best = max(fitted, key=lambda f: f[0])
+    return f"; of those that were, {_named(best)} leads with a BIC difference of {gain:.0f}"
 
 
 def _named(effect_at: EffectAtJoint) -> str:

@@ -191,10 +191,10 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
+    gain = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    explains = worth > 0 and share >= SHARE
-    return FittedExternalTorques(fixed, free, label, worth, share) if explains else None
+    explains = gain > 0 and share >= SHARE
+    return FittedExternalTorques(fixed, free, label, gain, share) if explains else None
 
 
 def _edges_moved(free: Fit, label: str) -> LoopModel | None:

@@ -166,9 +166,9 @@ class _Problem:
         if not wanted.size:
             return _Problem(own, target[rows], own.shape[0], 0.0, own.shape[0])
         q, r = np.linalg.qr(others)
-        seen = q.T @ wanted
-        unexplained = float(wanted @ wanted - seen @ seen)
-        stacked = np.concatenate([target[rows], seen])
+        projected = q.T @ wanted
+        unexplained = float(wanted @ wanted - projected @ projected)
+        stacked = np.concatenate([target[rows], projected])
         return _Problem(np.concatenate([own, r]), stacked, own.shape[0], unexplained, target.size)
 
     def rest(self, columns: Sequence[Array]) -> Array:

@@ -230,10 +230,10 @@ class SignatureCatalogue:
         for first in range(0, len(columns), len(amplitudes)):
             together = columns[first : first + len(amplitudes)]
             sizes = np.array([np.linalg.norm(column) for column in together])
-            seen = np.flatnonzero(sizes > SEEN * sizes.max())
-            if seen.size:
-                names = tuple(amplitudes[i].name for i in seen)
-                table = np.stack([together[i] for i in seen], axis=2)
+            visible = np.flatnonzero(sizes > SEEN * sizes.max())
+            if visible.size:
+                names = tuple(amplitudes[i].name for i in visible)
+                table = np.stack([together[i] for i in visible], axis=2)
                 yield Signature(effect_at, tried[first][0], names, table, neutral)
 
     def _by_derivatives(self, smooth: Sequence[EffectAtJoint]) -> dict[EffectAtJoint, list[Signature]]:

@@ -128,12 +128,12 @@ class Competition:
 
     def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
         """The candidates to fit: the best, the best of each class near them, a gear on all joints."""
-        worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
-        if not worth:
+        promising = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
+        if not promising:
             return []
-        chosen = worth[:size]
+        chosen = promising[:size]
         classes = {(self.builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
-        for s in worth[size:]:
+        for s in promising[size:]:
             key = (self.builder.effect(s.effect_at).class_name, s.effect_at.joint)
             if key not in classes:
                 chosen.append(s)

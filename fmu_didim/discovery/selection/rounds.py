@@ -177,9 +177,9 @@ def _backward(
             without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
-        worth = delta_bic(without.residual, fit.residual, builder.at(step.effect_at).cost, fit.noise)
+        gain = delta_bic(without.residual, fit.residual, builder.at(step.effect_at).cost, fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
-        if worth < options.threshold or size < KEPT_GAIN * options.smallest_gain:
+        if gain < options.threshold or size < KEPT_GAIN * options.smallest_gain:
             progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
