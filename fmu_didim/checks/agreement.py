@@ -11,7 +11,7 @@ size or colour moves the score of experiment e by J_e instead of A_e, and the br
 
     J_e - A_e A^-1 J_e - J_e A^-1 A_e + A_e A^-1 J A^-1 A_e.
 
-J_e comes from what experiment e would leave with values of its own: disagreement is no noise. Sources: C. R. Rao,
+J_e comes from what experiment e would leave with values of its own: disagreement is not noise. Sources: C. R. Rao,
 Proceedings of the Cambridge Philosophical Society 44 (1948); D. D. Boos, The American Statistician 46 (1992).
 """
 

@@ -51,7 +51,7 @@ PLANT_DIFFERS = CATALOGUE(
     "plant-differs", DOUBT, rank=33,
     meaning="The plant that was simulated does not obey the equations of the robot description, from which the "
     "regressor comes.",
-    next_step="Mend the description or the plant; fmu-didim check CASE.yaml compares them.",
+    next_step="Correct the description or the plant; fmu-didim check CASE.yaml compares them.",
 )  # fmt: skip
 
 

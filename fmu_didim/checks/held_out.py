@@ -45,7 +45,7 @@ NOT_SIMULATED = CATALOGUE(
 )  # fmt: skip
 NO_HELD_OUT = CATALOGUE(
     "no-held-out", REMARK, rank=90,
-    meaning="No experiment was held out, so nothing tells whether the values predict another motion.",
+    meaning="No experiment was held out, so it is not known whether the values predict another motion.",
     next_step="Record a second motion: experiments: {...: {role: validation}}.",
 )  # fmt: skip
 

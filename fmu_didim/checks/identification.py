@@ -27,50 +27,50 @@ from fmu_didim.model.parameters import RobotParameters
 NEAR_LIMIT = 0.01
 """[standard deviations] A value so near to a limit lies at it: there the solver stops."""
 VISIBLE_SHIFT = 0.2
-"""[standard deviations] A value that finer steps would move by more is told as too coarsely integrated: a tenth of a
-95 % interval."""
+"""[standard deviations] A value that finer steps would move by more is reported as too coarsely integrated: a tenth of
+a 95 % interval."""
 SECOND_STEP = 0.1
-"""[1] A standard deviation that a second step of the sensitivities changes by a larger part is told: 3-sigma then
+"""[1] A standard deviation that a second step of the sensitivities changes by a larger part is reported: 3-sigma then
 means 2.7."""
 JITTER = 0.1
-"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is told: the values scatter by
+"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is reported: the values scatter by
 it as by noise, and the steps end up to half a deviation from the minimum."""
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
-    meaning="A free parameter ended at one of its limits: the data ask for a value beyond it, and the intervals of the "
-    "others do not know of it.",
+    meaning="A free parameter ended at one of its limits: the data favour a value beyond it, and the intervals of the "
+    "others do not include this.",
     next_step="Widen the limits if the value may lie beyond; else look for what the model lacks: fmu-didim discover "
     "CASE.yaml.",
 )  # fmt: skip
 HELD = CATALOGUE(
     "parameters-held", REMARK, rank=65,
-    meaning="Parameters that act on the torque are not among those identified, and are taken as the robot description "
-    "has them: the others make up for what is wrong with them.",
+    meaning="Parameters that affect the torque are not identified but keep the values of the robot description: "
+    "errors in them bias the identified ones.",
     next_step="List them under identified in the robot description, or under known if they are.",
 )  # fmt: skip
 DISAGREE = CATALOGUE(
     "experiments-disagree", DOUBT, rank=45,
     meaning="An experiment does not agree with the others on parameters that they share.",
-    next_step="If something changed in between, let the experiment have values of its own: experiments: {...: {own: "
+    next_step="If something changed in between, give the experiment its own values: experiments: {...: {own: "
     "[...]}}.",
 )  # fmt: skip
 TOO_COARSE = CATALOGUE(
     "integration-too-coarse", DOUBT, rank=48,
-    meaning="Finer steps of the integration would still move a value visibly.",
+    meaning="Finer integration steps would still change a value noticeably.",
     next_step="State more substeps: plant: {substeps: N}.",
 )  # fmt: skip
 ROUGH = CATALOGUE(
     "sensitivity-rough", DOUBT, rank=46,
     meaning="The step control inside a plant or controller limits how well the sensitivities are known, and with them "
     "the standard deviations, or makes the simulated torque jitter, so that the values scatter by more than noise.",
-    next_step="Run the FMU with an integrator of ours (interface: model-exchange), or let its own one be finer "
-    "(tolerance: 1e-9, where it follows the tolerance that it is told).",
+    next_step="Run the FMU with our integrator (interface: model-exchange), or with a smaller tolerance of its own one "
+    "(tolerance: 1e-9, if the FMU uses it).",
 )  # fmt: skip
 OTHER_MINIMUM = CATALOGUE(
     "another-minimum", DOUBT, rank=47,
     meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
-    "well, and the data do not say which is true.",
+    "well, and the data cannot decide between them.",
     next_step="Log the torque at more than twice the frequency of that resonance, or give the inertia (known: [...]).",
 )  # fmt: skip
 

@@ -24,7 +24,7 @@ class DiagnosticResult(Saved):
     code: str = Field(description="stable name of its kind")
     place: str = Field(description="experiment, joint, parameter or file; empty where it is about all of them")
     text: str = Field(description="a sentence with the figures")
-    value: Number = Field(description="the figure found, in the unit; null where there is none")
+    value: Number = Field(description="the figure found, in the unit; null without one")
     bound: Number = Field(description="the figure it is compared with")
     unit: str
     next_step: str = Field(description="what to do about it")
@@ -36,7 +36,7 @@ class Judgement:
 
     Attributes:
         verdict: ``valid``; ``doubtful``, usable with the reasons in mind; ``not_settled``; ``refused``.
-        reasons: why it is not valid, the weightiest first; remarks: what else is to be known.
+        reasons: why it is not valid, the most important first; remarks: what else is to be known.
     """
 
     verdict: Verdict

@@ -59,9 +59,9 @@ def _gravity_columns(model: RobotModel, chi: Array, q: Array) -> Array:
     """Torque at rest of unit gravity along each axis, (K, n, 3)."""
 
     def at_rest(gravity: tuple[float, float, float]) -> Array:
-        there = RobotModel(model.description.model_copy(update={"gravity": gravity}))
+        turned = RobotModel(model.description.model_copy(update={"gravity": gravity}))
         still = np.zeros_like(q)
-        return np.asarray(there.regressor_rows(q, still, still) @ chi)
+        return np.asarray(turned.regressor_rows(q, still, still) @ chi)
 
     none = at_rest((0.0, 0.0, 0.0))
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

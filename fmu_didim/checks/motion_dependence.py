@@ -1,4 +1,4 @@
-"""Whether what a model leaves of the torque still depends on the motion: then it is no noise, whatever its size.
+"""Whether what a model leaves of the torque still depends on the motion: then it is not noise, whatever its size.
 
 The residual r of a joint is regressed on its sensitivities S, which the fit has used up, and on functions F of the
 simulated motion that the model does not have:
@@ -57,16 +57,16 @@ CREEPING = 0.005
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
-    meaning="What the model leaves of the measured torque follows the motion, which noise does not: some physics, the "
-    "controller's gains or the clock of the log are not as the model says. The values take up a part of it.",
+    meaning="The residual torque depends on the motion, which noise does not: some physics, the controller's gains or "
+    "the clock of the log differ from the model. The identified values absorb a part of it.",
     next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
 )  # fmt: skip
 
 UNTESTED = CATALOGUE(
     "motion-untested", DOUBT, rank=62,
-    meaning="There are too few samples to tell whether what the model leaves of the measured torque follows the "
-    "motion: that physics is missing, or the clock or the controller is not as stated, would not be seen.",
-    next_step="Measure for longer or log at a higher rate; with low_pass, let more of the band through.",
+    meaning="There are too few samples to test whether the residual torque depends on the motion: missing physics, a "
+    "wrong clock or a wrong controller would go unnoticed.",
+    next_step="Measure for longer or log at a higher rate; with low_pass, raise its cut-off frequency.",
 )  # fmt: skip
 
 TORQUE_RATE = "rate of the torque"
@@ -79,7 +79,7 @@ class Dependence:
 
     Attributes:
         joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
-        most: the function of the motion that alone explains most; alone: its share of what all explain.
+        most: the function of the motion that explains most by itself; most_share: its share of what all explain.
         slope, deviation: of the residual over that function, with its standard deviation.
         samples: that were too few to ask; None where it was asked.
     """
@@ -88,7 +88,7 @@ class Dependence:
     p_value: float
     share: float
     most: str
-    alone: float
+    most_share: float
     slope: float = 0.0
     deviation: float = 0.0
     samples: int | None = None
@@ -101,7 +101,7 @@ class Dependence:
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
     """The joints whose residual depends on the motion beyond chance, or may; of those that show another clock which."""
     level = MOTION_CHANCE / max(len(found), 1)
-    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.alone > CLOCK_ALONE]
+    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.most_share > CLOCK_ALONE]
     return [_clock(d) for d in clock] + [
         Diagnostic(
             DEPENDS_ON_MOTION,
@@ -238,26 +238,26 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     )  # fmt: skip
 
 
-def _chance(total: float, alone: Array, ratio: float, first: int, second: int) -> float:
+def _chance(total: float, explained: Array, ratio: float, first: int, second: int) -> float:
     """Probability of as much by noise alone: of all columns together, or of the one that explains most.
 
     Args:
-        total: sum of squares; alone: (m,) what each column explains of it; ratio: Fisher's, with these degrees of
+        total: sum of squares; explained: (m,) what each column explains of it; ratio: Fisher's, with these degrees of
             freedom.
     """
-    most, freedom = float(alone.max()), second + first - 1
+    most, freedom = float(explained.max()), second + first - 1
     student = np.sqrt(most / (max(total - most, TINY) / freedom))
-    both = (stats.f.sf(ratio, first, second), alone.size * 2 * stats.t.sf(student, freedom))
+    both = (stats.f.sf(ratio, first, second), explained.size * 2 * stats.t.sf(student, freedom))
     return float(min(2 * min(both), 1.0))
 
 
 def _basis(columns: Array) -> Array:
     """(N, r) orthonormal basis of the columns (N, m), those that depend on others left out."""
     length = np.linalg.norm(columns, axis=0)
-    acting = length > TINY
-    if not acting.any():
+    nonzero = length > TINY
+    if not nonzero.any():
         return np.zeros((columns.shape[0], 0))
-    q, r, _ = linalg.qr(columns[:, acting] / length[acting], mode="economic", pivoting=True)
+    q, r, _ = linalg.qr(columns[:, nonzero] / length[nonzero], mode="economic", pivoting=True)
     size = np.abs(np.diag(r))
     return np.asarray(q[:, : int(np.sum(size > OWN_PART * size[0]))])
 

@@ -33,13 +33,14 @@ GENERATIONS = 60
 FRICTION_NEGATIVE = CATALOGUE(
     "friction-negative", DOUBT, rank=60,
     meaning="A friction parameter lies below zero by more than its uncertainty: this friction would drive the machine.",
-    next_step="Run fmu-didim discover CASE.yaml: another effect, a wrong gain or a late clock may stand for it.",
+    next_step="Run fmu-didim discover CASE.yaml: another effect, a wrong gain or a late clock may be the cause.",
 )  # fmt: skip
 NOT_PHYSICAL = CATALOGUE(
     "not-physical", DOUBT, rank=55,
-    meaning="No links of positive mass have these base parameters, or any that are as near as their uncertainty.",
-    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: an error there is "
-    "compensated by an impossible inertia of some link.",
+    meaning="These base parameters are physically impossible: within their uncertainty no links of positive mass have "
+    "them.",
+    next_step="Run fmu-didim discover CASE.yaml, and check geometry, gravity, gains and clock: an impossible "
+    "inertia of a link may compensate an error there.",
 )  # fmt: skip
 MASS_INDEFINITE = CATALOGUE(
     "mass-matrix-indefinite", DOUBT, rank=57,
@@ -50,10 +51,10 @@ MASS_INDEFINITE = CATALOGUE(
 
 
 def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic]:
-    """What no machine can have of the values of a model, known with a covariance (p, p).
+    """Which values of a model, known with a covariance (p, p), are physically impossible.
 
-    Nothing is said of a plant without robot description. Where experiments have values of their own, those of each are
-    looked at.
+    A plant without robot description gives no diagnostics. Where experiments have values of their own, those of each
+    are checked.
     """
     if not isinstance(model.parameters, RobotParameters):
         return []
@@ -65,8 +66,8 @@ def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic
             np.int64
         )  # which of the free parameters act there
         theta, part = values[place], covariance[np.ix_(place, place)]
-        told = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
-        for diagnostic in (*told, *indefinite(model.parameters, theta, part, low, high)):
+        of_experiment = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
+        for diagnostic in (*of_experiment, *indefinite(model.parameters, theta, part, low, high)):
             found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)
     return list(found.values())
 

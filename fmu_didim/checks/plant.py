@@ -1,4 +1,4 @@
-"""What can be said of a plant before long work: whether the identified parameters act, and from where it starts."""
+"""Checks of a plant before a long computation: whether its parameters have an effect, and where it starts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PARAMETER_IDLE = CATALOGUE(
     "parameter-idle", PROBLEM, rank=30,
     meaning="A parameter that is to be identified has no effect in the plant: the simulation stays the same, to the "
     "last digit, when it changes.",
-    next_step="Leave it out, name the parameter that acts, or export the plant with tunable parameters.",
+    next_step="Leave it out, name the parameter that has an effect, or export the plant with tunable parameters.",
 )  # fmt: skip
 PARAMETER_FIXED = CATALOGUE(
     "parameter-fixed-in-run", PROBLEM, rank=31,
@@ -40,15 +40,15 @@ PARAMETER_FIXED = CATALOGUE(
 )  # fmt: skip
 PLANT_START = CATALOGUE(
     "plant-start", DOUBT, rank=32,
-    meaning="The plant starts elsewhere than the reference, so that the simulation begins with a jump.",
-    next_step="Name the start values of the plant: plant: {parameter_names: {q_start1: name in the plant}}, or begin "
+    meaning="The plant does not start where the reference starts, so the simulation starts with a jump.",
+    next_step="Name the start values of the plant: plant: {parameter_names: {q_start1: name in the plant}}, or start "
     "the reference where the plant stands.",
 )  # fmt: skip
 UNSEEN = (LOG, EXTERNAL_TORQUE)
 """Owners of parameters that change no signal of the loop, or not in its first part."""
 
 
-def check_acting(model: LoopModel) -> None:
+def check_parameter_influence(model: LoopModel) -> None:
     """Simulate with each parameter changed: one that changes nothing at all cannot be identified.
 
     Needs one short simulation a parameter, and for the regressor measured on the plant one short simulation.
@@ -138,15 +138,15 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
             if signal not in first.applied or f"{name}{j}" not in reference.names:
                 continue
             column = reference.select([f"{name}{j}"])
-            here, there = float(first.applied[signal][0]), float(column[0, 0])
+            at_start, wanted = float(first.applied[signal][0]), float(column[0, 0])
             bound = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL)
-            if abs(here - there) > bound:
-                text = f"The plant starts at {name}{j} = {here:.4g} while the reference starts at {there:.4g}."
+            if abs(at_start - wanted) > bound:
+                text = f"The plant starts at {name}{j} = {at_start:.4g} while the reference starts at {wanted:.4g}."
                 step = (
-                    f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or begin "
+                    f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or start "
                     "the reference where the plant stands."
                 )
                 found.append(
-                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(here - there), bound, next_step=step)
+                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(at_start - wanted), bound, next_step=step)
                 )
     return found

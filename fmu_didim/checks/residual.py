@@ -34,15 +34,15 @@ that are compared, have a third in their difference."""
 
 NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
-    meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals count with that; "
-    "whether it is noise, or something that the model lacks, the residual alone cannot tell.",
+    meaning="Neighbouring samples of the residual are alike. Standard deviations and intervals account for "
+    "that; the residual alone cannot show whether it is noise or something that the model lacks.",
     next_step="If the noise of the torque is white, the model lacks something: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 RESIDUAL_ABOVE_NOISE = CATALOGUE(
     "residual-above-noise", DOUBT, rank=60,
     meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
-    "deviations and intervals contain what it leaves, as if that were noise; a bias they do not.",
-    next_step="Ask what the model lacks: fmu-didim discover CASE.yaml.",
+    "deviations and intervals treat the rest as noise; they do not include a bias.",
+    next_step="Find what the model lacks: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 STATED_NOISE_LARGE = CATALOGUE(
     "stated-noise-large", REMARK, rank=70,
@@ -53,13 +53,13 @@ STATED_NOISE_LARGE = CATALOGUE(
 COLOUR_NOT_MODELLED = CATALOGUE(
     "colour-not-modelled", REMARK, rank=75,
     meaning="What the autoregression of the residual leaves is still not white: a hum, or noise whose size changes "
-    "with the motion. Standard deviations count with the autoregression.",
-    next_step="Look at the residual in the report; take standard deviations for less certain than they look.",
+    "with the motion. Standard deviations account for the autoregression only.",
+    next_step="Look at the residual in the report; regard the standard deviations as less certain than they look.",
 )  # fmt: skip
 RESIDUAL_SLOW = CATALOGUE(
     "residual-slow", DOUBT, rank=61,
-    meaning="Most of what the model leaves of a torque is as slow as the motion, where noise has little power: it "
-    "looks like something that the model lacks, an offset or a drift. What the values take up of it no interval has.",
+    meaning="Most of the residual torque is as slow as the motion, where noise has little power: it looks like "
+    "something that the model lacks, an offset or a drift. No interval includes what the values absorb of it.",
     next_step="Run fmu-didim discover CASE.yaml; if the sensor drifts, state that noise: torque_std.",
 )  # fmt: skip
 

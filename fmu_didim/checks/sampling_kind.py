@@ -49,7 +49,7 @@ class Way:
     instead: bool
 
     def text(self, seconds: float) -> str:
-        """What is said of it; ``seconds``: sample period."""
+        """The sentence about it; ``seconds``: sample period."""
         over = f"the {1000 * seconds:.4g} ms {WORDS[self.window]} each stamp"
         shows, entry = {
             "point": ("points", "sampling: point"),

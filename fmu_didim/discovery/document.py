@@ -44,7 +44,7 @@ Residuals = dict[str, tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is known of a discovery beside what was found.
+    """What is known of a discovery apart from its findings.
 
     Attributes:
         name: of the case; case: its file, for the commands that reasons name; limit_s: time that the search had.
@@ -78,8 +78,8 @@ def findings_document(
         found_regions: where the base model disagrees.
     """
     residuals = _residuals(discovery)
-    told, unfinished = unfinished_search(discovery, about.limit_s)
-    judgement = judged(discovery, told, about.doubts)
+    unfinished_diagnostic, unfinished = unfinished_search(discovery, about.limit_s)
+    judgement = judged(discovery, unfinished_diagnostic, about.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     units = discovery.base.model.parameters.torque_units
     return FindingsDocument(
@@ -113,7 +113,7 @@ def findings_document(
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
     """What became of each candidate, round by round."""
-    last = {t.effect_at: number for number, contest in enumerate(discovery.tried, start=1) for t in contest}
+    last = {t.effect_at: number for number, comparison in enumerate(discovery.tried, start=1) for t in comparison}
     added = {step.effect_at for step in discovery.steps}
     return [
         CandidateResult(
@@ -121,8 +121,8 @@ def _candidates(discovery: Discovery) -> list[CandidateResult]:
             delta_bic=t.delta_bic, share_of_gap=t.share, parameters=t.cost, implausible=t.implausible,
             accepted=t.effect_at in added and last[t.effect_at] == number,  # afterwards it is no candidate any more
         )
-        for number, contest in enumerate(discovery.tried, start=1)
-        for t in contest
+        for number, comparison in enumerate(discovery.tried, start=1)
+        for t in comparison
     ]  # fmt: skip
 
 

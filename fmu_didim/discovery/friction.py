@@ -138,6 +138,6 @@ def _variance(curve: _Curve, velocity: Array, robot: RobotDescription, fit: Fit)
         up, down = (curve.at(velocity, _named(robot, fit.model, m)) for m in moved)
         slopes.append((up - down) / (2 * step))
     gradient = np.column_stack(slopes)
-    acting = np.abs(gradient).max(axis=0) > 0
-    gradient, covariance = gradient[:, acting], fit.covariance[np.ix_(acting, acting)]
+    nonzero = np.abs(gradient).max(axis=0) > 0
+    gradient, covariance = gradient[:, nonzero], fit.covariance[np.ix_(nonzero, nonzero)]
     return np.asarray(np.einsum("ij,jk,ik->i", gradient, covariance, gradient))

@@ -23,7 +23,7 @@ counts as incomplete: the clutter that is planted on clean plants in the blind b
 GAP_REMAINS = CATALOGUE(
     "gap-remains", DOUBT, rank=52,
     meaning="The final model still disagrees with the data by more than their noise: something is missing that no "
-    "effect of the catalogue explains, or its form is another one.",
+    "effect of the catalogue explains, or an effect has another form.",
     next_step="Look at where it disagrees in the report; add an effect of your own (--effect PACKAGE.MODULE:NAME).",
 )  # fmt: skip
 

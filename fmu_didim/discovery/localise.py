@@ -24,12 +24,12 @@ from fmu_didim.model.motion import Motion, simulated_motion
 BINS = 12
 """[bins] Of each quantity, with the same number of samples: enough to see where."""
 FEWEST_EDGES = 3
-"""[edges] A quantity that does not fill two bins says nothing."""
+"""[edges] A quantity that does not fill two bins is left out."""
 FALSE_DISCOVERIES = 0.01
-"""[1] Expected fraction of the regions named that are none."""
+"""[1] Expected fraction of false ones among the regions named."""
 WINDOW_SCORE = 8.0
 """[standard deviations] By which the mean of a window must differ before it counts as a force of its own: far beyond
-chance, because model error is no noise."""
+chance, because model error is not noise."""
 MAXIMUM_WINDOWS = 24
 """[windows] Looked for on a joint: hardly more are events."""
 LONGEST_WINDOW = 0.3

@@ -1,4 +1,4 @@
-"""What a search says while it works, how far it is, and when its time is up."""
+"""Progress of a search: messages, time left, and when its time is up."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from fmu_didim.base.errors import InputError
 
 SAID_EVERY_S = 5.0
-"""[s] Time between two lines that tell how far a piece of work is."""
+"""[s] Time between two lines about the progress of a piece of work."""
 
 Say = Callable[[str], None]
 """Takes a line about a piece of work."""
@@ -22,7 +22,7 @@ def seconds_left(done: int, count: int, elapsed: float) -> float:
 
 
 @dataclass(frozen=True)
-class Watch:
+class Progress:
     """Progress of a search and the time that it has.
 
     Attributes:
@@ -37,29 +37,29 @@ class Watch:
     now: Callable[[], float] = clock.perf_counter
 
     @staticmethod
-    def limited(say: Say, limit_s: float | None) -> Watch:
-        """A watch whose time begins now.
+    def limited(say: Say, limit_s: float | None) -> Progress:
+        """Progress whose time starts now.
 
         Raises:
-            InputError: the limit is no positive number.
+            InputError: the limit is not a positive number.
         """
         if limit_s is None:
-            return Watch(say)
+            return Progress(say)
         if not limit_s > 0:
             raise InputError("The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s")
-        return Watch(say, limit_s, clock.perf_counter() + limit_s)
+        return Progress(say, limit_s, clock.perf_counter() + limit_s)
 
     @property
-    def is_over(self) -> bool:
+    def is_time_up(self) -> bool:
         """Whether the time is up: nothing new is begun then."""
         return self.now() >= self.ends
 
     def counted(self, what: str, count: int) -> Callable[[str], None]:
-        """What to call after each of ``count`` pieces of work: it says which one that was, and the time left.
+        """A function to call after each of ``count`` pieces of work: it reports their number and the time left.
 
         Args:
             what: is done to the pieces, such as ``fitting candidate``. The call takes what else there is to say of
-                one; pieces of which there is nothing to say are told now and then only.
+                one; pieces without a text are reported now and then only.
         """
         begin = last = self.now()
         done, lock = 0, threading.Lock()

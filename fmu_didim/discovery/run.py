@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.base.constants import recorded
@@ -21,7 +21,7 @@ from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.localise import Region, regions_of_fit
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT, Options
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
@@ -35,26 +35,27 @@ from fmu_didim.results.findings import FindingResult, FindingsDocument, WindowRe
 
 FIRST_S = 0.25
 """[s] Left out at the beginning of each experiment: the state in which the machine starts is not known (gears in
-their play, friction's deflection, the loop before the first sample). Where nothing is found, gears are looked for
+their play, friction's deflection, the loop before the first sample). If nothing is found, gears are looked for
 with it."""
 OF_THE_DATA = 16
 """[rank] Diagnostics of the data before this rank hold whatever the model is; a torque that is limited, pushes, a
 clock or a delay, which come after, are what discovery itself names."""
 
 NO_HELD_OUT = (
-    "There is no validation experiment: the held-out gate was left out, the information criterion alone decided."
+    "There is no validation experiment: the test on held-out data was left out, and the information criterion alone "
+    "decided."
 )
 NO_MOTION = (
-    "The plant does not tell {0}: effects in its torque balance were left out, but for those whose parameters it has. "
+    "The plant has no output {0}: effects in its torque balance were left out, except those whose parameters it has. "
     "Map its velocity (plant: {{outputs: {{dq1: name in the plant}}}}) to have them tried."
 )
 INTEGRATED = (
-    "The plant does not tell {0}: it was taken from the integral of the velocity, from where the reference begins or "
-    "from zero. What depends on the position is therefore known but for where zero is."
+    "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
+    "from zero. What depends on the position is therefore known up to its zero."
 )
 UNFILTERED = (
-    "The low_pass of the case was left out: effects show above its cut-off, too, and the noise that they are compared "
-    "with is that of the log as it is."
+    "The low_pass of the case was not applied: effects show above its cut-off as well, and they are compared with "
+    "the noise of the unfiltered log."
 )
 
 Keep = Callable[[FindingsDocument], None]
@@ -63,7 +64,7 @@ Keep = Callable[[FindingsDocument], None]
 
 @dataclass(frozen=True)
 class Found:
-    """What :func:`discover` returns.
+    """The answer of :func:`discover`.
 
     Attributes:
         document: the content of ``findings.json``.
@@ -75,80 +76,69 @@ class Found:
     builder: LoopModelBuilder
 
 
-def discover(
-    model: LoopModel,
-    *,
-    description: RobotDescription | None,
-    name: str,
-    effects: Mapping[str, Effect] = EFFECTS,
-    options: Options | None = None,
-    provenance: Mapping[str, Any] | None = None,
-    watch: Watch | None = None,
-    keep: Keep | None = None,
-    case: str = "",
-    of_data: Sequence[Diagnostic] = (),
-) -> Found:
+@dataclass(frozen=True)
+class Request:
+    """What a search is asked for, beside the model.
+
+    Attributes:
+        name: of the case; description: the robot, None for a black-box plant.
+        effects: the catalogue by name; options: how to discover.
+        progress: takes lines about the search and knows when its time is up; the answer so far is returned then.
+        keep: called with the answer so far, when the base model is fitted and after each round.
+        case: file of the case, for the commands in the reasons of a verdict.
+        provenance: recorded in the document.
+        doubts: what is wrong with the data themselves, whatever the model is; notes: all else that is known of them.
+    """
+
+    name: str
+    description: RobotDescription | None
+    effects: Mapping[str, Effect] = field(default_factory=lambda: EFFECTS)
+    options: Options = field(default_factory=Options)
+    progress: Progress = field(default_factory=Progress)
+    keep: Keep | None = None
+    case: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    doubts: Sequence[Diagnostic] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def external(self) -> Effect | None:
+        """The effect that stands for torques from outside, if it is not forbidden."""
+        return external_effect(self.effects, self.options.forbid)
+
+    def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
+        """The same request with what was found in the data before."""
+        doubts = [d for d in diagnostics if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
+        return replace(self, doubts=doubts, notes=[str(d) for d in diagnostics if d not in doubts])
+
+
+def discover(model: LoopModel, request: Request) -> Found:
     """Find the effects that a model lacks.
 
     Args:
-        model: the loop with its experiments; those for the validation serve the gate. It is taken without a low pass.
-        description: the robot, None for a plant that is a black box.
-        effects: the catalogue by name.
-        watch: takes the progress and knows when the time is up; then the best answer so far is returned, as such.
-        case: file of the case, for the commands that reasons name.
-        keep: called with the best answer so far when the base model is fitted and after each round.
-        of_data: what was found of the data before.
+        model: the loop with its experiments, taken without a low pass; those for the validation are the held-out data.
 
     Raises:
         InputError: the data are too few; SimulationError: the base model cannot be simulated.
     """
-    begin = clock.perf_counter()
+    start = clock.perf_counter()
 
     def timed(document: FindingsDocument) -> FindingsDocument:
-        return document.model_copy(update={"seconds": clock.perf_counter() - begin})
+        return document.model_copy(update={"seconds": clock.perf_counter() - start})
 
-    kept = None if keep is None else lambda document: keep(timed(document))
-    doubts = [d for d in of_data if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
-    notes = [str(d) for d in of_data if d not in doubts]
+    if (keep := request.keep) is not None:
+        request = replace(request, keep=lambda document: keep(timed(document)))
     if model.low_pass is not None:
-        model, notes = replace(model, low_pass=None), [*notes, UNFILTERED]
-    ask = _Question(
-        description, name, effects, options or Options(), provenance, watch or Watch(), kept, case, doubts, notes
-    )
+        model, request = replace(model, low_pass=None), replace(request, notes=[*request.notes, UNFILTERED])
     later = replace(model, experiments={label: e.after(FIRST_S) for label, e in model.experiments.items()})
-    found = _Search.of(ask, _prepared(later, ask.watch)).found()
+    found = _Search.of(request, _prepared(later, request.progress)).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
-        found = _at_the_begin(ask, model, found)
+        found = _with_beginning(request, model, found)
     return replace(found, document=timed(found.document))
 
 
-@dataclass(frozen=True)
-class _Question:
-    """What is asked of the data: the arguments of :func:`discover` beside them.
-
-    Attributes:
-        doubts: what is wrong with the data themselves, whatever the model is; notes: all else that is known of them.
-    """
-
-    description: RobotDescription | None
-    name: str
-    effects: Mapping[str, Effect]
-    options: Options
-    provenance: Mapping[str, Any] | None
-    watch: Watch
-    keep: Keep | None
-    case: str
-    doubts: Sequence[Diagnostic]
-    notes: Sequence[str]
-
-    @property
-    def external(self) -> Effect | None:
-        """What names torques from outside, if it is not forbidden."""
-        return external_effect(self.effects, self.options.forbid)
-
-
-def _prepared(model: LoopModel, watch: Watch) -> Prepared:
-    watch.say("base model")
+def _prepared(model: LoopModel, progress: Progress) -> Prepared:
+    progress.say("base model")
     return prepare(model)
 
 
@@ -163,7 +153,7 @@ class _Search:
         disagreement: where the base model disagrees.
     """
 
-    ask: _Question
+    request: Request
     prepared: Prepared
     base: Fit
     torques: FittedExternalTorques | None
@@ -172,25 +162,29 @@ class _Search:
     disagreement: list[Region]
 
     @staticmethod
-    def of(ask: _Question, prepared: Prepared) -> _Search:
+    def of(request: Request, prepared: Prepared) -> _Search:
         """With the torques from outside looked for."""
-        base, watch = prepared.fit, ask.watch
-        watch.say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
-        builder, torques, is_late = LoopModelBuilder(base.model, ask.description, ask.effects), None, watch.is_over
-        if ask.external is not None and not is_late:
-            torques = find_external_torques(base, say=watch.say)
-        if torques is not None and rivalled(torques, base, builder, forbid=ask.options.forbid, watch=watch):
+        base, progress = prepared.fit, request.progress
+        progress.say(f"gap of the base model: {_list(joint_gaps(base.residual, base.noise))} of the noise")
+        builder, torques, is_late = (
+            LoopModelBuilder(base.model, request.description, request.effects),
+            None,
+            progress.is_time_up,
+        )
+        if request.external is not None and not is_late:
+            torques = find_external_torques(base, say=progress.say)
+        if torques is not None and rivalled(torques, base, builder, forbid=request.options.forbid, progress=progress):
             torques = None
         if torques is not None:
             base = replace(base, noise=torques.fit.noise)
-            builder = LoopModelBuilder(torques.fit.model, ask.description, ask.effects)
-        return _Search(ask, prepared, base, torques, builder, is_late, regions_of_fit(base, builder.description))
+            builder = LoopModelBuilder(torques.fit.model, request.description, request.effects)
+        return _Search(request, prepared, base, torques, builder, is_late, regions_of_fit(base, builder.description))
 
     def found(self) -> Found:
         """What the rounds find, and what is written down of them."""
-        base, builder, options = self.base, self.builder, self.ask.options
+        base, builder, options = self.base, self.builder, self.request.options
         start, free = base if self.torques is None else self.torques.fit, None
-        discovery = run_rounds(builder, start, options, self.ask.watch, self.keep)
+        discovery = run_rounds(builder, start, options, self.request.progress, self.keep)
         if self.torques is not None:
             final, free = self.torques.refitted(discovery.final)
             discovery = replace(discovery, final=final)
@@ -206,11 +200,11 @@ class _Search:
 
     def keep(self, discovery: Discovery) -> None:
         """The best answer so far, for those who want it."""
-        if self.ask.keep is None:
+        if self.request.keep is None:
             return
-        ratio = held_out_ratio(self.base, discovery.final, seed=self.ask.options.seed) if discovery.steps else None
+        ratio = held_out_ratio(self.base, discovery.final, seed=self.request.options.seed) if discovery.steps else None
         free = self.torques.free if self.torques is not None else None
-        self.ask.keep(self.written(replace(discovery, base=self.base), ratio, free))
+        self.request.keep(self.written(replace(discovery, base=self.base), ratio, free))
 
     def written(self, discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
         """The document of a discovery.
@@ -218,22 +212,22 @@ class _Search:
         Args:
             free: the final model with the torques from outside as parameters.
         """
-        ask, outside, windows = self.ask, list[FindingResult](), list[WindowResult]()
-        if ask.external is not None and self.torques is not None and free is not None:
-            outside = [external_torque_finding(self.torques, self.base, free, ask.external)]
+        request, outside, windows = self.request, list[FindingResult](), list[WindowResult]()
+        if request.external is not None and self.torques is not None and free is not None:
+            outside = [external_torque_finding(self.torques, self.base, free, request.external)]
             windows = external_torque_windows(free, self.torques.label)
         held_out = () if self.base.model.validation_labels else (NO_HELD_OUT,)
-        all_notes = [*ask.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
+        all_notes = [*request.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
         about = Circumstances(
-            ask.name, ask.case, ask.watch.limit_s, all_notes, ask.doubts,
-            {**(ask.provenance or {}), "options": ask.options.record(), "thresholds": recorded(DECIDING)},
+            request.name, request.case, request.progress.limit_s, all_notes, request.doubts,
+            {**request.provenance, "options": request.options.record(), "thresholds": recorded(DECIDING)},
         )  # fmt: skip
         document = findings_document(
             about, discovery, self.builder, ratio=ratio, outside=outside, windows=windows,
             found_regions=self.disagreement,
         )  # fmt: skip
-        if self.is_late and ask.external is not None:
-            return ended_before(document, ask.watch.limit_s, "torques from outside")
+        if self.is_late and request.external is not None:
+            return ended_before(document, request.progress.limit_s, "torques from outside")
         return document
 
 
@@ -241,8 +235,8 @@ def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopMod
     """A model without the effects that change the log as a whole, and the parameters that they count as."""
     saved = 0.0
     for index in reversed(range(len(model.added_effects))):
-        if builder.is_of_log(model.added_effects[index].effect):
-            saved += builder.cost(model.added_effects[index])
+        if builder.effect(model.added_effects[index]).is_of_log:
+            saved += builder.at(model.added_effects[index]).cost
             model = builder.without(model, index)
     return model, saved
 
@@ -254,25 +248,27 @@ def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
     return replace(discovery, final=discovery.base, steps=(), refused=refused)
 
 
-def _at_the_begin(ask: _Question, model: LoopModel, found: Found) -> Found:
-    """A second look at data in which nothing was found, with their beginning.
+def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
+    """A second search with the start of the data, if nothing was found without it.
 
-    Only gears can be recognised there: they start in the middle of their play and without load, while anything else
-    that differs at the beginning may as well be the state in which the machine started.
+    Only gears can be recognised there: they start in the middle of their play and without load. Anything else that
+    differs at the start may be due to the unknown initial state.
     """
-    unseen = ended_before(found.document, ask.watch.limit_s, f"gears in the first {FIRST_S:g} s of the data")
-    if ask.watch.is_over:
+    unseen = ended_before(found.document, request.progress.limit_s, f"gears in the first {FIRST_S:g} s of the data")
+    if request.progress.is_time_up:
         return replace(found, document=unseen)
-    prepared = _prepared(model, ask.watch)
+    prepared = _prepared(model, request.progress)
     without, whole = found.discovery.base, prepared.fit
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
-    if not (more > ask.options.smallest_size**2).any():
+    if not (more > request.options.smallest_size**2).any():
         return found
-    ask.watch.say(f"the first {FIRST_S:g} s disagree: gears in them")
-    gears = {name for name, effect in ask.effects.items() if effect.known_at_start}
-    options = replace(ask.options, forbid=ask.options.forbid | (set(ask.effects) - gears))
+    request.progress.say(f"the first {FIRST_S:g} s disagree: gears in them")
+    gears = {name for name, effect in request.effects.items() if effect.known_at_start}
+    options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - gears))
     note = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
-    again = replace(ask, options=options, keep=None, notes=(*ask.notes, f"{note}: what was found takes them in."))
+    again = replace(
+        request, options=options, keep=None, notes=(*request.notes, f"{note}: what was found takes them in.")
+    )
     second = _Search.of(again, prepared).found()
     if second.discovery.steps:
         asked = found.document.provenance["options"]  # not that everything but gears was forbidden
@@ -296,7 +292,7 @@ def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
 
 
 def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
-    """What discovery makes of a black box that does not tell its whole motion."""
+    """How discovery treats a black box without outputs for its whole motion."""
     if builder.description is not None:
         return ()
     given = {v.name for v in builder.base.plant.outputs}

@@ -1,11 +1,11 @@
-"""How far a search came that is not at its end, in words."""
+"""How far an unfinished search came, in words."""
 
 from __future__ import annotations
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.imports import without_folder
 from fmu_didim.checks.judgement import diagnostic_result, judgement
-from fmu_didim.discovery.selection.candidates import Outcome, Tried
+from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
@@ -15,7 +15,7 @@ SHOWN_UNTRIED = 4
 
 SEARCH_RUNNING = CATALOGUE(
     "search-running", DOUBT, rank=1,
-    meaning="The findings were written while the search went on; if it no longer runs, it was ended from outside.",
+    meaning="The findings were written while the search went on; if it no longer runs, it was stopped from outside.",
     next_step="Wait for it, or run discover once more.",
 )  # fmt: skip
 SEARCH_CUT = CATALOGUE(
@@ -28,7 +28,7 @@ SEARCH_CUT = CATALOGUE(
 def unfinished_search(
     discovery: Discovery, limit_s: float | None
 ) -> tuple[Diagnostic, UnfinishedResult] | tuple[None, None]:
-    """How far a search is; twice None where it came to its end."""
+    """How far a search came; twice None if it is complete."""
     if discovery.ending is Ending.COMPLETE:
         return None, None
     if discovery.ending is Ending.RUNNING:
@@ -46,14 +46,16 @@ def unfinished_search(
 
 
 def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -> FindingsDocument:
-    """A document of a search that lacks its last part, which the time did not allow.
+    """The document of a search whose last part was cut off by the time limit.
 
     Args:
         what: was not looked for.
     """
-    told = document.unfinished
-    if told is not None:
-        more = told.model_copy(update={"text": f"{told.text} Nor were {what} looked for."})
+    known = document.unfinished
+    if known is not None:
+        more = known.model_copy(
+            update={"text": f"{known.text} {what[0].upper()}{what[1:]} were not looked for either."}
+        )
         return document.model_copy(update={"unfinished": more})
     text = f"The time limit of {limit_s or 0.0:g} s ended the search before {what} were looked for."
     cut = Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s")
@@ -79,13 +81,13 @@ def _listed(untried: list[EffectAtJoint]) -> str:
     return f"{shown} and {more} more" if more > 0 else shown
 
 
-def _leader(tried: tuple[Tried, ...]) -> str:
-    """The best of those that were fitted, which is none of the findings."""
+def _leader(tried: tuple[TriedCandidate, ...]) -> str:
+    """The best fitted candidate that is not among the findings."""
     fitted = [(t.delta_bic, t.effect_at) for t in tried if t.outcome is Outcome.FITTED and t.delta_bic is not None]
     if not fitted:
         return ""
-    worth, best = max(fitted, key=lambda f: f[0])
-    return f"; of those that were, {_named(best)} leads with a BIC difference of {worth:.0f}"
+    gain, best = max(fitted, key=lambda f: f[0])
+    return f"; of those that were, {_named(best)} leads with a BIC difference of {gain:.0f}"
 
 
 def _named(effect_at: EffectAtJoint) -> str:

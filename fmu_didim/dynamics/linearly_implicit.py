@@ -1,4 +1,4 @@
-"""Linearly implicit integration of stiff blocks: steep friction, gears, bristles at the steps that the data ask for.
+"""Linearly implicit integration of stiff blocks: steep friction, gears, bristles at the steps of the data.
 
 The midpoint rule with one evaluation a step, at a midpoint that is extrapolated from the last step. With f(x, u, p) the
 derivative of x, T close to the stiff part of df/dx and m = k of the step before, a step of size h is

@@ -13,9 +13,14 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
-from fmu_didim.checks.data.expected_accuracy import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
+from fmu_didim.checks.data.expected_accuracy import (
+    ExpectedAccuracy,
+    accuracy_diagnostics,
+    predict_accuracy,
+    resonance_diagnostics,
+)
 from fmu_didim.checks.judgement import diagnostic_result
-from fmu_didim.checks.plant import check_acting, start_diagnostics
+from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import relative_error_percent
@@ -65,7 +70,7 @@ class Checked:
     confounded: tuple[str, ...] = ()
     start: str = ""
     error_percent: Mapping[str, float] = field(default_factory=dict)
-    prospect: Prospect | None = None
+    prospect: ExpectedAccuracy | None = None
     consistency: Consistency | None = None
 
     @property
@@ -163,7 +168,7 @@ def _of_the_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, lis
     consistency = check_consistency(model) if model.parameters.has_regressor else None
     found = plant_diagnostics(consistency)
     try:
-        check_acting(model)
+        check_parameter_influence(model)
     except DiagnosedError as error:
         found += error.found
     return consistency, [*found, *start_diagnostics(model)]
@@ -184,9 +189,9 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             continue
         errors = {label: relative_error_percent(model.measured_in(label), t)[0] for label, t in torque.items()}
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
-        alike, ahead = look_ahead(model, values, fitted)
+        alike, ahead = predict_accuracy(model, values, fitted)
         told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []
-        told += prospect_diagnostics(ahead) if ahead is not None else []
+        told += accuracy_diagnostics(ahead) if ahead is not None else []
         told += resonance_diagnostics(model, values)
         told = [*found.diagnostics, *told]
         return replace(

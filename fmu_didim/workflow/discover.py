@@ -12,8 +12,8 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import located
 from fmu_didim.case import Case
 from fmu_didim.discovery.next_experiment.design import design_experiment
-from fmu_didim.discovery.progress import Watch
-from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.run import Found, Request
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import effect_catalogue
@@ -74,7 +74,7 @@ def discover(
         InputError, UnknownNameError: the case or a name is wrong, or the results could not be written to ``out``;
             SimulationError: the base model cannot be simulated.
     """
-    watch = Watch.limited(progress or (lambda text: None), time_limit)
+    search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder)
     model = case.model
@@ -88,19 +88,18 @@ def discover(
     record = provenance(model, {"name": "discover"}, files=case_files(case))
     record |= repeating("discover", case, None if out is None else Path(out), chosen)
     of_data = refuse_problems(case_diagnostics(case, causes=False))
-    run = _Run(case, _description(case), watch, folder, show or (lambda found: None))
-    found = discover_in(
-        model,
-        description=run.description,
+    run = _Run(case, _description(case), search, folder, show or (lambda found: None))
+    request = Request(
         name=case.name,
+        description=run.description,
         effects=catalogue,
         options=Options(forbid=frozenset(forbidden), prefer=tuple(preferred), rounds=rounds, seed=seed),
-        provenance={**record, "loop": model.systems[model.first].describe()},
-        watch=watch,
+        progress=search,
         keep=None if folder is None else run.keep,
         case=case.path.name,
-        of_data=of_data,
+        provenance={**record, "loop": model.systems[model.first].describe()},
     )
+    found = discover_in(model, request.about_data(of_data))
     return run.answer(found)
 
 
@@ -133,7 +132,7 @@ class _Run:
 
     case: Case
     description: RobotDescription | None
-    watch: Watch
+    progress: Progress
     folder: ResultFolder | None
     show: Callable[[Discovered], None]
 
@@ -144,7 +143,7 @@ class _Run:
             with self.folder.written() as new:
                 save_findings(document, new)
         except InputError as error:
-            self.watch.say(f"the answer so far could not be written: {error.got}")
+            self.progress.say(f"the answer so far could not be written: {error.got}")
 
     def answer(self, found: Found) -> Discovered:
         """What was found, shown and then in its folder; where that fails, shown as far as it came."""
@@ -170,14 +169,14 @@ class _Run:
         files = write_signals(found, new)
         notes = list(found.document.notes)
         if found.discovery.final.model.added_effects:
-            self.watch.say("writing the augmented model")
+            self.progress.say("writing the augmented model")
             augmented, note = write_augmented(self.case, found, self.description, new, home)
             files |= augmented
             notes.append(note)
         document = found.document
         proposed: dict[str, str] = {}
-        if self.description is not None and not self.watch.is_over:
-            document, proposed = _with_experiment(found, new, self.watch.say)
+        if self.description is not None and not self.progress.is_time_up:
+            document, proposed = _with_experiment(found, new, self.progress.say)
         document = document.model_copy(update={"files": files | proposed, "notes": notes})
         save_findings(document, new)
         write_discovery_report(new)

@@ -13,7 +13,7 @@ from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError
 from fmu_didim.case import Case
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.plant import check_acting, start_diagnostics
+from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.checks.validation import validate
 from fmu_didim.dynamics.robot import write_robot
 from fmu_didim.estimators import Progress, no_progress
@@ -159,7 +159,7 @@ def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, l
     if not has_own_plant(case):
         return None, []
     consistency = check_consistency(model) if model.parameters.has_regressor else None
-    check_acting(model)
+    check_parameter_influence(model)
     return consistency, [*plant_diagnostics(consistency), *start_diagnostics(model)]
 
 

@@ -215,8 +215,8 @@ def test_discover_takes_a_module_or_a_file(
     """Of the working folder or beside the case; the same effect may be forbidden by its other name."""
     taken: dict[str, Any] = {}
 
-    def search(model: object, **given: Any) -> None:
-        taken.update(given)
+    def search(model: object, request: Any) -> None:
+        taken.update(effects=request.effects, options=request.options)
         raise InputError("seen")
 
     here, there = tmp_path / "here ü", tmp_path / "there"

@@ -14,7 +14,7 @@ import yaml
 from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.checks.consistency import Consistency, check_consistency
-from fmu_didim.checks.plant import check_acting, start_diagnostics
+from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.components import FmuComponent, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.dynamics.block import Block
@@ -375,7 +375,7 @@ def test_fmu_that_accepts_a_parameter_and_ignores_it(tmp_path: Path) -> None:
 
 
 def test_all_parameters_of_a_good_plant_act(tmp_path: Path) -> None:
-    check_acting(model_of(case_with(tmp_path, block())))
+    check_parameter_influence(model_of(case_with(tmp_path, block())))
 
 
 def test_parameter_that_acts_late_is_found_to_act(tmp_path: Path) -> None:
@@ -388,7 +388,7 @@ def test_parameter_that_acts_late_is_found_to_act(tmp_path: Path) -> None:
         "move_s": 1.5, "dwell_s": 1.0,
     }  # fmt: skip
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    check_acting(model_of(path))
+    check_parameter_influence(model_of(path))
 
 
 def test_user_system_keeps_its_order(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_a_function_of_the_motion_is_found_whatever_its_unit(scale):
     assert one.p_value < 1e-6
     assert (one.joint, one.most) == (2, "c")
     assert abs(one.slope - 0.5 * scale) < 4 * one.deviation
-    assert one.alone > 0.8
+    assert one.most_share > 0.8
 
 
 def test_what_the_fit_has_used_up_does_not_count():
@@ -96,7 +96,7 @@ def test_filter_leaves_white_noise_and_no_row_beside_a_gap(missing):
 
 
 @pytest.mark.parametrize(
-    ("most", "alone", "p_value", "codes"),
+    ("most", "most_share", "p_value", "codes"),
     [
         ("velocity", 0.9, 1e-9, ["residual-depends-on-motion"]),
         (TORQUE_RATE, 0.95, 1e-9, ["clock-late"]),
@@ -105,9 +105,9 @@ def test_filter_leaves_white_noise_and_no_row_beside_a_gap(missing):
         ("velocity", 0.95, 0.04, []),
     ],
 )
-def test_what_is_told(most, alone, p_value, codes):
+def test_what_is_reported(most, most_share, p_value, codes):
     """Of two joints: each needs half the level; the other one is as noise is."""
-    joints = [Dependence(1, 0.4, 0.01, "offset", 0.3), Dependence(2, p_value, 0.2, most, alone, -0.005, 0.0001)]
+    joints = [Dependence(1, 0.4, 0.01, "offset", 0.3), Dependence(2, p_value, 0.2, most, most_share, -0.005, 0.0001)]
     told = motion_diagnostics(joints)
     assert [d.code.name for d in told] == codes
     assert all(d.place == "joint 2" for d in told)

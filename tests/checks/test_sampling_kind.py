@@ -10,7 +10,8 @@ import pytest
 
 from fmu_didim.checks.sampling_kind import Way, other_sampling
 from fmu_didim.cosim import SampleOperator, sample_operator
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.fit.fit import Fit
@@ -58,7 +59,7 @@ def asked(folder: Path, model: LoopModel, *, shifted: bool = False) -> Way | Non
     builder = LoopModelBuilder(model, read_robot(folder / "robot.yaml"), EFFECTS)
     fit = minimise(builder.build(fit.model, [Proposal(SHIFT, {"log_shift": 0.005})]), noise)
     unshifted = builder.without(fit.model, 0)
-    return other_sampling(fit, unshifted, saved=builder.cost(SHIFT), threshold=10.0)
+    return other_sampling(fit, unshifted, saved=builder.at(SHIFT).cost, threshold=10.0)
 
 
 @pytest.mark.gate

@@ -1,4 +1,4 @@
-"""Fits, contenders and builders by hand: their torques are tables, nothing is simulated."""
+"""Fits, candidates and builders by hand: their torques are tables, nothing is simulated."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
@@ -93,16 +93,16 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
     return fit_of(TableModel(residual(*mean_squares), held_out or {}, **more))
 
 
-def contender_of(
+def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     torque_change: float = 3.0, cost: float = 1.0, fit: Fit | None = None,
-) -> Contender:  # fmt: skip
-    """A contender that is accepted as it stands."""
+) -> FittedCandidate:  # fmt: skip
+    """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return Contender(at, fit, bic, size, share, torque_change, cost)
+    return FittedCandidate(at, fit, bic, size, share, torque_change, cost)
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
@@ -125,16 +125,23 @@ class Catalogue:
         self.effects = {effect.name: effect for effect in effects}
         self.description: Any = None
         self.identified: set[str] = set()
+        self.amplitudes: tuple[Any, ...] = ()
+        self.shapes: tuple[Any, ...] = ()
         self._costs, self._joints = dict(costs or {}), joints
 
     def effect(self, effect_at: EffectAtJoint) -> Any:
         return self.effects[effect_at.effect]
 
-    def is_identified(self, effect_at: EffectAtJoint) -> bool:
-        return effect_at.effect in self.identified
+    def at(self, effect_at: EffectAtJoint) -> Any:
+        return SimpleNamespace(
+            cost=self._costs.get(effect_at.effect, 1.0), can_be_added=True, is_present=self._is_present(effect_at),
+            amplitudes=self.amplitudes, shapes=self.shapes,
+        )  # fmt: skip
 
-    def cost(self, effect_at: EffectAtJoint) -> float:
-        return self._costs.get(effect_at.effect, 1.0)
+    def _is_present(self, effect_at: EffectAtJoint) -> bool:
+        if self.description is None:
+            return effect_at.effect in self.identified
+        return effect_at.effect in self.description.joints[effect_at.joint - 1].effects
 
     def joints(self, name: str) -> tuple[int, ...]:
         return tuple(range(1, self._joints + 1))
@@ -142,8 +149,5 @@ class Catalogue:
     def link_values(self, joint: int) -> dict[str, float]:
         return {}
 
-    def can_add(self, effect_at: EffectAtJoint) -> bool:
-        return True
-
-    def compile(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
+    def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
         pass

@@ -217,7 +217,7 @@ def test_time_that_is_up_is_told_everywhere(
     assert document.answer == "unfinished" and document.findings == []
     assert document.unfinished is not None
     assert {name for name, _ in document.unfinished.untried} >= {"quadratic_viscous", "torque_saturation", "backlash"}
-    assert "Nor were torques from outside looked for." in document.unfinished.text
+    assert "Torques from outside were not looked for either." in document.unfinished.text
     assert document.gap["validation"].before is not None
     for shown in (printed, page):
         assert "NOT FINISHED" in shown and "NOTHING MISSING" not in shown

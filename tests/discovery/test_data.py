@@ -27,11 +27,11 @@ class BegunError(Exception):
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What a search was begun with; it ends there."""
+    """The request that a search was started with; it ends there."""
     found: dict[str, Any] = {}
 
-    def search(model: object, **given: Any) -> None:
-        found.update(given)
+    def search(model: object, request: run.Request) -> None:
+        found["doubts"] = request.doubts
         raise BegunError
 
     monkeypatch.setattr(sys.modules[discover.__module__], "discover_in", search)
@@ -49,22 +49,12 @@ def test_a_log_that_cannot_be_that_of_the_loop_is_refused_before_any_fit(asked: 
 def test_held_out_data_that_are_none_are_doubted(asked: dict[str, Any]) -> None:
     with pytest.raises(BegunError):
         discover(load_case(SCARA).with_(validation={"torque": None}))
-    assert "validation-without-torque" in [d.code.name for d in asked["of_data"]]
+    assert "validation-without-torque" in [d.code.name for d in asked["doubts"]]
 
 
-def test_doubts_of_the_data_are_reasons_and_all_else_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clock or a delay is what discovery itself names: only what holds whatever the model is, is a doubt."""
-    seen: list[Any] = []
-
-    def begun(ask: Any, prepared: Any) -> None:
-        seen.append(ask)
-        raise BegunError
-
-    monkeypatch.setattr(run, "prepare", lambda model: None)
-    monkeypatch.setattr(run._Search, "of", begun)
-    of_data = [Diagnostic(code, "It is so.") for code in (VALIDATION_WITHOUT_TORQUE, CLOCK_LATE, SAMPLES_MISSING)]
-    with pytest.raises(BegunError):
-        run.discover(load_case(SCARA).model, description=None, name="", of_data=of_data)
-    (ask,) = seen
-    assert [d.code for d in ask.doubts] == [VALIDATION_WITHOUT_TORQUE]
-    assert ask.notes == ["It is so.", "It is so."]
+def test_doubts_of_the_data_are_reasons_and_all_else_is_a_note() -> None:
+    """Discovery itself names a clock or a delay: only what holds whatever the model is, is a doubt."""
+    diagnostics = [Diagnostic(code, "It is so.") for code in (VALIDATION_WITHOUT_TORQUE, CLOCK_LATE, SAMPLES_MISSING)]
+    request = run.Request(name="", description=None).about_data(diagnostics)
+    assert [d.code for d in request.doubts] == [VALIDATION_WITHOUT_TORQUE]
+    assert request.notes == ["It is so.", "It is so."]

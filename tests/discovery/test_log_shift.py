@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.model.free_parameter import LOG

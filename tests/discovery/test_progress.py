@@ -1,10 +1,10 @@
-"""What a search says of its progress, with a clock by hand."""
+"""What a search reports of its progress, with a clock by hand."""
 
 from __future__ import annotations
 
 import pytest
 
-from fmu_didim.discovery.progress import SAID_EVERY_S, Watch, seconds_left
+from fmu_didim.discovery.progress import SAID_EVERY_S, Progress, seconds_left
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ class Clock:
 
 def test_each_piece_with_something_to_say_is_told_with_the_time_left() -> None:
     said, clock = list[str](), Clock()
-    one_more = Watch(said.append, now=clock).counted("fitting candidate", 3)
+    one_more = Progress(said.append, now=clock).counted("fitting candidate", 3)
     for text in ("a", "b", "c"):
         clock.time += 10.0
         one_more(text)
@@ -40,7 +40,7 @@ def test_each_piece_with_something_to_say_is_told_with_the_time_left() -> None:
 
 def test_pieces_with_nothing_to_say_are_told_now_and_then() -> None:
     said, clock = list[str](), Clock()
-    one_more = Watch(said.append, now=clock).counted("signatures of candidate", 100)
+    one_more = Progress(said.append, now=clock).counted("signatures of candidate", 100)
     for _ in range(100):
         clock.time += 0.3 * SAID_EVERY_S
         one_more("")
@@ -51,4 +51,4 @@ def test_pieces_with_nothing_to_say_are_told_now_and_then() -> None:
 
 @pytest.mark.parametrize(("ends", "over"), [(99.0, True), (100.0, True), (100.1, False), (float("inf"), False)])
 def test_the_time_is_up_from_its_end_on(ends: float, over: bool) -> None:
-    assert Watch(ends=ends, now=Clock()).is_over is over
+    assert Progress(ends=ends, now=Clock()).is_time_up is over

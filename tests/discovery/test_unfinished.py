@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.discovery.progress import Watch
-from fmu_didim.discovery.selection.candidates import Outcome, Tried
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import ended_before, unfinished_search
 from fmu_didim.model.loop_description import EffectAtJoint
@@ -20,12 +20,12 @@ BASE: Any = table_fit(1.0)
 LAG, GEAR, *MORE = (EffectAtJoint(name, j) for j, name in enumerate(("lag", "gear", "c", "d", "e", "f"), start=1))
 
 
-def tried(effect_at: EffectAtJoint, outcome: Outcome = Outcome.NOT_TRIED, bic: float | None = None) -> Tried:
-    return Tried(effect_at, outcome, bic)
+def tried(effect_at: EffectAtJoint, outcome: Outcome = Outcome.NOT_TRIED, bic: float | None = None) -> TriedCandidate:
+    return TriedCandidate(effect_at, outcome, bic)
 
 
 @pytest.mark.parametrize(
-    ("contests", "steps", "ending", "rounds", "text"),
+    ("comparisons", "steps", "ending", "rounds", "text"),
     [
         ([], [], Ending.RUNNING, 0,
          "The search was still running when this was written, with no effect accepted; others may follow."),
@@ -44,16 +44,16 @@ def tried(effect_at: EffectAtJoint, outcome: Outcome = Outcome.NOT_TRIED, bic: f
     ],
 )  # fmt: skip
 def test_how_far_it_came(
-    contests: list[list[Tried]], steps: list[EffectAtJoint], ending: Ending, rounds: int, text: str
+    comparisons: list[list[TriedCandidate]], steps: list[EffectAtJoint], ending: Ending, rounds: int, text: str
 ) -> None:
     done: Any = tuple(SimpleNamespace(effect_at=a) for a in steps)
-    told, found = unfinished_search(Discovery(BASE, BASE, done, (), tuple(map(tuple, contests)), ending), 30.0)
+    told, found = unfinished_search(Discovery(BASE, BASE, done, (), tuple(map(tuple, comparisons)), ending), 30.0)
     assert told is not None
     assert found is not None
     assert told.text == found.text == text
     assert told.code.name == found.code == ("search-running" if ending is Ending.RUNNING else "search-cut")
     assert found.rounds == rounds
-    last = contests[-1] if contests else []
+    last = comparisons[-1] if comparisons else []
     assert found.untried == [(t.effect_at.effect, t.effect_at.joint) for t in last if t.outcome is Outcome.NOT_TRIED]
     assert found.next_step
 
@@ -69,16 +69,16 @@ def test_what_was_not_looked_for_at_the_end_makes_it_unfinished() -> None:
     assert (found.verdict, [reason.code for reason in found.reasons]) == ("not_settled", ["search-cut"])
     assert found.unfinished.text == "The time limit of 5 s ended the search before gears were looked for."  # type: ignore[union-attr]
     again = ended_before(found, 5.0, "pushes")
-    assert again.unfinished.text.endswith("before gears were looked for. Nor were pushes looked for.")  # type: ignore[union-attr]
+    assert again.unfinished.text.endswith("before gears were looked for. Pushes were not looked for either.")  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
 def test_a_limit_is_a_positive_number(limit: float) -> None:
     with pytest.raises(InputError, match="time limit"):
-        Watch.limited(print, limit)
+        Progress.limited(print, limit)
 
 
 def test_the_time_begins_when_the_watch_is_made() -> None:
-    assert Watch.limited(print, None).ends == float("inf")
-    assert not Watch.limited(print, 1000.0).is_over
-    assert Watch.limited(print, 1e-9).is_over
+    assert Progress.limited(print, None).ends == float("inf")
+    assert not Progress.limited(print, 1000.0).is_time_up
+    assert Progress.limited(print, 1e-9).is_time_up

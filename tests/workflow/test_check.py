@@ -40,7 +40,7 @@ def test_case_without_fault_is_ready() -> None:
     assert found.ok
     assert found.found(PROBLEM) == found.found(DOUBT) == found.confounded == ()
     assert [d.code.name for d in found.diagnostics] == ["parameters-not-significant"]
-    assert "will not tell Fv1 from zero" in lines(found) and "Fv1 * " in found.summary()
+    assert "will not distinguish Fv1 from zero" in lines(found) and "Fv1 * " in found.summary()
     assert found.parameters == load_case(CASE).model.names
     assert found.start == "the motion that the measured torque implies"
     assert 4 < found.error_percent["validation"] < 10
@@ -65,7 +65,7 @@ def test_torque_with_the_wrong_sign_is_a_problem() -> None:
     assert "PROBLEM torque-sign: estimation: joint 1: The measured torque runs against the simulated one" in lines(
         found
     )
-    assert "Next: Turn the sign of these columns" in lines(found)
+    assert "Next: Reverse the sign of these columns" in lines(found)
     assert lines(found).endswith("NOT READY: mend the problems above")
 
 

@@ -1,4 +1,4 @@
-"""All that can be said of the data of a loop model before any fit."""
+"""Checks of the data of a loop model before any fit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import expected
-from fmu_didim.checks.data.linear_fit import Nearby, along, nearby
+from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.data.log import log_diagnostics
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
 from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
 from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import timing
-from fmu_didim.checks.data.torque_channel import relation_diagnostics
+from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
@@ -28,7 +28,7 @@ SUBSTEPS = 4
 
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a model, the weightiest first; an empty list where nothing is.
+    """What is wrong or doubtful with the data of a model, the most important first; empty if nothing is wrong.
 
     Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
     factor of three.
@@ -49,12 +49,12 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
         found += log_diagnostics(experiment, label, given, 1 / run.step_size)
-        of_log = unit_diagnostics(run, given) or relation_diagnostics(given, gains, label)
+        of_log = unit_diagnostics(run, given) or torque_channel_diagnostics(given, gains, label)
         found += of_log
         held_out = experiment.role == "validation"
-        if not causes or of_log or (held_out and explained) or (near := nearby(model.on(label))) is None:
+        if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
-        explained += _explained(near, held_out=held_out)
+        explained += _explained(fitted, held_out=held_out)
     return by_weight([*found, *explained])
 
 
@@ -72,23 +72,23 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
     try:
-        near = [along(model.on(label).simulation(model.start)) for label in model.estimation_labels]
+        motions = [motion_with_regressor(model.on(label).simulation(model.start)) for label in model.estimation_labels]
     except SimulationError:  # nothing is cleared up
         return found
-    codes = {d.code for one in near for d in _explained(one)}
+    codes = {d.code for one in motions for d in _explained(one)}
     return [d for d in found if d not in doubted or d.code in codes]
 
 
-def _explained(near: Nearby, *, held_out: bool = False) -> list[Diagnostic]:
+def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:
     """What another timing, scale or length would explain of a log, the best first."""
-    offered = [*timing(near, clock_alone=held_out)]
+    offered = [*timing(fitted, clock_alone=held_out)]
     if not held_out:
-        offered += another_robot(near)
-    return near.best(offered)
+        offered += another_robot(fitted)
+    return fitted.best(offered)
 
 
 def drive_gains(model: LoopModel) -> Array:
-    """(n,) gain from the command to the logged torque of each joint; 1 where there is none."""
+    """(n,) gain from the command to the logged torque of each joint; 1 without one."""
     connections = model.systems[model.first].connections
     own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
     return np.array([own.get(target, 1.0) for target in model.logged])

@@ -24,7 +24,7 @@ from fmu_didim.model.loop_model import LoopModel
 LOOSE = 1e-9
 """[1] Singular value, of the largest one, of directions along which no step is made."""
 SIGNIFICANT = 2.0
-"""[standard deviations] Of a value, from which it will be told from zero."""
+"""[standard deviations] Of a value, from which it differs clearly from zero."""
 CORRELATED = 0.9
 """[1] Correlation from which the partner of a parameter is shown."""
 RINGING_S = 2.0
@@ -38,8 +38,8 @@ STANDS_OUT = 4.0
 
 NOT_SIGNIFICANT = CATALOGUE(
     "parameters-not-significant", REMARK, rank=60,
-    meaning="Parameters will not be told from zero by this motion and this log: their predicted standard deviation is "
-    "more than half of their value.",
+    meaning="This motion and this log will not distinguish some parameters from zero: their predicted standard "
+    "deviation is more than half of their value.",
     next_step="Excite them more (faster or longer motion, lower noise, higher rate), or leave them out.",
 )  # fmt: skip
 RESONANCE = CATALOGUE(
@@ -52,12 +52,12 @@ RESONANCE = CATALOGUE(
 
 
 @dataclass(frozen=True)
-class Prospect:
+class ExpectedAccuracy:
     """What is predicted of the parameters.
 
     Attributes:
         names, units: (p,); values, deviation: (p,) at the start, and their predicted standard deviation.
-        partner: (p,) the parameter that each is correlated with most, with the coefficient; empty and 0 where none is.
+        partner: (p,) the parameter that each is correlated with most, with the coefficient; empty and 0 without one.
     """
 
     names: tuple[str, ...]
@@ -73,16 +73,16 @@ class Prospect:
         return tuple(name for name, is_small in zip(self.names, small, strict=True) if is_small)
 
 
-def look_ahead(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], Prospect | None]:
+def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], ExpectedAccuracy | None]:
     """Parameters that the data cannot tell apart, and what is predicted of them all, from a start with this torque
-    (N, n); None where nothing can be.
+    (N, n); None where no prediction is possible.
 
     The noise is what the model knows of it, else what one linear step would leave of the residual.
     """
     try:
         columns, residual = sensitivity(model, values, torque), model.measured - torque
     except SimulationError:
-        return (), None  # so near to where the loop diverges nothing can be said
+        return (), None  # so near to divergence nothing can be predicted
     left = residual - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=LOOSE)[0]
     deviation = model.torque_deviation
     if deviation is None:
@@ -91,7 +91,7 @@ def look_ahead(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[st
     return confounded(white, values, model.names, torque=size), predicted(model, values, white)
 
 
-def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | None:
+def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccuracy | None:
     """What the whitened sensitivity (r, p) at values (p,) predicts; None where it is singular."""
     if not np.abs(columns).any(axis=0).all():
         return None
@@ -106,15 +106,15 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> Prospect | Non
     partner = tuple(
         (model.names[k], float(related[i, k])) if related[i, k] > CORRELATED else ("", 0.0) for i, k in enumerate(most)
     )
-    return Prospect(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
+    return ExpectedAccuracy(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
 
 
-def prospect_diagnostics(found: Prospect) -> list[Diagnostic]:
+def accuracy_diagnostics(found: ExpectedAccuracy) -> list[Diagnostic]:
     """Parameters that will not be significant."""
     names = found.insignificant
     if not names:
         return []
-    text = f"These data will not tell {', '.join(names)} from zero."
+    text = f"These data will not distinguish {', '.join(names)} from zero."
     return [Diagnostic(NOT_SIGNIFICANT, text, value=float(len(names)), unit="parameters")]
 
 

@@ -37,9 +37,9 @@ HELPS = 0.98
 EXACT = 1e-4
 """[1] Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log."""
 RIVALS = 2
-"""[explanations] That are told where the data cannot decide between more."""
+"""[explanations] That are reported where the data cannot decide between more."""
 CLEARLY = 20.0
-"""[1] BIC difference from which an explanation is told: twice that of very strong evidence."""
+"""[1] BIC difference from which an explanation is reported: twice that of very strong evidence."""
 WORTH_IT = 0.97
 """[1] Of the mean square residual that an explanation must leave at most."""
 FINE = 0.1
@@ -48,15 +48,15 @@ FINE = 0.1
 
 @dataclass(frozen=True)
 class Explanation:
-    """What would explain a log better: misfit, as of :meth:`Nearby.misfit`, BIC difference, and how it is told."""
+    """What would explain a log better: its misfit (:meth:`FittedMotion.misfit`), BIC difference and diagnostic."""
 
     misfit: float
     gain: float
-    told: Diagnostic
+    diagnostic: Diagnostic
 
 
 @dataclass(frozen=True)
-class Nearby:
+class FittedMotion:
     """A simulated motion at all ticks of an experiment, and its regressor.
 
     Attributes:
@@ -85,7 +85,7 @@ class Nearby:
 
     @cached_property
     def samples(self) -> float:
-        """Number of samples that count as independent, by the colour of the residual as the case has it."""
+        """Number of samples that count as independent, by the autocorrelation of the residual."""
         rest = self.residual()
         return float((effective_fraction(rest) * rest.shape[0]).sum())
 
@@ -106,8 +106,8 @@ class Nearby:
             misfit: of one quantity, 1 where it is 0.
         """
         below, above = misfit(-step), misfit(step)
-        curvature = below + above - 2 * (here := self.misfit())
-        best = min(below, above, here - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else here)
+        curvature = below + above - 2 * (present := self.misfit())
+        best = min(below, above, present - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else present)
         if self.gain(best) <= 0:
             return None
         found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": FINE * step})
@@ -118,14 +118,14 @@ class Nearby:
     def best(self, offered: Iterable[Explanation]) -> list[Diagnostic]:
         """The explanation that is clearly better than the case and than all others, the best first.
 
-        One that is nearly as good is told beside it, because the data cannot decide between them.
+        One that is nearly as good is reported beside it, because the data cannot decide between them.
         """
         better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
         least = min((e.misfit for e in better), default=0.0)
         rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
-        return [e.told for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
+        return [e.diagnostic for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
 
-    def misfit_of(self, other: Nearby) -> float:
+    def misfit_of(self, other: FittedMotion) -> float:
         """The same along another motion, joints divided by their size along this one."""
         rest = other._rest(other.experiment.operator, other.columns, self.size)
         return float(np.mean((rest / self.size) ** 2))
@@ -143,7 +143,7 @@ class Nearby:
         return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
 
 
-def nearby(model: LoopModel) -> Nearby | None:
+def fitted_motion(model: LoopModel) -> FittedMotion | None:
     """The motion of a model of one experiment after a few steps of DIDIM; None where it cannot be brought near
     enough."""
     if not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
@@ -151,11 +151,11 @@ def nearby(model: LoopModel) -> Nearby | None:
     for start in _starts(model):
         reached = _steps(model, start)
         if reached is not None and reached[0] <= NEAR:
-            return along(model.simulation(reached[1]))
+            return motion_with_regressor(model.simulation(reached[1]))
     return None
 
 
-def along(run: Simulation) -> Nearby:
+def motion_with_regressor(run: Simulation) -> FittedMotion:
     """A motion with its regressor; raises SimulationError."""
     recording, model = run.record(all_ticks=True), run.model
     q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
@@ -167,7 +167,7 @@ def along(run: Simulation) -> Nearby:
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
     known = run.logged_torque(recording) - columns @ run.theta
-    return Nearby(run, (q, dq, ddq), observed, columns, known)
+    return FittedMotion(run, (q, dq, ddq), observed, columns, known)
 
 
 def _starts(model: LoopModel) -> Iterator[Array]:

@@ -61,7 +61,7 @@ LOG_CONSTANT = CATALOGUE(
 )  # fmt: skip
 RATE_ABOVE_LOG = CATALOGUE(
     "rate-above-log", PROBLEM, rank=7,
-    meaning="rate_hz asks for more samples than the log has: they would be counted as independent measurements.",
+    meaning="rate_hz requests more samples than the log has: they would be counted as independent measurements.",
     next_step="Leave out torque.rate_hz, or choose at most the rate of the log.",
 )  # fmt: skip
 LOG_UPSAMPLED = CATALOGUE(
@@ -78,9 +78,9 @@ LOG_SATURATED = CATALOGUE(
 )  # fmt: skip
 LOG_OUTLIERS = CATALOGUE(
     "log-outliers", DOUBT, rank=17,
-    meaning="Single samples leave their neighbours by more than the motion makes them: errors of the logger, or pushes "
-    "from outside that last for a sample or two.",
-    next_step="Leave wrong samples out of the log, missing ones are allowed; for pushes: fmu-didim discover CASE.yaml.",
+    meaning="Single samples differ from their neighbours by more than the motion explains: errors of the logger, or "
+    "pushes from outside that last for a sample or two.",
+    next_step="Remove wrong samples from the log (gaps are allowed); for pushes: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 LOG_COARSE = CATALOGUE(
     "log-coarse", DOUBT, rank=18,
@@ -163,7 +163,7 @@ def _too_fast(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
     stamps = _stamps(experiment)
     rate = float(grid_places(stamps)[-1] / (stamps[-1] - stamps[0]))
     if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
-        text = f"rate_hz asks for {experiment.rate_hz:.4g} Hz of a log at {rate:.4g} Hz."
+        text = f"rate_hz requests {experiment.rate_hz:.4g} Hz, but the log has {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
 
 
@@ -206,7 +206,7 @@ def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> It
         return
     varies = float(np.ptp(best[:, j]))
     if varies > STRAIGHT * float(np.abs(best).max()):
-        text = f"The log is {values[0]:.4g} throughout, where the motion asks for a torque that varies by {varies:.4g}."
+        text = f"The log is {values[0]:.4g} throughout, where the motion needs a torque that varies by {varies:.4g}."
         yield Diagnostic(LOG_CONSTANT, text, place, float(np.ptp(values)))
 
 
@@ -260,15 +260,15 @@ def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
         return
     spread = float(np.ptp(np.percentile(values, QUANTILES)))
     rests = [signal - medfilt(signal, NEIGHBOURS) for signal in (values, values - best[:, j])]
-    apart = np.min(np.abs(rests), axis=0)
+    deviation = np.min(np.abs(rests), axis=0)
     if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
         simulated = given.nominal[:, j]
         swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
-        apart = np.maximum(apart - maximum_filter1d(swings, NEIGHBOURS), 0.0)
-    spikes = np.flatnonzero(apart > SPIKE * spread)
+        deviation = np.maximum(deviation - maximum_filter1d(swings, NEIGHBOURS), 0.0)
+    spikes = np.flatnonzero(deviation > SPIKE * spread)
     if 0 < spikes.size <= MOST_SPIKES * values.size:
         text = (
-            f"{spikes.size} of {values.size} samples leave their neighbours by up to {apart.max():.4g}, where nine "
-            f"tenths of the log lie within {spread:.4g}."
+            f"{spikes.size} of {values.size} samples differ from their neighbours by up to {deviation.max():.4g}; "
+            f"nine tenths of the log lie within {spread:.4g}."
         )
-        yield Diagnostic(LOG_OUTLIERS, text, place, float(apart.max()), SPIKE * spread)
+        yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), SPIKE * spread)

@@ -17,8 +17,8 @@ FEWEST_CHANGES = 10
 
 PLANT_HOLDS = CATALOGUE(
     "plant-holds", DOUBT, rank=14,
-    meaning="The plant takes longer steps than the loop asks of it, and holds its outputs in between: the loop acts on "
-    "an old motion.",
+    meaning="The plant takes longer steps than the loop and holds its outputs in between: the controller acts on an "
+    "outdated motion.",
     next_step="Let the loop run at the rate of the plant (loop: {rate_hz: ...}), or run the plant in model exchange "
     "(plant: {interface: model-exchange}).",
 )  # fmt: skip

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.checks.data.linear_fit import Explanation, Nearby
+from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion
 from fmu_didim.checks.data.timing import SHIFT_SIGMAS
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.loop_model import LoopModel
@@ -26,7 +26,7 @@ from fmu_didim.model.parameters import RobotParameters
 LARGEST_LENGTH = 20.0
 """[m] Of a link, beyond which millimetres are suspected: no machine with joints has it."""
 LEAST_SCALE = 0.05
-"""[1] Relative change of a scale or a length from which it is told."""
+"""[1] Relative change of a scale or a length from which it is reported."""
 LARGEST_SCALE = 4.0
 """[1] Up to which a scale is looked for, up and down."""
 LARGEST_CHANGE = 0.6
@@ -36,7 +36,7 @@ SHORT_LINK = 0.2
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
-    meaning="A link is longer than any machine's: its length seems to be in millimetres.",
+    meaning="A link is longer than that of any robot: its length seems to be in millimetres.",
     next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 LINK_LENGTH = CATALOGUE(
@@ -46,7 +46,7 @@ LINK_LENGTH = CATALOGUE(
 )  # fmt: skip
 TORQUE_SCALE = CATALOGUE(
     "torque-scale", DOUBT, rank=22,
-    meaning="The torques of the joints do not fit each other: coupling and gravity say that one of them is scaled.",
+    meaning="The torques of the joints do not fit each other: coupling and gravity show that one of them is scaled.",
     next_step="Check gain, gear ratio and unit of the torque of each joint.",
 )  # fmt: skip
 DISTANCES = ("a", "d")
@@ -65,40 +65,42 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
     ]  # fmt: skip
 
 
-def another_robot(near: Nearby) -> Iterator[Explanation]:
+def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
     """What another length or another scale would explain of a log, one at a time."""
-    yield from _scales(near)
-    yield from _link_lengths(near)
+    yield from _scales(fitted)
+    yield from _link_lengths(fitted)
 
 
-def _scales(near: Nearby) -> Iterator[Explanation]:
-    n = near.run.model.joint_count
+def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
+    n = fitted.run.model.joint_count
     for j in range(n if n > 1 else 0):
         rows = np.arange(n) == j
 
         def misfit(x: float, rows: np.ndarray = rows) -> float:
             scale = np.where(rows, math.exp(x), 1.0)
-            return near.misfit_of(replace(near, columns=near.columns * scale[:, None], known=near.known * scale))
+            return fitted.misfit_of(
+                replace(fitted, columns=fitted.columns * scale[:, None], known=fitted.known * scale)
+            )
 
-        for x, deviation, least in _clear(near, misfit, math.log(LARGEST_SCALE)):
+        for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
                 f"Against the other joints the torque seems to be {math.exp(x):.3g} times (± {100 * deviation:.1g} %) "
                 f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
             )
             bound = math.exp(math.copysign(max(SHIFT_SIGMAS * deviation, LEAST_SCALE), x))
-            told = Diagnostic(TORQUE_SCALE, text, f"{near.run.label}: joint {j + 1}", math.exp(x), bound, "1")
-            yield Explanation(least, near.gain(least), told)
+            diagnostic = Diagnostic(TORQUE_SCALE, text, f"{fitted.run.label}: joint {j + 1}", math.exp(x), bound, "1")
+            yield Explanation(least, fitted.gain(least), diagnostic)
 
 
-def _link_lengths(near: Nearby) -> Iterator[Explanation]:
-    robot, parameters = _description(near.run.model), near.run.model.parameters
+def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
+    robot, parameters = _description(fitted.run.model), fitted.run.model.parameters
     if robot is None or not isinstance(parameters, RobotParameters):
         return
     lengths = _lengths(robot)
     longest = max((abs(length) for _, _, length in lengths), default=0.0)
-    ticks, taken = near.experiment.operator.ticks, np.zeros_like(near.columns)
-    motion = [signal[ticks] for signal in near.motion]
-    observed = None if near.observed is None else near.observed[ticks]
+    ticks, taken = fitted.experiment.operator.ticks, np.zeros_like(fitted.columns)
+    motion = [signal[ticks] for signal in fitted.motion]
+    observed = None if fitted.observed is None else fitted.observed[ticks]
     for j, name, length in lengths:
         if abs(length) < SHORT_LINK * longest or not length:
             continue
@@ -108,20 +110,22 @@ def _link_lengths(near: Nearby) -> Iterator[Explanation]:
             joints[j - 1] = joints[j - 1].model_copy(update={name: length * (1 + x)})
             other = RobotParameters(RobotModel(robot.model_copy(update={"joints": tuple(joints)})), parameters.base)
             taken[ticks] = other.regressor(*motion, observed=observed)[0]
-            return near.misfit_of(replace(near, columns=taken))
+            return fitted.misfit_of(replace(fitted, columns=taken))
 
-        for x, deviation, least in _clear(near, misfit, LARGEST_CHANGE):
+        for x, deviation, least in _clear(fitted, misfit, LARGEST_CHANGE):
             text = (
                 f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: so, base "
                 f"parameters leave {100 * math.sqrt(least):.0f} % of what they leave as it is."
             )
-            told = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
-            yield Explanation(least, near.gain(least), told)
+            diagnostic = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
+            yield Explanation(least, fitted.gain(least), diagnostic)
 
 
-def _clear(near: Nearby, misfit: Callable[[float], float], bound: float) -> Iterator[tuple[float, float, float]]:
+def _clear(
+    fitted: FittedMotion, misfit: Callable[[float], float], bound: float
+) -> Iterator[tuple[float, float, float]]:
     """The least misfit, if it lies clearly away from 0 within the bound."""
-    found = near.least(misfit, LEAST_SCALE, bound)
+    found = fitted.least(misfit, LEAST_SCALE, bound)
     if found is not None and abs(found[0]) > max(SHIFT_SIGMAS * found[1], LEAST_SCALE):
         yield found
 

@@ -1,4 +1,4 @@
-"""What experiments say against each other: held-out data that are none."""
+"""Checks of the experiments against each other: held-out data that are not independent."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import InputError, SimulationError
-from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, Nearby, along, nearby
+from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
 from fmu_didim.model.loop_model import Simulation
 
@@ -31,7 +31,7 @@ SHIFT_ACCURACY = 0.02
 CURVATURE = 0.5
 """[control periods] Beside the least misfit at which its curvature is taken."""
 SHIFT_SIGMAS = 4.0
-"""[standard deviations] Of a shift from which it is told,"""
+"""[standard deviations] Of a shift from which it is reported,"""
 LEAST_SHIFT = 0.3
 """[control periods] and its size: less is how a command is held."""
 
@@ -52,40 +52,40 @@ COMMAND_DELAY = CATALOGUE(
 )  # fmt: skip
 SAMPLING_KIND = CATALOGUE(
     "sampling-kind", DOUBT, rank=20,
-    meaning="The log seems to show averages where the case says points, or the other way round.",
+    meaning="The log seems to show averages where the case says points, or vice versa.",
     next_step="Find out how the logger samples; give torque: {sampling: ..., window: ...}.",
 )  # fmt: skip
 
 
-def timing(near: Nearby, *, clock_alone: bool = False) -> Iterator[Explanation]:
+def timing(fitted: FittedMotion, *, clock_alone: bool = False) -> Iterator[Explanation]:
     """What another timing would explain of a log.
 
     Args:
         clock_alone: for held-out data, whose logger and loop are those of the others.
     """
-    yield from _clock(near)
+    yield from _clock(fitted)
     if not clock_alone:
-        yield from _kinds(near)
-        yield from _delay(near)
+        yield from _kinds(fitted)
+        yield from _delay(fitted)
 
 
-def _clock(near: Nearby) -> Iterator[Explanation]:
+def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
     """The shift of the log; the motion is brought near anew with it, because a late log moves that, too."""
-    experiment, step = near.experiment, near.run.step_size
-    late, deviation, here = 0.0, np.inf, near
+    experiment, step = fitted.experiment, fitted.run.step_size
+    late, deviation, shifted = 0.0, np.inf, fitted
     for _ in range(SHIFT_PASSES):
-        further, deviation = _least_misfit(here)
+        further, deviation = _least_misfit(shifted)
         late += further
         bound = max(SHIFT_SIGMAS * deviation, LEAST_SHIFT * step)
         if abs(further) < bound:
             break
         operator = experiment.operator.stamped_later(late / step, experiment.reference.time.size)
-        aligned = nearby(near.run.on(replace(experiment, operator=operator)).model)
+        aligned = fitted_motion(fitted.run.on(replace(experiment, operator=operator)).model)
         if aligned is None:
             return
-        here = aligned
+        shifted = aligned
     if abs(late) > bound:
-        least = near.misfit_of(here)
+        least = fitted.misfit_of(shifted)
         code, way = (CLOCK_LATE, "late") if late > 0 else (CLOCK_EARLY, "early")
         text = (
             f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, base "
@@ -93,17 +93,19 @@ def _clock(near: Nearby) -> Iterator[Explanation]:
         )
         advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
         advice += "to estimate it: identify: {clock: {of: log}}."
-        told = Diagnostic(code, text, near.run.label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice)
-        yield Explanation(least, near.gain(least), told)
+        diagnostic = Diagnostic(
+            code, text, fitted.run.label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice
+        )
+        yield Explanation(least, fitted.gain(least), diagnostic)
 
 
-def _least_misfit(near: Nearby) -> tuple[float, float]:
+def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     """The shift in s with the least misfit, and its standard deviation; infinite where the misfit has no minimum."""
-    experiment, step = near.experiment, near.run.step_size
+    experiment, step = fitted.experiment, fitted.run.step_size
     count = experiment.reference.time.size
 
     def misfit(late_s: float) -> float:
-        return near.misfit(experiment.operator.stamped_later(late_s / step, count, between=True))
+        return fitted.misfit(experiment.operator.stamped_later(late_s / step, count, between=True))
 
     grid = np.array([0.0, *SHIFTS_S])
     grid = np.unique(np.concatenate([-grid, grid]))
@@ -114,22 +116,22 @@ def _least_misfit(near: Nearby) -> tuple[float, float]:
     found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
     late, least, beside = float(found.x), float(found.fun), CURVATURE * step
     curvature = (misfit(late + beside) + misfit(late - beside) - 2 * least) / beside**2
-    return late, float(np.sqrt(2 * least / (near.samples * curvature))) if curvature > 0 else np.inf
+    return late, float(np.sqrt(2 * least / (fitted.samples * curvature))) if curvature > 0 else np.inf
 
 
-def _kinds(near: Nearby) -> Iterator[Explanation]:
-    period_ms, ways = 1000 / near.experiment.rate_hz, []
+def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
+    period_ms, ways = 1000 / fitted.experiment.rate_hz, []
     for kind, window in WAYS:
         try:
-            operator = sampled_as(near.run, kind, window)
+            operator = sampled_as(fitted.run, kind, window)
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
-        if not same_sampling(operator, near.experiment.operator):
-            ways.append((near.misfit(operator), kind, window, operator))
+        if not same_sampling(operator, fitted.experiment.operator):
+            ways.append((fitted.misfit(operator), kind, window, operator))
     if not ways:
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
-    misfit = _brought_near(near, near.run.on(replace(near.experiment, operator=operator)), misfit)
+    misfit = _brought_near(fitted, fitted.run.on(replace(fitted.experiment, operator=operator)), misfit)
     shows = "points" if kind == "point" else f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp"
     entry = "sampling: point" if kind == "point" else f"sampling: average, window: {window}"
     text = (
@@ -137,18 +139,18 @@ def _kinds(near: Nearby) -> Iterator[Explanation]:
         "as it is."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    told = Diagnostic(SAMPLING_KIND, text, near.run.label, misfit, WORTH_IT, "1", advice)
-    yield Explanation(misfit, near.gain(misfit, 0.0), told)
+    diagnostic = Diagnostic(SAMPLING_KIND, text, fitted.run.label, misfit, WORTH_IT, "1", advice)
+    yield Explanation(misfit, fitted.gain(misfit, 0.0), diagnostic)
 
 
-def _delay(near: Nearby) -> Iterator[Explanation]:
-    label, model = near.run.label, near.run.model
+def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
+    label, model = fitted.run.label, fitted.run.model
     system = model.systems[label]
     samples = float(system.delays.get(model.plant_name, 0.0)) + 1
     delayed = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
-    later = replace(near.run, model=delayed)
+    later = replace(fitted.run, model=delayed)
     try:
-        misfit = _brought_near(near, later, near.misfit_of(along(later)))
+        misfit = _brought_near(fitted, later, fitted.misfit_of(motion_with_regressor(later)))
     except SimulationError:
         return
     text = (
@@ -156,13 +158,13 @@ def _delay(near: Nearby) -> Iterator[Explanation]:
         f"leave {100 * np.sqrt(misfit):.0f} % of what they leave as it is."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
-    told = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)
-    yield Explanation(misfit, near.gain(misfit, 0.0), told)
+    diagnostic = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)
+    yield Explanation(misfit, fitted.gain(misfit, 0.0), diagnostic)
 
 
-def _brought_near(near: Nearby, other: Simulation, misfit: float) -> float:
+def _brought_near(fitted: FittedMotion, other: Simulation, misfit: float) -> float:
     """The misfit of another simulation, with a motion of its own where it promises anything along this one."""
     if misfit >= WORTH_IT:
         return misfit
-    own = nearby(other.model)
-    return misfit if own is None else min(misfit, near.misfit_of(own))
+    own = fitted_motion(other.model)
+    return misfit if own is None else min(misfit, fitted.misfit_of(own))

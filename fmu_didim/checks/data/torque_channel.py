@@ -49,7 +49,7 @@ REFERENCE_FOREIGN = CATALOGUE(
     "reference-foreign", PROBLEM, rank=1,
     meaning="The log does not belong to the reference: neither the simulated torque nor any base parameters along the "
     "reference explain it.",
-    next_step="Check which reference was running when this log was taken, and that both begin at the same instant "
+    next_step="Check which reference was running when this log was taken, and that both start at the same instant "
     "(torque: {offset_s: ...}).",
 )  # fmt: skip
 JOINT_ORDER = CATALOGUE(
@@ -60,12 +60,12 @@ JOINT_ORDER = CATALOGUE(
 TORQUE_SIGN = CATALOGUE(
     "torque-sign", PROBLEM, rank=3,
     meaning="A torque has the opposite sign: it must be positive along the joint, as in the robot description.",
-    next_step="Turn the sign of these columns, or of the joint's axis in the robot description.",
+    next_step="Reverse the sign of these columns, or of the joint's axis in the robot description.",
 )  # fmt: skip
 DRIVE_GAIN = CATALOGUE(
     "drive-gain", DOUBT, rank=9,
-    meaning="Measured and expected torque differ by the gains of the drives: a current is taken for a torque, or a "
-    "torque for a command.",
+    meaning="Measured and expected torque differ by the gains of the drives: a current was logged as a torque, or "
+    "a torque as a command.",
     next_step="Give torque: {quantity: command} for a log of the command or current, {quantity: torque} for one of the "
     "torque.",
 )  # fmt: skip
@@ -76,17 +76,17 @@ TORQUE_UNIT = CATALOGUE(
 )  # fmt: skip
 
 
-def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
+def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
     """What the comparison of a log with its expected torque shows, in one experiment.
 
     Args:
-        gains: (n,) from the command to the torque of each drive, 1 where there is none.
+        gains: (n,) from the command to the torque of each drive, 1 without one.
     """
     foreign = _foreign(given, label)
     if foreign or given.nominal is None:
         return foreign
     found = _order(given.measured, given.nominal, label)
-    correlation, ratio = relation(given.measured, given.nominal)
+    correlation, ratio = correlation_and_ratio(given.measured, given.nominal)
     for j in np.flatnonzero(correlation < AGAINST):
         found.append(
             Diagnostic(
@@ -97,8 +97,8 @@ def relation_diagnostics(given: Expected, gains: Array, label: str) -> list[Diag
     return found or _scale(correlation, ratio, gains, label)
 
 
-def relation(measured: Array, expected: Array) -> tuple[Array, Array]:
-    """(n,) correlation of each measured torque with the one that is expected, and their ratio; 0 where one is none."""
+def correlation_and_ratio(measured: Array, expected: Array) -> tuple[Array, Array]:
+    """(n,) correlation of each measured torque with the expected one, and their ratio; 0 where undefined."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.sum(measured * expected, axis=0) / np.sum(expected**2, axis=0)
     return np.diag(correlations(measured, expected)), np.nan_to_num(ratio, posinf=0.0, neginf=0.0)

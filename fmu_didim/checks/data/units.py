@@ -17,7 +17,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.expected import Expected
-from fmu_didim.checks.data.torque_channel import OTHER_UNIT, relation
+from fmu_didim.checks.data.torque_channel import OTHER_UNIT, correlation_and_ratio
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.reference_start import rows_on, whole_reference
 from fmu_didim.model.loop_model import Simulation
@@ -78,14 +78,14 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
 
 def unlikeness(measured: Array, expected: Array) -> float:
     """How unlike a torque is to the one that is expected, (N, n) each: the mean u over the joints that move."""
-    correlation, ratio = relation(measured, expected)
+    correlation, ratio = correlation_and_ratio(measured, expected)
     with np.errstate(divide="ignore"):
-        apart = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(OTHER_UNIT)
+        difference = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(OTHER_UNIT)
     moving = np.ptp(measured, axis=0) > 0
     if not moving.any():
         return 0.0
     # One joint that has nothing in common with its torque counts as two that are opposite.
-    return float(np.mean(np.minimum(1 - correlation + apart, 2.0)[moving]))
+    return float(np.mean(np.minimum(1 - correlation + difference, 2.0)[moving]))
 
 
 def _nominal(run: Simulation, columns: Array, known: Array | None) -> Array:

@@ -1,13 +1,13 @@
-"""Effects of the torque balance for a plant that is a black box: as a component before its input.
+"""Effects of the torque balance of a black-box plant, as a component before its input.
 
 A plant of which only an FMU is known cannot get a term in its equations. Where an effect depends on the motion of its
 own joint and on time alone, the same is reached from outside:
 
     y = u - tau_e(q, dq, t, z; parameters),    dz/dt = rates(q, dq, t, z)
 
-with the command u, position q and velocity dq of the plant, its outputs; a plant that tells no position has it from the
-integral of its velocity. The torque is held over a communication step, so that steep friction needs shorter steps than
-the control period: the tick of such a loop is a part of it.
+with the command u and the outputs q and dq of the plant; without a position output, q is the integral of the velocity.
+The torque is held over a communication step, so that steep friction needs shorter steps than the control period: the
+tick of such a loop is a part of it.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
 
 
 def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
-    """Whether an effect can be put before a plant that is a black box: it gives dq of the joint."""
+    """Whether an effect can be inserted before a black-box plant: it gives dq of the joint."""
     return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
 
 

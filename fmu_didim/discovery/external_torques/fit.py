@@ -145,7 +145,7 @@ def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
 
 
 def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
-    """Whether most of the time is pushed, or most of that in external torques of which no end or no begin is seen."""
+    """Whether most of the time is pushed, or most of that in external torques without a visible start or end."""
     lengths = np.array([p.end_s - p.begin_s for p in external_torques])
     bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
     long = lengths.sum() > LONGEST * (time[-1] - time[0])
@@ -179,8 +179,8 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     )
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
-        acting = model.pushed(label, external_torques).with_free(further)
-        free = minimise(acting, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
+        pushed = model.pushed(label, external_torques).with_free(further)
+        free = minimise(pushed, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(FURTHER_STEPS, updates=UPDATES)
         free = minimise(free.model, noise, torque=free.torque, stopping=again)
@@ -192,10 +192,10 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         fixed = minimise(held.with_values(free.values[:count]), noise, stopping=Stopping(updates=1))
     except SimulationError:
         return None
-    worth = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
+    gain = delta_bic(fit.residual, fixed.residual, float(len(further)), noise)
     _, share = explained(fit.residual, fixed.residual, noise)
-    explains = worth > 0 and share >= SHARE
-    return FittedExternalTorques(fixed, free, label, worth, share) if explains else None
+    explains = gain > 0 and share >= SHARE
+    return FittedExternalTorques(fixed, free, label, gain, share) if explains else None
 
 
 def _edges_moved(free: Fit, label: str) -> LoopModel | None:

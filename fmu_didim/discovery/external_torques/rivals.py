@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.candidates import Screened
+from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
@@ -26,7 +26,7 @@ def rivalled(
     builder: LoopModelBuilder,
     *,
     forbid: frozenset[str] = frozenset(),
-    watch: Watch,
+    progress: Progress,
 ) -> bool:
     """Whether one effect of the machine explains the data better than all the external torques.
 
@@ -37,8 +37,8 @@ def rivalled(
     candidates = [EffectAtJoint(name, j) for name in names for j in builder.joints(name)]
     catalogue = SignatureCatalogue(builder, base, candidates=candidates)
     competition = Competition(builder, base)
-    first: dict[str, Screened] = {}  # the best joint of each
+    first: dict[str, ScreenedCandidate] = {}  # the best joint of each
     for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
-    best = competition.contend(list(first.values()), watch=watch).contenders
+    best = competition.compare(list(first.values()), progress=progress).ranking
     return bool(best) and best[0].delta_bic > fitted_torques.delta_bic

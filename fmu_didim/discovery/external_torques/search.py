@@ -115,8 +115,8 @@ def linear_external_torques(
     power = _correlation(np.ones(rest.size), shifted.response**2, shifted, time.size)
     floor = STEP_COST * np.log(rest.size) / max(float(effective_fraction(rest[:, None])[0]), INDEPENDENT)
     while len(chosen) < 2 * MOST:
-        along = _correlation(rest, shifted.response, shifted, time.size)
-        gain = along**2 / np.maximum(power, WEAKEST * power.max())
+        correlation = _correlation(rest, shifted.response, shifted, time.size)
+        gain = correlation**2 / np.maximum(power, WEAKEST * power.max())
         left = problem.rest([shifted.column(k) * weight for k in (*chosen, int(np.argmax(gain)))])
         if float(rest @ rest - left @ left) < max(floor, SMALLEST_GAIN * first):
             break
@@ -150,26 +150,26 @@ class _Problem:
 
     Attributes:
         base: rows of the experiment, then those of the others; target: the same; own: number of the former.
-        apart: square of what the parameters leave of the others in any case; count: of all samples.
+        unexplained: square of what the parameters leave of the others in any case; count: of all samples.
     """
 
     base: Array
     target: Array
     own: int
-    apart: float
+    unexplained: float
     count: int
 
     @staticmethod
     def of(base: Array, target: Array, rows: slice) -> _Problem:
-        here, there = base[rows], np.delete(base, rows, axis=0)
+        own, others = base[rows], np.delete(base, rows, axis=0)
         wanted = np.delete(target, rows)
         if not wanted.size:
-            return _Problem(here, target[rows], here.shape[0], 0.0, here.shape[0])
-        q, r = np.linalg.qr(there)
-        seen = q.T @ wanted
-        apart = float(wanted @ wanted - seen @ seen)
-        stacked = np.concatenate([target[rows], seen])
-        return _Problem(np.concatenate([here, r]), stacked, here.shape[0], apart, target.size)
+            return _Problem(own, target[rows], own.shape[0], 0.0, own.shape[0])
+        q, r = np.linalg.qr(others)
+        projected = q.T @ wanted
+        unexplained = float(wanted @ wanted - projected @ projected)
+        stacked = np.concatenate([target[rows], projected])
+        return _Problem(np.concatenate([own, r]), stacked, own.shape[0], unexplained, target.size)
 
     def rest(self, columns: Sequence[Array]) -> Array:
         """What is left of the experiment."""
@@ -178,7 +178,7 @@ class _Problem:
     def gap(self, columns: Sequence[Array]) -> float:
         """By how much the square of what is left of all experiments exceeds that of noise."""
         left = self._left(columns)
-        return float(left @ left) + self.apart - self.count
+        return float(left @ left) + self.unexplained - self.count
 
     def sizes(self, columns: Sequence[Array]) -> Array:
         """Coefficients of the columns."""
@@ -238,7 +238,7 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
             external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
-        # A staircase, or an external torque that outlasts the data: what little is left at its end is none.
+        # A staircase, or an external torque that outlasts the data: what little is left at its end is not counted.
         level += float(sizes[i])
         if abs(level) < UNPAIRED * np.abs(sizes).max():
             level = 0.0

@@ -18,7 +18,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import without_folder
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory, write_csv
-from fmu_didim.discovery.augmentation.builder import Proposal
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext
 from fmu_didim.discovery.next_experiment.programs import Candidate
 from fmu_didim.discovery.next_experiment.search import MotionEvaluator, Search, improved, same_pairs
@@ -32,7 +32,7 @@ from fmu_didim.model.loop_description import EffectAtJoint
 
 @dataclass(frozen=True)
 class PairSeparation:
-    """How well one member can be told from another if it is the truth.
+    """How well one member can be distinguished from another if it is the truth.
 
     Attributes:
         truth, rival: the members.
@@ -58,7 +58,7 @@ class SplittingExperiment:
         description: what to do, what it will tell, and what it cannot.
         reference: the motion, one row a control period, from rest to rest; None if none does better than the present.
         excitation: its document for a case, where it is a Fourier series.
-        separation_now, separation_then: smallest d over the pairs that a motion can split; NaN if there is none.
+        separation_now, separation_then: smallest d over the pairs that a motion can split; NaN without such a pair.
         bic_now, bic_then: smallest BIC difference to expect over these pairs.
         pairs: all, in both orders.
         advice: what splits the members, from the catalogue, for pairs that this motion leaves open.

@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.augmentation.builder import Proposal, parameter_cost
+from fmu_didim.discovery.augmentation.places import Proposal, parameter_cost
 from fmu_didim.discovery.screening.catalogue import LARGEST_COLUMN
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, JointTorque, TorqueEffect

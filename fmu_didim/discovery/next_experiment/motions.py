@@ -90,9 +90,11 @@ class Leg:
     blend_s: float = 0.0
 
 
-def straight(space: Space, here: Array, target: Array, pace: float, *, dwell_s: float = 0.0, ramp: bool = False) -> Leg:
+def straight(
+    space: Space, position: Array, target: Array, pace: float, *, dwell_s: float = 0.0, ramp: bool = False
+) -> Leg:
     """The quickest move within the limits at a part ``pace`` of the speed."""
-    way, speed = np.abs(target - here), WITHIN * pace * space.limits.speed
+    way, speed = np.abs(target - position), WITHIN * pace * space.limits.speed
     acceleration = WITHIN * space.limits.acceleration
     if not ramp:
         move = max(
@@ -109,15 +111,15 @@ def sampled(start: Array, legs: list[Leg], space: Space) -> Trajectory:
     time = np.arange(round(space.duration_s / space.step) + 1) * space.step
     q = np.tile(legs[-1].target if legs else start, (time.size, 1))
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
-    here, begin = start, 0.0
+    position, begin = start, 0.0
     for leg in legs:
         end = begin + leg.move_s + leg.dwell_s
         inside = (time >= begin - 1e-9) & (time < end - 1e-9)
         s, first, second = _profile(np.clip(time[inside] - begin, 0.0, leg.move_s), leg)
-        way = leg.target - here
-        q[inside] = here + s[:, None] * way
+        way = leg.target - position
+        q[inside] = position + s[:, None] * way
         dq[inside], ddq[inside] = first[:, None] * way, second[:, None] * way
-        here, begin = leg.target, end
+        position, begin = leg.target, end
     parts: dict[str, Array] = {"q": q, "dq": dq, "ddq": ddq}
     return trajectory(
         np.asarray(time, dtype=float), {f"{k}{j + 1}": v[:, j] for j in range(start.size) for k, v in parts.items()}

@@ -96,15 +96,15 @@ def _point(space: Space, rng: np.random.Generator, margin: float = 0.0) -> Array
     return np.asarray(space.limits.low + part * (space.limits.high - space.limits.low))
 
 
-def _holds(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+def _holds(space: Space, position: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
     """Rests at several positions, reached by quick moves."""
     for _ in range(3):
         target = _point(space, rng)
-        yield straight(space, here, target, 0.3 + 0.7 * u[0], dwell_s=0.2 * 10 ** u[3])
-        here = target
+        yield straight(space, position, target, 0.3 + 0.7 * u[0], dwell_s=0.2 * 10 ** u[3])
+        position = target
 
 
-def _ladder(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+def _ladder(space: Space, position: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
     """Constant speeds on a logarithmic scale, each in both directions and for about the same time."""
     low, high = space.limits.low, space.limits.high
     slot = LADDER_PART * space.duration_s / LADDER_SPEEDS
@@ -113,22 +113,22 @@ def _ladder(space: Space, here: Array, u: Design, rng: np.random.Generator) -> I
         while used < slot:
             # Towards the far end of each joint's range; a slow ramp covers what it can in half its time.
             near = WITHIN * rng.uniform(0.0, 0.15, size=low.size) + (1 - WITHIN) / 2
-            target = np.where(here < (low + high) / 2, high - near * (high - low), low + near * (high - low))
-            longest = float((np.abs(target - here) / (pace * space.limits.speed)).max())
-            target = here + (target - here) * min(1.0, slot / 2 / longest)
-            for start, end in ((here, target), (target, here)):
+            target = np.where(position < (low + high) / 2, high - near * (high - low), low + near * (high - low))
+            longest = float((np.abs(target - position) / (pace * space.limits.speed)).max())
+            target = position + (target - position) * min(1.0, slot / 2 / longest)
+            for start, end in ((position, target), (target, position)):
                 leg = straight(space, start, end, float(pace), ramp=True)
                 used += leg.move_s
                 yield leg
 
 
-def _reversals(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+def _reversals(space: Space, position: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
     """Small oscillations about a position at two speeds."""
     room = space.limits.high - space.limits.low
     small = np.where(np.isnan(space.lengths), room * 10 ** (-3 + 2 * u[2]), space.lengths * 10 ** (1.3 * u[2]))
     small = np.minimum(small, 0.3 * room)
     centre = _point(space, rng, 0.35)
-    yield straight(space, here, centre, 0.3 + 0.7 * u[0])
+    yield straight(space, position, centre, 0.3 + 0.7 * u[0])
     sign = rng.choice([-1.0, 1.0], size=room.size)
     for pace in (0.3 + 0.7 * u[0], 10 ** (-1 - 1.5 * u[1])):
         for k in range(4):
@@ -137,17 +137,17 @@ def _reversals(space: Space, here: Array, u: Design, rng: np.random.Generator) -
         yield straight(space, target, centre, float(pace), ramp=True)
 
 
-def _two_speeds(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+def _two_speeds(space: Space, position: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
     """A path at full speed, then the same path more slowly."""
     points = [_point(space, rng) for _ in range(3)]
     for pace in (1.0, 0.5 * 10 ** -u[1]):
-        at = here
-        for target in (*points, here):
+        at = position
+        for target in (*points, position):
             yield straight(space, at, target, (0.3 + 0.7 * u[0]) * float(pace))
             at = target
 
 
-def _sweep(space: Space, here: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
+def _sweep(space: Space, position: Array, u: Design, rng: np.random.Generator) -> Iterator[Leg]:
     """From one end of the range to the other and back at constant speed."""
     edge = (1 - WITHIN) / 2 * (space.limits.high - space.limits.low)
     ends = [space.limits.low + edge, space.limits.high - edge]
@@ -155,7 +155,7 @@ def _sweep(space: Space, here: Array, u: Design, rng: np.random.Generator) -> It
     first = np.where(flip, ends[0], ends[1])
     second = np.where(flip, ends[1], ends[0])
     pace = 10 ** (-1.2 * u[1])
-    for start, target in ((here, first), (first, second), (second, first)):
+    for start, target in ((position, first), (first, second), (second, first)):
         yield straight(space, start, target, pace, ramp=True, dwell_s=0.1)
 
 
@@ -188,22 +188,22 @@ def _program(space: Space, names: tuple[str, ...], seed: tuple[int, ...]) -> Bui
         rng = np.random.default_rng(seed)
         start = _point(space, rng, 0.2)
         legs: list[Leg] = []
-        here, used, filling = start, 0.0, True
+        position, used, filling = start, 0.0, True
         while filling:
             before = used
             for name in names:
-                for leg in BLOCKS[name][1](space, here, u, rng):
+                for leg in BLOCKS[name][1](space, position, u, rng):
                     home = straight(space, leg.target, start, 1.0).move_s
                     if used + leg.move_s + leg.dwell_s + home > space.duration_s:
                         filling = False
                         break
                     legs.append(leg)
-                    here, used = leg.target, used + leg.move_s + leg.dwell_s
+                    position, used = leg.target, used + leg.move_s + leg.dwell_s
                 if not filling:
                     break
             filling = filling and used > before
-        if not np.array_equal(here, start):
-            legs.append(straight(space, here, start, 1.0))
+        if not np.array_equal(position, start):
+            legs.append(straight(space, position, start, 1.0))
         return sampled(start, legs, space)
 
     return build

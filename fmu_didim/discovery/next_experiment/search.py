@@ -112,7 +112,7 @@ def same_pairs(tables: Sequence[Table]) -> set[Pair]:
     """Pairs of which nothing is left on any motion: the same to first order."""
     found = set(tables[0])
     for table in tables:
-        found -= {p for p, s in table.items() if s.distance**2 > SAME**2 * s.alone}
+        found -= {p for p, s in table.items() if s.distance**2 > SAME**2 * s.separable}
     return {p for p in found if (p[1], p[0]) in found}
 
 

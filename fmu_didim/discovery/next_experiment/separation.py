@@ -18,7 +18,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import shape_limits
+from fmu_didim.discovery.augmentation.places import shape_limits
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
 from fmu_didim.discovery.selection.competition import DEPENDENT
 from fmu_didim.fit.base_projection import BaseProjection
@@ -36,12 +36,12 @@ class Separation:
     """What a motion tells about one ordered pair: is the truth the first, how much worse is the second?
 
     Attributes:
-        chi_square: (n,) of each joint, d(a|b)^2; alone: |signature of a|^2 that the base cannot absorb.
+        chi_square: (n,) of each joint, d(a|b)^2; separable: |signature of a|^2 that the base cannot absorb.
         margin: expected BIC difference, > 0 in favour of the first.
     """
 
     chi_square: Array
-    alone: float
+    separable: float
     margin: float
 
     @property
@@ -66,14 +66,14 @@ def separations(
         if own is None:
             continue
         target = own @ theta[a]
-        alone = float(target @ target)
+        separable = float(target @ target)
         for b, other in enumerate(members):
             if a == b:
                 continue
             rest = motion_projection.per_joint(tables[b].rest(target))
             gain = float(np.sum(motion_projection.samples * np.log1p(rest / motion_projection.samples)))
             cost = (other.cost - member.cost) * np.log(float(motion_projection.samples.sum()))
-            result[a, b] = Separation(rest, alone, gain + cost)
+            result[a, b] = Separation(rest, separable, gain + cost)
     return result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Variable
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import InBlackBox, Proposal
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
@@ -21,6 +22,7 @@ from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
 from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.workers import side_by_side
 
@@ -48,8 +50,8 @@ STIFFNESS_TRIALS = (0.35, 0.5, 0.65, 0.8)
 """[1] More of them for a stiffness, with which the loop resonates."""
 LINEAR_TRIAL = 0.75
 """[1] Place simulated on a range that is not logarithmic."""
-APART = 1e-9
-"""[SI] A trial this near to the neutral value is none."""
+SMALLEST_DIFFERENCE = 1e-9
+"""[SI] A trial this near to the neutral value is left out."""
 SAME_SHAPE = 12
 """[decimal places] In which shapes that are the same agree."""
 
@@ -93,73 +95,80 @@ class SignatureCatalogue:
     """
 
     def __init__(
-        self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint], watch: Watch | None = None
+        self,
+        builder: LoopModelBuilder,
+        fit: Fit,
+        *,
+        candidates: Sequence[EffectAtJoint],
+        progress: Progress | None = None,
     ) -> None:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
-        self._along = [_Along.of(builder, fit, label) for label in fit.model.estimation_labels]
+        self._motions = [_ExperimentMotion.of(builder, fit, label) for label in fit.model.estimation_labels]
         torque, rows = fit.torque, fit.model.rows
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
-        smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.can_add(c)]
+        smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
-        watch, left = watch or Watch(), list[EffectAtJoint]()
+        progress, left = progress or Progress(), list[EffectAtJoint]()
         simulated = [c for c in candidates if c not in derived and not isinstance(builder.effect(c), TorqueEffect)]
-        builder.compile(
-            [(*fit.model.added_effects, c) for c in simulated if builder.can_add(c)],
-            watch=watch, workers=fit.model.workers,
+        builder.prepare(
+            [(*fit.model.added_effects, c) for c in simulated if builder.at(c).can_be_added],
+            progress=progress, workers=fit.model.workers,
         )  # fmt: skip
-        told, workers = watch.counted("signatures of candidate", len(candidates)), fit.model.workers
+        report, workers = progress.counted("signatures of candidate", len(candidates)), fit.model.workers
         for first in range(0, len(candidates), ABREAST):
             together = candidates[first : first + ABREAST]
-            if watch.is_over:
+            if progress.is_time_up:
                 left += together
                 continue
-            apart = [c for c in together if not (c in derived or c in simulated or builder.is_own(c))]
-            made = side_by_side([partial(self._made, c) for c in apart], workers)
-            found = derived | dict(zip(apart, made, strict=True))
+            in_balance = [
+                c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
+            ]
+            made = side_by_side([partial(self._signatures_of, c) for c in in_balance], workers)
+            found = derived | dict(zip(in_balance, made, strict=True))
             for effect_at in together:
-                self._signatures += found[effect_at] if effect_at in found else self._made(effect_at)
-                told("")
+                self._signatures += found[effect_at] if effect_at in found else self._signatures_of(effect_at)
+                report("")
         self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
 
-    def _made(self, effect_at: EffectAtJoint) -> list[Signature]:
+    def _signatures_of(self, effect_at: EffectAtJoint) -> list[Signature]:
         return list(self._make(effect_at))
 
     def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
         effect = self.builder.effect(effect_at)
-        if not self.builder.can_add(effect_at):
+        if not self.builder.at(effect_at).can_be_added:
             return
-        if self.builder.is_own(effect_at):
+        if isinstance(self.builder.at(effect_at), InBlackBox):
             yield self._of_the_plant(effect_at)
         elif not isinstance(effect, TorqueEffect):
             yield from self._by_simulation(effect_at, effect)
-        elif self._along[0].motion is not None:
+        elif self._motions[0].motion is not None:
             yield from self._by_regressor(effect_at, effect)
 
     def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
         joint, joints = effect_at.joint - 1, range(1, self.fit.model.joint_count + 1)
-        kinds = [self.builder.joint_type(j) for j in joints]
+        kinds = [self.builder.loop.joint_type(j) for j in joints]
         if joint + effect.reach >= len(kinds):
             return
         kind = kinds[joint]
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))
-        tried = _thinned(effect, self.builder.search(effect_at), defaults)
+        tried = _thinned(effect, self.builder.at(effect_at).search, defaults)
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
-                columns = [along.columns(made, shapes) for along in self._along]
+                columns = [motion.columns(made, shapes) for motion in self._motions]
                 if 0 < max(float(np.abs(c).max()) for c in columns) < LARGEST_COLUMN:
                     kept.append(shapes)
                     loads.append(columns)
             if kept:
                 answers = [
-                    np.split(along.response.at_samples(np.concatenate(own, axis=2)), len(kept), axis=2)
-                    for along, own in zip(self._along, zip(*loads, strict=True), strict=True)
+                    np.split(motion.response.at_samples(np.concatenate(own, axis=2)), len(kept), axis=2)
+                    for motion, own in zip(self._motions, zip(*loads, strict=True), strict=True)
                 ]
                 for shapes, answer in zip(kept, zip(*answers, strict=True), strict=True):
                     yield Signature(effect_at, shapes, names, np.concatenate(answer), {})
@@ -168,7 +177,7 @@ class SignatureCatalogue:
         """Derivatives by the parameters of an effect that a black box has, at the values that it has."""
         joint, fit = effect_at.joint, self.fit
         present = {v.name: v.start for v in fit.model.plant.parameters}
-        amplitudes = [v.name for v in self.builder.parameters_of(effect_at)[0]]
+        amplitudes = [v.name for v in self.builder.at(effect_at).amplitudes]
         own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
         size = TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
         model = self.builder.build(fit.model, [Proposal(effect_at, own, dict.fromkeys(amplitudes, size))])
@@ -179,7 +188,7 @@ class SignatureCatalogue:
 
     def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
         """Shapes of an effect: those that the joint already has (such as v0) at their present values."""
-        kind = self.builder.joint_type(effect_at.joint)
+        kind = self.builder.at(effect_at).joint_type
         present = {parameter.name: parameter.value for parameter in self.fit.model.free_parameters}
         robot = self.builder.description
         own = robot.joints[effect_at.joint - 1].parameters if robot is not None else {}
@@ -189,8 +198,8 @@ class SignatureCatalogue:
 
     def _by_simulation(self, effect_at: EffectAtJoint, effect: Effect) -> Iterator[Signature]:
         """Differences of two closed-loop simulations for a few values of each parameter, at a few shapes."""
-        amplitudes, shapes = self.builder.parameters_of(effect_at)
-        searched = self.builder.search(effect_at)
+        candidate = self.builder.at(effect_at)
+        amplitudes, shapes, searched = candidate.amplitudes, candidate.shapes, candidate.search
         size = float(np.sqrt(np.mean(self.fit.torque[:, effect_at.joint - 1] ** 2)))
         off = {v.name: effect.neutral.get(v.name, 0.0) for v in amplitudes}
         neutral = {n: v for n, v in effect.neutral.items() if np.isfinite(v)}
@@ -203,7 +212,9 @@ class SignatureCatalogue:
             for name, values in trials.items()
             for value in values
         ]
-        tasks = [self._task(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
+        proposals = [Proposal(effect_at, {**neutral, **at, name: value}) for at, name, value in tried]
+        models = [self.builder.build(self.fit.model, [proposal]) for proposal in proposals]
+        tasks = [partial(self._difference, model) for model in models]
         differences = side_by_side(tasks, self.fit.model.allowed_workers(self.fit.values))
         columns = [
             # A stiffness is nothing when it is infinite: its inverse is the amplitude.
@@ -219,10 +230,10 @@ class SignatureCatalogue:
         for first in range(0, len(columns), len(amplitudes)):
             together = columns[first : first + len(amplitudes)]
             sizes = np.array([np.linalg.norm(column) for column in together])
-            seen = np.flatnonzero(sizes > SEEN * sizes.max())
-            if seen.size:
-                names = tuple(amplitudes[i].name for i in seen)
-                table = np.stack([together[i] for i in seen], axis=2)
+            visible = np.flatnonzero(sizes > SEEN * sizes.max())
+            if visible.size:
+                names = tuple(amplitudes[i].name for i in visible)
+                table = np.stack([together[i] for i in visible], axis=2)
                 yield Signature(effect_at, tried[first][0], names, table, neutral)
 
     def _by_derivatives(self, smooth: Sequence[EffectAtJoint]) -> dict[EffectAtJoint, list[Signature]]:
@@ -231,28 +242,28 @@ class SignatureCatalogue:
         found: dict[EffectAtJoint, list[Signature]] = {effect_at: [] for effect_at in smooth}
         shapes = {
             effect_at: _one_at_a_time(
-                {v.name: self.builder.search(effect_at)[v.name] for v in self.builder.parameters_of(effect_at)[1]}
+                {v.name: self.builder.at(effect_at).search[v.name] for v in self.builder.at(effect_at).shapes}
             )
             for effect_at in smooth
         }
         for place in range(max(len(tried) for tried in shapes.values())):
-            here = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
-            columns = self._derivatives(here)
+            shapes_at = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
+            columns = self._derivatives(shapes_at)
             if columns is None:
                 return {}
             for effect_at, (names, table) in columns.items():
                 neutral = self.builder.effect(effect_at).neutral
-                found[effect_at].append(Signature(effect_at, here[effect_at], names, table, neutral))
+                found[effect_at].append(Signature(effect_at, shapes_at[effect_at], names, table, neutral))
         return found
 
     def _derivatives(
-        self, here: Mapping[EffectAtJoint, Mapping[str, float]]
+        self, shapes_at: Mapping[EffectAtJoint, Mapping[str, float]]
     ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:
         """Names of the parameters of each effect and the derivatives (N, n, m) by them, at these shapes."""
-        proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in here.items()]
+        proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in shapes_at.items()]
         model = self.builder.build(self.fit.model, proposals)
         first = len(self.fit.model.free_parameters)
-        own: dict[EffectAtJoint, list[int]] = {effect_at: [] for effect_at in here}
+        own: dict[EffectAtJoint, list[int]] = {effect_at: [] for effect_at in shapes_at}
         for i, parameter in enumerate(model.free_parameters[first:], start=first):
             if parameter.effect is not None and not parameter.is_shape:
                 own[model.added_effects[parameter.effect]].append(i)
@@ -272,30 +283,23 @@ class SignatureCatalogue:
             for effect_at, places in own.items()
         }
 
-    def _task(self, effect_at: EffectAtJoint, values: Mapping[str, float]) -> Callable[[], Array]:
-        torque, rows = self.fit.torque, self.fit.model.rows
-
-        def difference() -> Array:
-            model = self.builder.build(self.fit.model, [Proposal(effect_at, values)])
-            try:
-                parts = [
-                    change_of_torque(
-                        model.simulation(model.start, label),
-                        torque[part],
-                        self._beginnings[label],
-                        tolerance=REPEATS,
-                    )
-                    for label, part in rows.items()
-                ]
-            except SimulationError:
-                return np.zeros_like(torque)
-            return np.concatenate(parts)
-
-        return difference
+    def _difference(self, model: LoopModel) -> Array:
+        """(N, n) what a model changes in the torque; zero where it cannot be simulated."""
+        torque = self.fit.torque
+        try:
+            parts = [
+                change_of_torque(
+                    model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
+                )
+                for label, part in self.fit.model.rows.items()
+            ]
+        except SimulationError:
+            return np.zeros_like(torque)
+        return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
-class _Along:
+class _ExperimentMotion:
     """An experiment with its simulated motion and the answer of the loop to loads.
 
     Attributes:
@@ -307,9 +311,9 @@ class _Along:
     thinned: Motion | None
 
     @staticmethod
-    def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _Along:
+    def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _ExperimentMotion:
         response, motion = load_response(fit, label), simulated_motion(fit.simulation(label), builder.description)
-        return _Along(response, motion, None if motion is None else _at(motion, response.ticks))
+        return _ExperimentMotion(response, motion, None if motion is None else _at(motion, response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
         """(K, n, m) of an effect at the ticks of the response."""
@@ -343,8 +347,8 @@ def _trials(variable: Variable, search: Search, size: float, neutral: float) -> 
         values = [search.lowest * (search.highest / search.lowest) ** part for part in parts]
     else:
         values = [search.lowest + LINEAR_TRIAL * (search.highest - search.lowest)]
-    apart = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > APART]
-    return apart or [search.highest]
+    different = [float(v) for v in values if not np.isfinite(neutral) or abs(v - neutral) > SMALLEST_DIFFERENCE]
+    return different or [search.highest]
 
 
 def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:

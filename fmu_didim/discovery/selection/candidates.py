@@ -12,7 +12,7 @@ from fmu_didim.model.loop_description import EffectAtJoint
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedCandidate:
     """A candidate at its best shapes.
 
     Attributes:
@@ -26,7 +26,7 @@ class Screened:
     coefficients: Array
     gain: float
     surviving: float
-    others: tuple[Screened, ...] | None = None
+    others: tuple[ScreenedCandidate, ...] | None = None
 
     @property
     def effect_at(self) -> EffectAtJoint:
@@ -34,7 +34,7 @@ class Screened:
 
 
 @dataclass(frozen=True)
-class Contender:
+class FittedCandidate:
     """A candidate fitted in the closed loop.
 
     Attributes:
@@ -57,7 +57,7 @@ class Contender:
 
 
 class Outcome(Enum):
-    """What became of a candidate that was worth a fit."""
+    """What became of a shortlisted candidate."""
 
     FITTED = "fitted"
     LEFT_EARLY = "left early"
@@ -68,12 +68,12 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedCandidate:
     """A candidate of a round and what became of it.
 
     Attributes:
         delta_bic: over the model without it, of the point that its fit came to; None without one.
-        share, cost, implausible: as of :class:`Contender`, where it was fitted.
+        share, cost, implausible: as of :class:`FittedCandidate`, where it was fitted.
     """
 
     effect_at: EffectAtJoint
@@ -85,17 +85,17 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Contest:
+class Comparison:
     """The fits of a round.
 
     Attributes:
-        contenders: those that were fitted, the best first; tried: all candidates, in the order of the fits.
+        ranking: those that were fitted, the best first; tried: all candidates, in the order of the fits.
         unfitted: those that were left early by their signatures.
     """
 
-    contenders: tuple[Contender, ...]
-    tried: tuple[Tried, ...]
-    unfitted: tuple[Screened, ...] = ()
+    ranking: tuple[FittedCandidate, ...]
+    tried: tuple[TriedCandidate, ...]
+    unfitted: tuple[ScreenedCandidate, ...] = ()
 
     @property
     def is_cut(self) -> bool:

@@ -15,10 +15,17 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress, Say
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.candidates import (
+    Comparison,
+    FittedCandidate,
+    Outcome,
+    ScreenedCandidate,
+    TriedCandidate,
+)
 from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -87,14 +94,14 @@ class Competition:
         """The same in units of the noise, in which fits are compared."""
         return BaseProjection.of(self.fit.jacobian, 1 / self.fit.deviation)
 
-    def screen(self, catalogue: SignatureCatalogue) -> list[Screened]:
+    def screen(self, catalogue: SignatureCatalogue) -> list[ScreenedCandidate]:
         """All candidates that are not in the model yet, each at its best shapes, the best first."""
         builder, fit, base = self.builder, self.fit, self.base
         residual = base.rest_of(base.weighted(fit.residual))
         count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
-        found: dict[EffectAtJoint, list[Screened]] = {}
+        found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
         costs: dict[EffectAtJoint, float] = {}
-        # A class is named once on a joint: a second member of it would only mend the form of the first.
+        # A class is named once on a joint: a second member would only correct the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
         for signature, (table, rest) in zip(asked, base.rests_of(s.columns for s in asked), strict=True):
@@ -105,13 +112,13 @@ class Competition:
                 continue
             coefficients = _coefficients(rest, residual)
             if effect_at not in costs:
-                costs[effect_at] = builder.cost(effect_at)
+                costs[effect_at] = builder.at(effect_at).cost
             cost = costs[effect_at] - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
-            found.setdefault(effect_at, []).append(Screened(signature, coefficients, gain, surviving))
+            found.setdefault(effect_at, []).append(ScreenedCandidate(signature, coefficients, gain, surviving))
         return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
 
-    def _best(self, shapes: Sequence[Screened]) -> Screened:
+    def _best(self, shapes: Sequence[ScreenedCandidate]) -> ScreenedCandidate:
         """A candidate at its best shapes; one outside the torque balance with others."""
         ordered = sorted(shapes, key=lambda s: -s.gain)
         best = ordered[0]
@@ -120,14 +127,14 @@ class Competition:
         near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
         return replace(best, others=tuple(near))
 
-    def shortlist(self, screened: Sequence[Screened], *, size: int = SHORTLIST) -> list[Screened]:
-        """The candidates worth a closed-loop fit: the best, the best of each class near them, a gear on all joints."""
-        worth = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
-        if not worth:
+    def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
+        """The candidates to fit: the best, the best of each class near them, a gear on all joints."""
+        promising = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
+        if not promising:
             return []
-        chosen = worth[:size]
+        chosen = promising[:size]
         classes = {(self.builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
-        for s in worth[size:]:
+        for s in promising[size:]:
             key = (self.builder.effect(s.effect_at).class_name, s.effect_at.joint)
             if key not in classes:
                 chosen.append(s)
@@ -136,9 +143,9 @@ class Competition:
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
-    def contend(self, chosen: Sequence[Screened], *, watch: Watch, reach: float = REACH) -> Contest:
+    def compare(self, chosen: Sequence[ScreenedCandidate], *, progress: Progress, reach: float = REACH) -> Comparison:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
-        cannot catch up with the best, or is not fitted when the time is up, is no contender. The best is the best
+        cannot catch up with the best, or is not fitted when the time is up, is not ranked. The best is the best
         plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
 
         Args:
@@ -147,58 +154,73 @@ class Competition:
         fit, chosen = self.fit, self._largest_gap_first(chosen)
         best = fit.chi_square - LEAST
         leading = LEADING * max((s.gain for s in chosen), default=0.0)
-        told = watch.counted("fitting candidate", len(chosen))
-
-        def one(candidate: Screened, best: float) -> Contender | Outcome:
-            found = None
-            if watch.is_over:
-                return Outcome.NOT_TRIED
-            named = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
-            if self.fit.chi_square - reach * self._promised(candidate) > best:
-                told(f"{named} is out of reach of the best")
-                return Outcome.LEFT_EARLY
-            # Here, where no other fit has to wait for the compiler.
-            self.builder.compile([(*fit.model.added_effects, candidate.effect_at)], watch=watch, workers=1)
-            starts = [candidate.signature.proposal(candidate.coefficients)]
-            if candidate.others is not None and candidate.gain >= leading:
-                starts = self._scanned(candidate)
-            for start in starts:
-                fitted = self.refit(start, give_up_above=best, until=watch.ends)
-                if watch.is_over and (fitted is None or fitted.given_up):
-                    return Outcome.NOT_TRIED
-                if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
-                    found = fitted
-                    best = min(best, found.chi_square)
-            if found is None:
-                told(f"{named} cannot be simulated")
-                return Outcome.NOT_SIMULABLE
-            result = self.contender(candidate.effect_at, found)
-            told(f"{named}, BIC difference {result.delta_bic:.0f}")
-            return result
-
-        results, workers = list[Contender | Outcome](), fit.model.allowed_workers(fit.values)
+        report = progress.counted("fitting candidate", len(chosen))
+        results, workers = list[FittedCandidate | Outcome](), fit.model.allowed_workers(fit.values)
         for first in range(0, len(chosen), ABREAST):
-            together = [partial(one, candidate, best) for candidate in chosen[first : first + ABREAST]]
-            results += side_by_side(together, workers)
+            group = chosen[first : first + ABREAST]
+            hopeless = [fit.chi_square - reach * self._promised(candidate) > best for candidate in group]
+            wanted = [c.effect_at for c, is_left in zip(group, hopeless, strict=True) if not is_left]
+            self.builder.prepare([(*fit.model.added_effects, a) for a in wanted], progress=progress, workers=workers)
+            tasks = [
+                partial(
+                    self._outcome, candidate, best, is_left=is_left, scan=candidate.gain >= leading, progress=progress,
+                    report=report,
+                )
+                for candidate, is_left in zip(group, hopeless, strict=True)
+            ]  # fmt: skip
+            results += side_by_side(tasks, workers)
             fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
             best = min([best, *(c.fit.chi_square for c in fitted)])
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
-        return Contest(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
+        return Comparison(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
 
-    def _largest_gap_first(self, chosen: Sequence[Screened]) -> list[Screened]:
+    def _outcome(
+        self, candidate: ScreenedCandidate, best: float, *, is_left: bool, scan: bool, progress: Progress, report: Say
+    ) -> FittedCandidate | Outcome:
+        """A candidate fitted, or why it is not.
+
+        Args:
+            best: chi-square above which a fit is given up; is_left: whether it is not fitted at all.
+            scan: whether sizes and shapes are tried in the loop first, where it lies outside the torque balance.
+        """
+        if progress.is_time_up:
+            return Outcome.NOT_TRIED
+        name = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
+        if is_left:
+            report(f"{name} is out of reach of the best")
+            return Outcome.LEFT_EARLY
+        starts = [candidate.signature.proposal(candidate.coefficients)]
+        if candidate.others is not None and scan:
+            starts = self._scanned(candidate)
+        found = None
+        for start in starts:
+            fitted = self.refit(start, give_up_above=best, until=progress.ends)
+            if progress.is_time_up and (fitted is None or fitted.given_up):
+                return Outcome.NOT_TRIED
+            if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
+                found = fitted
+                best = min(best, found.chi_square)
+        if found is None:
+            report(f"{name} cannot be simulated")
+            return Outcome.NOT_SIMULABLE
+        result = self.assess(candidate.effect_at, found)
+        report(f"{name}, BIC difference {result.delta_bic:.0f}")
+        return result
+
+    def _largest_gap_first(self, chosen: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """Candidates by the gap of their joint, those of no joint in particular first; on one joint as they are."""
         gaps = joint_gaps(self.fit.residual, self.fit.noise)
 
-        def gap(candidate: Screened) -> float:
+        def gap(candidate: ScreenedCandidate) -> float:
             effect_at = candidate.effect_at
             own = len(self.builder.joints(effect_at.effect)) == gaps.size
             return float(gaps[effect_at.joint - 1] if own else gaps.max())
 
         return sorted(chosen, key=lambda s: -gap(s))
 
-    def _promised(self, candidate: Screened) -> float:
+    def _promised(self, candidate: ScreenedCandidate) -> float:
         """What a candidate lowers chi-square by to first order, with the base refitted; infinite outside the torque
         balance, where a signature is no slope."""
         if candidate.others is not None:
@@ -207,8 +229,8 @@ class Competition:
         rest = white.rest_of(white.weighted(candidate.signature.columns))
         return float(np.sum((rest @ _coefficients(rest, white.weighted(self.fit.residual))) ** 2))
 
-    def finished(self, candidate: Contender) -> Contender:
-        """A contender whose fit was given up, because another one was better, once more to its minimum: only there
+    def finished(self, candidate: FittedCandidate) -> FittedCandidate:
+        """A candidate whose fit was given up, because another one was better, once more to its minimum: only there
         can it be judged on held-out data."""
         if not candidate.fit.given_up:
             return candidate
@@ -216,9 +238,9 @@ class Competition:
             candidate.fit.model, self.fit.noise, stopping=Stopping(updates=1, check_all=False),
             jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
         )  # fmt: skip
-        return self.contender(candidate.effect_at, found)
+        return self.assess(candidate.effect_at, found)
 
-    def with_shapes_held(self, candidate: Screened) -> Iterator[Contender]:
+    def with_shapes_held(self, candidate: ScreenedCandidate) -> Iterator[FittedCandidate]:
         """A candidate outside the torque balance once more, its shapes held at those screened, the best first.
 
         Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
@@ -227,9 +249,9 @@ class Competition:
             proposal = screened.signature.proposal(screened.coefficients)
             fitted = self.refit(proposal, hold=True)
             if fitted is not None:
-                yield self.contender(candidate.effect_at, fitted)
+                yield self.assess(candidate.effect_at, fitted)
 
-    def _scanned(self, candidate: Screened) -> list[Proposal]:
+    def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted
         to first order, the best ones first."""
         tried: list[tuple[float, int, Proposal]] = []
@@ -247,8 +269,8 @@ class Competition:
         found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
         return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
 
-    def contender(self, effect_at: EffectAtJoint, found: Fit) -> Contender:
-        """What a fit with one more effect is worth."""
+    def assess(self, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
+        """The figures by which a fit with one more effect is judged."""
         builder, fit = self.builder, self.fit
         index = found.model.added_effects.index(effect_at)
         own = [
@@ -256,14 +278,14 @@ class Competition:
             for i, parameter in enumerate(found.model.free_parameters)
             if parameter.effect == index and not parameter.is_shape
         ]
-        absent = len(builder.parameters_of(effect_at)[0]) - len(own)
-        cost = builder.cost(effect_at) - absent - _idle(found.jacobian[:, :, own])
+        absent = len(builder.at(effect_at).amplitudes) - len(own)
+        cost = builder.at(effect_at).cost - absent - _idle(found.jacobian[:, :, own])
         gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
         size, share = explained(fit.residual, found.residual, fit.noise)
         raw = self.torque_change_without(effect_at, found)
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
         why = implausible(whole, index, builder.effect(effect_at), builder.link_values(effect_at.joint))
-        return Contender(effect_at, whole, gain, size, share, raw, cost, why)
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why)
 
     def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out
@@ -293,7 +315,7 @@ class Competition:
         neutral = builder.effect(proposal.effect_at).neutral
         for part in SMALLER:
             values = dict(proposal.values)
-            for name in (v.name for v in builder.parameters_of(proposal.effect_at)[0] if v.name in values):
+            for name in (v.name for v in builder.at(proposal.effect_at).amplitudes if v.name in values):
                 off = neutral.get(name, 0.0)
                 if np.isfinite(off):
                     values[name] = off + part * (values[name] - off)
@@ -323,12 +345,12 @@ class Competition:
         return None
 
 
-def _tried(effect_at: EffectAtJoint, result: Contender | Outcome) -> Tried:
+def _tried(effect_at: EffectAtJoint, result: FittedCandidate | Outcome) -> TriedCandidate:
     if isinstance(result, Outcome):
-        return Tried(effect_at, result)
+        return TriedCandidate(effect_at, result)
     if result.fit.given_up:
-        return Tried(effect_at, Outcome.LEFT_EARLY, result.delta_bic)
-    return Tried(effect_at, Outcome.FITTED, result.delta_bic, result.share, result.cost, result.implausible)
+        return TriedCandidate(effect_at, Outcome.LEFT_EARLY, result.delta_bic)
+    return TriedCandidate(effect_at, Outcome.FITTED, result.delta_bic, result.share, result.cost, result.implausible)
 
 
 def _coefficients(columns: Array, residual: Array) -> Array:
@@ -356,8 +378,8 @@ def _shapes_held(model: LoopModel, first: int) -> LoopModel:
     return replace(model, free_parameters=free_parameters)
 
 
-def proposal_of(found: Contender) -> Proposal:
-    """The effect of a contender with its fitted values, by their plain names."""
+def proposal_of(found: FittedCandidate) -> Proposal:
+    """The effect of a candidate with its fitted values, by their plain names."""
     model, joint = found.fit.model, found.effect_at.joint
     index = model.added_effects.index(found.effect_at)
     values = {

@@ -1,4 +1,4 @@
-"""The decision: which contender is added, if any, and what the data cannot tell from it."""
+"""The decision: which candidate is added, if any, and what the data cannot tell from it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
@@ -36,11 +36,11 @@ the base parameters, fitted anew, may move others by a little."""
 HELD_OUT = 1.0
 """[1] The interval of the held-out RMS ratio must lie below: else a model may be worse."""
 NEAR = 0.02
-"""[1] Fraction of the gain in BIC by which contenders may differ and still be ambiguous: no form is exact. Measured
+"""[1] Fraction of the gain in BIC by which candidates may differ and still be ambiguous: no form is exact. Measured
 with the blind benchmark."""
 
 FAILS_HELD_OUT = "held-out RMS ratio"
-"""How the objection begins that a contender does not help on the held-out data."""
+"""Start of the objection that a candidate does not help on the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class Step:
     """One effect that was added.
 
     Attributes:
-        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.competition.Contender`.
-        ambiguous: further contenders that the data cannot tell from it, with the BIC by which they are behind, and the
+        effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.competition.FittedCandidate`.
+        ambiguous: further candidates that the data cannot tell from it, with the BIC by which they are behind, and the
             other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
@@ -100,23 +100,23 @@ class Step:
 
 
 def decide(
-    contenders: Sequence[Contender],
+    ranking: Sequence[FittedCandidate],
     fit: Fit,
     options: Options,
     *,
     base: Fit,
-    held: Callable[[EffectAtJoint], Iterable[Contender]] = lambda effect_at: (),
-    finished: Callable[[Contender], Contender] = lambda candidate: candidate,
-) -> Contender | tuple[tuple[EffectAtJoint, str], ...]:
-    """The contender to add, or why none is.
+    held: Callable[[EffectAtJoint], Iterable[FittedCandidate]] = lambda effect_at: (),
+    finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
+) -> FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]:
+    """The candidate to add, or the reasons why no candidate is accepted.
 
     Args:
-        contenders: the best first; fit: of the model without them; base: of the model without any effect.
+        ranking: the best first; fit: of the model without them; base: of the model without any effect.
         held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
         finished: the same candidate at its minimum, for one whose fit was given up.
     """
 
-    def judged(candidate: Contender) -> tuple[Contender, str]:
+    def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
         reason = objection(candidate, fit, options, base=base)
         if reason or not candidate.fit.given_up:
             return candidate, reason
@@ -124,11 +124,11 @@ def decide(
         return candidate, objection(candidate, fit, options, base=base)
 
     reasons: list[tuple[EffectAtJoint, str]] = []
-    for first in contenders:
+    for first in ranking:
         candidate, reason = judged(first)
         if not reason:
             least = candidate.delta_bic - _nearness(candidate, options)
-            others = [judged(c) for c in contenders if c is not first and c.delta_bic > least]
+            others = [judged(c) for c in ranking if c is not first and c.delta_bic > least]
             near = [candidate, *(c for c, objected in others if not objected and c.delta_bic > least)]
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
@@ -139,8 +139,8 @@ def decide(
     return tuple(reasons)
 
 
-def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) -> str:
-    """Why a contender is not accepted, or an empty string."""
+def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: Fit) -> str:
+    """Why a candidate is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
     if candidate.torque_change < options.smallest_size:
@@ -161,11 +161,11 @@ def objection(candidate: Contender, fit: Fit, options: Options, *, base: Fit) ->
     worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > WORSE_JOINT]
     if worse:
         joint, one = worse[0]
-        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval begins at {one.low:.3f}"
+        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
     return ""
 
 
-def _simplest(near: Sequence[Contender], options: Options) -> Contender:
+def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
     """Of an ambiguous set: what the user prefers, else the member with the fewest parameters."""
     for name in options.prefer:
         for c in near:
@@ -174,31 +174,33 @@ def _simplest(near: Sequence[Contender], options: Options) -> Contender:
     return min(near, key=lambda c: (c.cost, -c.delta_bic))
 
 
-def _nearness(winner: Contender, options: Options) -> float:
-    """BIC difference within which contenders are ambiguous: no form is exact, so that a small fraction of a large gain
+def _nearness(winner: FittedCandidate, options: Options) -> float:
+    """BIC difference within which candidates are ambiguous: no form is exact, so that a small fraction of a large gain
     decides nothing."""
     return max(options.threshold, NEAR * winner.delta_bic)
 
 
-def step_of(accepted: Contender, contenders: Sequence[Contender], competition: Competition, options: Options) -> Step:
-    """A contender that is added, and which others are as good.
+def step_of(
+    accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
+) -> Step:
+    """A candidate that is added, and which others are as good.
 
     Args:
-        contenders: all of the competition, the best first.
+        ranking: all of the competition, the best first.
     """
     builder, fit = competition.builder, competition.fit
-    best = contenders[0].delta_bic
+    best = ranking[0].delta_bic
     near = [
         (c.effect_at, best - c.delta_bic)
-        for c in contenders
-        if c.effect_at != accepted.effect_at and c.delta_bic > accepted.delta_bic - _nearness(contenders[0], options)
+        for c in ranking
+        if c.effect_at != accepted.effect_at and c.delta_bic > accepted.delta_bic - _nearness(ranking[0], options)
     ]
     named = {a for a, _ in near} | {accepted.effect_at}
-    fitted = [accepted, *(c for c in contenders if c.effect_at in named and c.effect_at != accepted.effect_at)]
+    fitted = [accepted, *(c for c in ranking if c.effect_at in named and c.effect_at != accepted.effect_at)]
     effect = builder.effect(accepted.effect_at)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
-        # Whether a shift of the log may stand for a lag of the loop, or the other way round, only their fits tell.
+        # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell.
         alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
         if alike and member not in named:
             near.append((member, float("nan")))

@@ -1,6 +1,6 @@
-"""Whether the values of an effect that was fitted say anything, and whether a machine can have them.
+"""Whether the fitted values of an effect are significant and physically possible.
 
-An effect says nothing if by the covariance C of its amplitudes a they may all be as without it, a_0:
+An effect is not significant if, by the covariance C of its amplitudes a, they may all be neutral, a_0:
 
     (a - a_0)' C^-1 (a - a_0)  below the quantile of a chi-square      (Wald's test)
 
@@ -25,7 +25,7 @@ interval."""
 
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
-    """Why the values of an effect say nothing or cannot be, or an empty string.
+    """Why the values of an effect are not significant or not possible, or an empty string.
 
     Args:
         index: of the effect among those of the model; link: what is known of the inertia of its link.
@@ -41,7 +41,7 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     found = dict(zip(names, values.tolist(), strict=True))
     why = effect.impossible(found, dict(zip(names, deviations.tolist(), strict=True)), link)
     if why:
-        return f"no machine has this: {why}"
+        return f"physically impossible: {why}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
         text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
@@ -56,8 +56,8 @@ def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:
     scale = np.where(inverse, 1 / np.where(inverse, values, 1.0) ** 2, 1.0)
     covariance = covariance * np.outer(scale, scale)
     off = np.where(inverse, values * scale, values - np.where(inverse, 0.0, neutral))
-    acting = np.diag(covariance) > 0
-    if not acting.any():
+    free = np.diag(covariance) > 0
+    if not free.any():
         return 0.0
-    part = covariance[np.ix_(acting, acting)]
-    return float(stats.chi2.sf(off[acting] @ np.linalg.pinv(part, hermitian=True) @ off[acting], int(acting.sum())))
+    part = covariance[np.ix_(free, free)]
+    return float(stats.chi2.sf(off[free] @ np.linalg.pinv(part, hermitian=True) @ off[free], int(free.sum())))

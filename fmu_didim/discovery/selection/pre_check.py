@@ -8,15 +8,17 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.progress import Watch
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_ratio
 from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import side_by_side
 
 FITTED = 4
@@ -28,7 +30,7 @@ WORSE = 1.02
 the base parameters, which are fitted along."""
 
 
-def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Watch) -> tuple[Fit, list[Step]]:
+def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
     """The base model with the effects that are found before all others, and one step for each of them.
 
     Values at the upper quantiles of the measured torque of each joint are tried in full simulations.
@@ -37,8 +39,8 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Wat
     for name, effect in builder.effects.items():
         if effect.pre_check is None or name in options.forbid:
             continue
-        watch.say(f"pre-check: {effect.class_name}")
-        found = _checked(name, effect.pre_check, Competition(builder, fit), options, watch)
+        progress.say(f"pre-check: {effect.class_name}")
+        found = _checked(name, effect.pre_check, Competition(builder, fit), options, progress)
         if found is not None:
             step, fit = found
             steps.append(step)
@@ -46,21 +48,21 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, watch: Wat
 
 
 def _checked(
-    name: str, check: PreCheck, competition: Competition, options: Options, watch: Watch
+    name: str, check: PreCheck, competition: Competition, options: Options, progress: Progress
 ) -> tuple[Step, Fit] | None:
-    """The effect on the joint where it explains most, with the model refitted; None if it is not worth a name."""
+    """The effect on the joint where it explains most, with the model refitted; None if it is not accepted."""
     fit = competition.fit
     tried = _tried(name, check, competition)
     cost = float(np.sum((fit.residual * fit.noise.weight) ** 2))
     if not tried or tried[0][0] > PROMISING * cost:
         return None
-    found: list[Contender] = []
+    found: list[FittedCandidate] = []
     for effect_at in dict.fromkeys(a for _, a, _ in tried[:FITTED]):
         value = next(v for _, a, v in tried if a == effect_at)
         start = {check.parameter: value}
         fitted = competition.refit(Proposal(effect_at, start, start))
         if fitted is not None:
-            found.append(competition.contender(effect_at, fitted))
+            found.append(competition.assess(effect_at, fitted))
     if not found:
         return None
     found.sort(key=lambda c: -c.delta_bic)
@@ -70,11 +72,11 @@ def _checked(
         reason = ""
         remark = (
             f"{name} on joint {best.effect_at.joint}: the held-out experiment hardly reaches the {check.parameter} and "
-            "neither confirms nor contradicts it; the estimation data alone decided."
+            "neither confirms nor contradicts it; only the estimation data decided."
         )
     if reason:
         return None
-    watch.say(f"added: {name} on joint {best.effect_at.joint}")
+    progress.say(f"added: {name} on joint {best.effect_at.joint}")
     return replace(step_of(best, found, competition, options), remark=remark), best.fit
 
 
@@ -83,23 +85,27 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
     builder, fit = competition.builder, competition.fit
     measured = fit.model.measured
 
-    def one(effect_at: EffectAtJoint, part: float) -> tuple[float, EffectAtJoint, float] | None:
-        value = float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), part))
-        model = builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})])
+    def misfit(model: LoopModel) -> float | None:
         try:
-            reached = float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
+            return float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
         except SimulationError:
             return None
-        return reached, effect_at, value
 
-    places = [effect_at for joint in builder.joints(name) if builder.can_add(effect_at := EffectAtJoint(name, joint))]
-    tasks = [partial(one, effect_at, part) for effect_at in places for part in check.quantiles]
-    found = side_by_side(tasks, fit.model.allowed_workers(fit.values))
-    return sorted((trial for trial in found if trial is not None), key=lambda t: t[0])
+    candidates = (EffectAtJoint(name, joint) for joint in builder.joints(name))
+    tried = [
+        (effect_at, float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), quantile)))
+        for effect_at in candidates
+        if builder.at(effect_at).can_be_added
+        for quantile in check.quantiles
+    ]
+    models = [builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})]) for effect_at, value in tried]
+    misfits = side_by_side([partial(misfit, model) for model in models], fit.model.allowed_workers(fit.values))
+    trials = [(square, *trial) for square, trial in zip(misfits, tried, strict=True) if square is not None]
+    return sorted(trials, key=lambda t: t[0])
 
 
-def _held_out_tells(candidate: Contender, competition: Competition, options: Options) -> bool:
-    """Whether the held-out experiment reaches the value, so that it would be seen there, or speaks against it."""
+def _held_out_tells(candidate: FittedCandidate, competition: Competition, options: Options) -> bool:
+    """Whether the held-out experiment reaches the value, so that the effect shows there, or contradicts it."""
     change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
     if change >= options.smallest_size:
         return True

@@ -1,4 +1,4 @@
-"""The rounds of discovery: compete, decide, add, refit, test backwards; until nothing more is worth a name."""
+"""The rounds of discovery: compete, decide, add, refit, test backwards; until no further effect is accepted."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import partial
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.candidates import Contender, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
@@ -40,8 +40,8 @@ class Discovery:
 
     Attributes:
         base, final: fits without and with the effects; steps: one an effect that stayed.
-        refused: contenders that were best in the last round but not accepted, and why.
-        tried: the candidates that were worth a fit, round by round.
+        refused: candidates that were best in the last round but not accepted, and why.
+        tried: the shortlisted candidates, round by round.
         ending: whether it is at its end.
     """
 
@@ -49,7 +49,7 @@ class Discovery:
     final: Fit
     steps: tuple[Step, ...]
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
-    tried: tuple[tuple[Tried, ...], ...] = ()
+    tried: tuple[tuple[TriedCandidate, ...], ...] = ()
     ending: Ending = Ending.COMPLETE
 
 
@@ -57,28 +57,28 @@ def run_rounds(
     builder: LoopModelBuilder,
     base: Fit,
     options: Options,
-    watch: Watch,
+    progress: Progress,
     keep: Callable[[Discovery], None] = lambda discovery: None,
 ) -> Discovery:
-    """Add effects to the base model as long as the data ask for them.
+    """Add effects to the base model as long as the data support them.
 
     Args:
         keep: called with what is known before the first round and after each one.
     """
     keep(Discovery(base, base, (), ending=Ending.RUNNING))
     candidates = _candidates(builder, options)
-    if watch.is_over:
+    if progress.is_time_up:
         checked = [name for name, effect in builder.effects.items() if effect.pre_check and name not in options.forbid]
         before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
         return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
-    fit, steps = pre_check(builder, base, options, watch)
+    fit, steps = pre_check(builder, base, options, progress)
     if steps:
         keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
-    watch.say(f"signatures of {len(candidates)} candidates")
-    catalogue = SignatureCatalogue(builder, fit, candidates=candidates, watch=watch)
-    watch.say("competition of the candidates")
+    progress.say(f"signatures of {len(candidates)} candidates")
+    catalogue = SignatureCatalogue(builder, fit, candidates=candidates, progress=progress)
+    progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
-    tried: list[tuple[Tried, ...]] = []
+    tried: list[tuple[TriedCandidate, ...]] = []
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
@@ -86,24 +86,24 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         competition = Competition(builder, fit)
-        contenders, tried_now, accepted = _round(competition, catalogue, base, options, watch)
+        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress)
         tried.append(tried_now)
         if accepted is None:
             ending = Ending.TIME_UP
             break
-        if isinstance(accepted, Contender):
+        if isinstance(accepted, FittedCandidate):
             # The competition's fits are short; what is missing next is looked for from the minimum.
             accepted = replace(
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
-            step = step_of(accepted, contenders, competition, options)
-            watch.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
+            step = step_of(accepted, ranking, competition, options)
+            progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, steps, options, watch)
+            fit, steps = _backward(builder, accepted.fit, steps, options, progress)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
-                catalogue = SignatureCatalogue(builder, fit, candidates=left, watch=watch)
+                catalogue = SignatureCatalogue(builder, fit, candidates=left, progress=progress)
         else:
             refused = accepted
             break
@@ -111,38 +111,42 @@ def run_rounds(
 
 
 def _round(
-    competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, watch: Watch
-) -> tuple[Sequence[Contender], tuple[Tried, ...], Contender | tuple[tuple[EffectAtJoint, str], ...] | None]:
-    """The contenders of a round, the best first, all that was tried, and the contender to add, or why none is; None
-    where the time was up before all were tried."""
+    competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, progress: Progress
+) -> tuple[
+    Sequence[FittedCandidate],
+    tuple[TriedCandidate, ...],
+    FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
+]:
+    """The ranking of a round, all that was tried, and the candidate to add, or why no candidate is accepted; None where
+    the time was up before all were tried."""
     screened = competition.screen(catalogue)
-    contest = competition.contend(competition.shortlist(screened), watch=watch)
-    contenders, tried = contest.contenders, contest.tried
-    if contest.is_cut:
-        return contenders, tried, None
+    comparison = competition.compare(competition.shortlist(screened), progress=progress)
+    ranking, tried = comparison.ranking, comparison.tried
+    if comparison.is_cut:
+        return ranking, tried, None
     held = partial(_with_shapes_held, competition, screened)
     judge = partial(decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished)
-    accepted = judge(contenders)
-    if contest.unfitted and not isinstance(accepted, Contender):  # the best was none that can be accepted
-        contest = competition.contend(contest.unfitted, watch=watch, reach=float("inf"))
-        again = {t.effect_at for t in contest.tried}
-        tried = (*(t for t in tried if t.effect_at not in again), *contest.tried)
-        if contest.is_cut:
-            return contenders, tried, None
-        contenders = tuple(sorted((*contenders, *contest.contenders), key=lambda c: -c.delta_bic))
-        accepted = judge(contenders)
-    return contenders, tried, accepted
+    accepted = judge(ranking)
+    if comparison.unfitted and not isinstance(accepted, FittedCandidate):  # the best was none that can be accepted
+        comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
+        again = {t.effect_at for t in comparison.tried}
+        tried = (*(t for t in tried if t.effect_at not in again), *comparison.tried)
+        if comparison.is_cut:
+            return ranking, tried, None
+        ranking = tuple(sorted((*ranking, *comparison.ranking), key=lambda c: -c.delta_bic))
+        accepted = judge(ranking)
+    return ranking, tried, accepted
 
 
-def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[Tried, ...]:
-    return tuple(Tried(effect_at, Outcome.NOT_TRIED) for effect_at in candidates)
+def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:
+    return tuple(TriedCandidate(effect_at, Outcome.NOT_TRIED) for effect_at in candidates)
 
 
 def _with_shapes_held(
-    competition: Competition, screened: Sequence[Screened], effect_at: EffectAtJoint
-) -> Iterator[Contender]:
+    competition: Competition, screened: Sequence[ScreenedCandidate], effect_at: EffectAtJoint
+) -> Iterator[FittedCandidate]:
     candidate = next(s for s in screened if s.effect_at == effect_at)
-    if candidate.others is not None and competition.builder.parameters_of(effect_at)[1]:
+    if candidate.others is not None and competition.builder.at(effect_at).shapes:
         yield from competition.with_shapes_held(candidate)
 
 
@@ -151,7 +155,7 @@ def _shifts_log(fit: Fit) -> bool:
 
 
 def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    """What is tried: of a black box nobody knows that it has what belongs to every robot, so that is tried too."""
+    """The candidates; for a black box also what every base model has, because the box may lack it."""
     anything = builder.description is None
     names = [
         name
@@ -159,18 +163,11 @@ def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoi
         if (effect.is_proposed or (anything and effect.is_base)) and name not in options.forbid
     ]
     candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
-    return [a for a in candidates if not _is_present(builder, a)]
-
-
-def _is_present(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
-    """Whether the base model has an effect already."""
-    if builder.description is None:
-        return builder.is_identified(effect_at)
-    return effect_at.effect in builder.description.joints[effect_at.joint - 1].effects
+    return [a for a in candidates if not builder.at(a).is_present]
 
 
 def _backward(
-    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, watch: Watch
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
@@ -181,10 +178,10 @@ def _backward(
             without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
-        worth = delta_bic(without.residual, fit.residual, builder.cost(step.effect_at), fit.noise)
+        gain = delta_bic(without.residual, fit.residual, builder.at(step.effect_at).cost, fit.noise)
         size, _ = explained(without.residual, fit.residual, fit.noise)
-        if worth < options.threshold or size < KEPT_GAIN * options.smallest_gain:
-            watch.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
+        if gain < options.threshold or size < KEPT_GAIN * options.smallest_gain:
+            progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
     return fit, steps

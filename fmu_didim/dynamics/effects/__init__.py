@@ -124,7 +124,7 @@ def _found(name: str) -> Effect:
     elif found is None:
         raise UnknownNameError("effect", name, EFFECTS)
     if not isinstance(found, TorqueEffect | NonlinearEffect):
-        raise InputError(f"'{name}' cannot be listed at a joint: it is no effect.", where=_WHERE)
+        raise InputError(f"'{name}' cannot be listed at a joint: it is not an effect.", where=_WHERE)
     return found
 
 

@@ -1,4 +1,4 @@
-"""What a physical effect is: its parameters, its equations, where it acts and what it cannot be told from.
+"""What a physical effect is: its parameters, its equations, where it acts and what it is confounded with.
 
 :class:`Effect` is the root of all effects, wherever they act. :class:`TorqueEffect` acts in the torque balance
 of a joint: it adds to the inverse dynamic model the torque
@@ -34,7 +34,7 @@ from fmu_didim.dynamics.effects.joint import (
 )
 
 SURE = 2.0
-"""Standard deviations by which a value must lie where no machine can be, to be said to."""
+"""Standard deviations by which a value must be out of the possible range to be called impossible."""
 Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
 
@@ -179,7 +179,7 @@ class Effect(ABC):
         return min(max(value, low), high)
 
     def impossible(self, values: Values, deviations: Values, link: Values) -> str:
-        """Which of the values found no machine can have, in words, or an empty string.
+        """Which of the values found are physically impossible, in words, or an empty string.
 
         Args:
             deviations: their standard deviations; link: inertial parameters of the link, as far as they are known.

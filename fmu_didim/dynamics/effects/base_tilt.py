@@ -17,7 +17,7 @@ class BaseTilt(StructureEffect):
     title = "Tilt of the base"
     equation = "g -> R(h_x, tilt_x)*R(h_y, tilt_y)*g"
     confounded_with = ("torque_offset", "spring")
-    signature = "Residual like gravity on all joints; that of a first vertical joint is taken for its MX and MY."
+    signature = "Residual like gravity on all joints; a first vertical joint absorbs it in its MX and MY."
     experiment = "A wide range of all joints, or a spirit level on the base."
     source = "rotation of the gravity vector; Khalil and Dombre, Modeling, Identification and Control of Robots, ch. 9"
     acts_on_base = True

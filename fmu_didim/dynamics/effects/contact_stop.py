@@ -18,13 +18,13 @@ class ContactStop(TorqueEffect):
     class_name = "position-dependent load"
     confounded_with = ("spring", "cubic_spring", "contact_stop_lower")
     signature = "Residual beyond one position only, whatever the speed."
-    experiment = "Paths that end on either side of the position where the contact begins."
+    experiment = "Paths that end on either side of the position where the contact starts."
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qupper"})
     acts_on_link = True
     own_parameters = (Parameter("kupper", "stiffness", "stiffness of the contact", least=0.0),)
     own_shapes = (
-        Parameter("qupper", "position", "position where the contact begins", (1.0, 0.1), search=contact_positions),
+        Parameter("qupper", "position", "position where the contact starts", (1.0, 0.1), search=contact_positions),
         contact_width,
     )
 

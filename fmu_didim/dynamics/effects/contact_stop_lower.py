@@ -15,13 +15,13 @@ class ContactStopLower(TorqueEffect):
     class_name = "position-dependent load"
     confounded_with = ("spring", "cubic_spring", "contact_stop")
     signature = "Residual below one position only, whatever the speed."
-    experiment = "Paths that end on either side of the position where the contact begins."
+    experiment = "Paths that end on either side of the position where the contact starts."
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qlower"})
     acts_on_link = True
     own_parameters = (Parameter("klower", "stiffness", "stiffness of the contact", least=0.0),)
     own_shapes = (
-        Parameter("qlower", "position", "position where the contact begins", (-1.0, -0.1), search=contact_positions),
+        Parameter("qlower", "position", "position where the contact starts", (-1.0, -0.1), search=contact_positions),
         contact_width,
     )
 

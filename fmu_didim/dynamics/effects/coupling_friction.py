@@ -32,9 +32,9 @@ class CouplingFriction(TorqueEffect):
     own_shapes = (smoothing_velocity,)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
-        here, there = at.joint, at.joint + 1
-        own, other = at.all_dq[here], at.all_dq[there]
-        return ({here: other, there: own}, {here: ca.tanh(other / shapes["v0"]), there: ca.tanh(own / shapes["v0"])})
+        i, j = at.joint, at.joint + 1
+        own, other = at.all_dq[i], at.all_dq[j]
+        return ({i: other, j: own}, {i: ca.tanh(other / shapes["v0"]), j: ca.tanh(own / shapes["v0"])})
 
     def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["Fvm"]) + ca.fabs(parameters["Fcm"]) / shapes["v0"]

@@ -20,7 +20,7 @@ class GravityCompensator(TorqueEffect):
     equation = "(Fgc + kgc*(l - l0))*dl/dq, l = l(q; Lc, rc, qc)"
     class_name = "position-dependent load"
     confounded_with = ("spring", "cubic_spring")
-    signature = "Residual that depends on the position of this joint alone, close to sine and cosine."
+    signature = "Residual that depends only on the position of this joint, close to sine and cosine."
     experiment = "A wide range of positions, with the base or the preceding joints in other orientations."
     source = (
         "Klimchik, Caro, Wu, Chablat, Furet, Pashkevich: Identification of the manipulator stiffness model "

@@ -1,6 +1,6 @@
 """Effects between the components of the loop: in the drive of a joint, or in its encoder.
 
-A :class:`InsertedEffect` is a sampled or static system with one input u and one output y that is put into the
+A :class:`InsertedEffect` is a sampled or static system with one input u and one output y that is inserted into the
 wiring, so that it also acts on a plant that is known as a black box only:
 
     y[k] = output(u[k], x[k], p),    x[k+1] = following(u[k], x[k], p),    x[0] = start(u[0], p)
@@ -31,7 +31,7 @@ class InsertedEffect(NonlinearEffect):
     """One effect of a drive or a sensor; its neutral values give y = u.
 
     Class attributes:
-        place: ``drive`` if nothing else is said.
+        place: ``drive`` unless stated otherwise.
         logged: of an effect in a drive: whether the torque log shows the signal before it (usual: the command), or
             after it (it changes the command itself).
         rank: place in the drive; effects of lower rank come earlier. Those logged after have negative ranks.

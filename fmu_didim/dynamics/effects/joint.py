@@ -87,10 +87,9 @@ class Parameter:
     Attributes:
         name: without the joint number.
         unit: a field of :class:`JointUnits` (``torque``) or a unit (``kg``); None for a type of joint that lacks it.
-        start: value as long as nothing else is said.
+        start: value unless stated otherwise.
         neutral: value with which all is as without the effect; limits: lowest and highest sensible value.
-        least: below it no machine can be: a fit that comes there has found something else; None where it can be
-            anything.
+        least: lowest physically possible value: a fit below it has found something else; None without a bound.
         search: how it is searched for, if it is.
     """
 

@@ -12,7 +12,7 @@ class TorqueSaturation(InsertedEffect):
     title = "Saturation of the command"
     equation = "tau = clip(command, -limit, limit)"
     class_name = "saturation"
-    signature = "Flat tops of the measured torque at one level; the model asks for more there, less soon after."
+    signature = "Flat tops of the measured torque at one level; the model needs more there, less soon after."
     experiment = "A slower motion, whose torque stays below the limit."
     source = "Astrom and Wittenmark, Computer-Controlled Systems: limits of actuators"
     logged = "after"

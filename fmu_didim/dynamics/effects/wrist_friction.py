@@ -31,10 +31,10 @@ class WristFriction(TorqueEffect):
     own_shapes = (smoothing_velocity,)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
-        here, there = at.joint, at.joint + 1
-        speed = at.all_dq[here] + at.all_dq[there]
+        i, j = at.joint, at.joint + 1
+        speed = at.all_dq[i] + at.all_dq[j]
         step = ca.tanh(speed / shapes["v0"])
-        return ({here: speed, there: speed}, {here: step, there: step})
+        return ({i: speed, j: speed}, {i: step, j: step})
 
     def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         # Twice: each row feels the velocities of both joints.

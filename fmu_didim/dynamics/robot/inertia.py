@@ -11,7 +11,7 @@ from fmu_didim.dynamics.robot.vectorised import Vectorised
 
 
 class InertiaColumns:
-    """dM/dchi along positions; those of the last positions are kept, as an identification asks for the same ones.
+    """dM/dchi along positions; those of the last positions are kept, as an identification needs the same ones again.
 
     Args:
         q, chi: symbols of positions and standard parameters; mass: M (n, n) in these.

@@ -96,10 +96,10 @@ class Vectorised:
         result = np.zeros((self._size, count))
         for first in range(0, count, TOGETHER):
             part = slice(first, first + TOGETHER)
-            here = [
+            inputs = [
                 [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
             ]
-            self._run(here, result[:, part])
+            self._run(inputs, result[:, part])
         return result.T
 
     def _run(self, arguments: Sequence[Sequence[Any]], result: Array) -> None:

@@ -2,11 +2,11 @@
 
     values = argmin sum_j |y_j - tau_j(values)|^2 / s_j^2
 
-with the deviations s_j of a :class:`~fmu_didim.fit.noise.weighting.Weighting`. A step is damped (Levenberg,
-Marquardt) if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia
-matrix is not positive definite somewhere along its motion: what the data hardly show moves less then, as where the base
-parameters make up for an effect that is missing. So the fit always returns the best point that it has tried. In a fit
-that is to settle, a step that gains far less than it promised is shortened. Where the torque jitters, the lowest cost is one that
+with the deviations s_j of a :class:`~fmu_didim.fit.noise.weighting.Weighting`. A step is damped (Levenberg, Marquardt)
+if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia matrix is not
+positive definite somewhere along its motion: what the data hardly show moves less then, as where the base parameters
+make up for an effect that is missing. So the fit always returns the best point that it has tried. In a fit that is to
+settle, a step that gains far less than it promised is shortened. Where the torque jitters, the lowest cost is one that
 jitter has drawn, not that of the minimum: there such a fit makes each step with fresh slopes in full, whose cost is the
 promised one as far as two costs can be compared.
 

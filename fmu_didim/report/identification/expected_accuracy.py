@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from fmu_didim.checks.data.expected_accuracy import Prospect
+from fmu_didim.checks.data.expected_accuracy import ExpectedAccuracy
 from fmu_didim.report.identification.table import column, joined
 from fmu_didim.report.numbers import decimal_aligned, percent_std, pretty_unit, significant
 
 
-def prospect_lines(found: Prospect) -> list[str]:
+def prospect_lines(found: ExpectedAccuracy) -> list[str]:
     """A line a parameter: value at the start, predicted standard deviation, and what it is hard to tell from."""
     insignificant = set(found.insignificant)
     percent = [100 * d / abs(v) if v else None for v, d in zip(found.values, found.deviation, strict=True)]

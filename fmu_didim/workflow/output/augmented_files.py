@@ -18,6 +18,7 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import InWiring
 from fmu_didim.discovery.run import Found
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.export import build_fmu
@@ -163,14 +164,14 @@ def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, st
     files = {}
     step = fit.model.systems[fit.model.first].step_size
     for index, effect_at in enumerate(fit.model.added_effects):
-        effect = builder.part(effect_at)
-        if effect is None:
+        placed = builder.at(effect_at)
+        if not isinstance(placed, InWiring):
             continue
-        block = effect.block(builder.joint_type(effect_at.joint), step)
+        block = placed.part.block(placed.joint_type, step)
         values = {
             k.key: float(v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True) if k.effect == index
         }
-        name = builder.inserted_name(effect_at)
+        name = placed.owner
         path = build_fmu(replace(block, name=name).with_parameters(values), directory=out)
         files[f"part_{name}"] = path.name
     return files

@@ -18,8 +18,8 @@ SCALE, CLOCK = Diagnostic(TORQUE_SCALE, "twice"), Diagnostic(CLOCK_LATE, "late")
 def test_a_scale_stays_only_if_it_explains_something_there(
     again: list[Diagnostic], left: list[Diagnostic], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checks, "along", lambda run: run)
-    monkeypatch.setattr(checks, "_explained", lambda near: again)
+    monkeypatch.setattr(checks, "motion_with_regressor", lambda run: run)
+    monkeypatch.setattr(checks, "_explained", lambda fitted: again)
     assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == left
 
 
@@ -27,5 +27,5 @@ def test_where_the_fit_cannot_be_simulated_nothing_is_cleared_up(monkeypatch: py
     def fails(run: object) -> None:
         raise SimulationError("it diverged")
 
-    monkeypatch.setattr(checks, "along", fails)
+    monkeypatch.setattr(checks, "motion_with_regressor", fails)
     assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == [SCALE, CLOCK]

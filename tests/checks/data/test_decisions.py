@@ -13,7 +13,7 @@ from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.log import log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
 from fmu_didim.checks.data.runs import copied
-from fmu_didim.checks.data.torque_channel import correlations, relation_diagnostics
+from fmu_didim.checks.data.torque_channel import correlations, torque_channel_diagnostics
 from fmu_didim.cosim import sample_operator
 from fmu_didim.model.experiment import Experiment
 from tests.helpers import reference
@@ -27,7 +27,9 @@ TIME = 0.01 * N
 
 def found(measured: Array, simulated: Array, gains: Any = None) -> list[Diagnostic]:
     ones = np.ones(measured.shape[1])
-    return relation_diagnostics(Expected(measured, simulated), ones if gains is None else np.array(gains), "train")
+    return torque_channel_diagnostics(
+        Expected(measured, simulated), ones if gains is None else np.array(gains), "train"
+    )
 
 
 def names(diagnostics: list[Diagnostic]) -> list[str]:
@@ -129,7 +131,7 @@ def test_a_log_that_nothing_explains_is_foreign_and_one_that_base_parameters_exp
     own, other = columns @ [1.0, 2.0, 3.0], rng.normal(size=(400, 1))
     for measured, told in ((own, []), (other, ["reference-foreign"])):
         given = Expected(measured, None, columns, np.zeros_like(measured))
-        assert names(relation_diagnostics(given, np.ones(1), "train")) == told
+        assert names(torque_channel_diagnostics(given, np.ones(1), "train")) == told
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu
 from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, torque_part
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.effects import EFFECTS, Surroundings, TorqueEffect
 from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.workflow import discover

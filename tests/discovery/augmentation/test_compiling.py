@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.augmentation import builder as building
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation import plants
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.model.loop_description import EffectAtJoint
 from tests.discovery.helpers import arm_case
 
@@ -23,7 +24,7 @@ def builder(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[LoopModelBu
     """A builder on an arm, and the blocks that it has compiled."""
     case = load_case(arm_case(tmp_path, held_out=False))
     compiled: list[Any] = []
-    monkeypatch.setattr(building, "with_compiled_twin", lambda component: compiled.append(component.block) or component)
+    monkeypatch.setattr(plants, "with_compiled_twin", lambda component: compiled.append(component.block) or component)
     return LoopModelBuilder(case.model, case.parameters.model.description), compiled  # type: ignore[union-attr]
 
 
@@ -32,9 +33,9 @@ def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]
     made, compiled = builder
     said: list[str] = []
     wanted = [[GEAR], [SPRING], [GEAR], [LAG], [CLOCK], [LAG, SPRING]]
-    made.compile(wanted, watch=Watch(said.append), workers=2)
+    made.prepare(wanted, progress=Progress(said.append), workers=2)
     assert len(compiled) == 2
-    made.compile([[SPRING]], watch=Watch(), workers=2)
+    made.prepare([[SPRING]], progress=Progress(), workers=2)
     model = made.build(made.base, [Proposal(SPRING, {})])
     assert len(compiled) == 2
     assert model.added_effects == (SPRING,)
@@ -45,7 +46,7 @@ def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]
 def test_nothing_is_compiled_when_the_time_is_up(builder: tuple[LoopModelBuilder, list[Any]]) -> None:
     """A plant that is asked for all the same is still there."""
     made, compiled = builder
-    made.compile([[GEAR], [SPRING]], watch=Watch(ends=0.0), workers=1)
+    made.prepare([[GEAR], [SPRING]], progress=Progress(ends=0.0), workers=1)
     assert compiled == []
     made.build(made.base, [Proposal(SPRING, {})])
     assert len(compiled) == 1

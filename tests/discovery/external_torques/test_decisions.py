@@ -20,7 +20,7 @@ from fmu_didim.discovery.external_torques.fit import (
 )
 from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_description import EffectAtJoint
@@ -257,17 +257,17 @@ def test_one_effect_must_explain_more_than_all_torques(
     monkeypatch.setattr(rivals, "SignatureCatalogue", lambda builder, base, candidates: seen.append(candidates))
     monkeypatch.setattr(Competition, "screen", lambda *_: screened)
     monkeypatch.setattr(
-        Competition, "contend",
-        lambda _, chosen, watch: seen.append(chosen)
-        or SimpleNamespace(contenders=() if bic is None else (SimpleNamespace(delta_bic=bic),)),
+        Competition, "compare",
+        lambda _, chosen, progress: seen.append(chosen)
+        or SimpleNamespace(ranking=() if bic is None else (SimpleNamespace(delta_bic=bic),)),
     )  # fmt: skip
     fitted = FittedExternalTorques(None, None, "x", 100.0, 0.9)
     builder = Catalogue(*EFFECTS, joints=2)
-    assert rivalled(fitted, table_fit(5.0), builder, watch=Watch()) is better
+    assert rivalled(fitted, table_fit(5.0), builder, progress=Progress()) is better
     assert [f"{c.effect}{c.joint}" for c in seen[0]] == ["payload1", "payload2", "presliding1", "presliding2"]
     assert seen[1] == [screened[0], screened[2]]  # each at its best joint
     del seen[:]
-    rivalled(fitted, table_fit(5.0), builder, forbid=frozenset({"payload"}), watch=Watch())
+    rivalled(fitted, table_fit(5.0), builder, forbid=frozenset({"payload"}), progress=Progress())
     assert [c.effect for c in seen[0]] == ["presliding"] * 2
 
 

@@ -21,7 +21,8 @@ from fmu_didim.cosim import System, closed_loop, simulate
 from fmu_didim.cosim.sampling import sample_operator
 from fmu_didim.data.excitation import Fourier, FourierJoint
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
@@ -29,9 +30,9 @@ from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.effects import EFFECTS
@@ -118,17 +119,17 @@ def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) ->
     )  # fmt: skip
 
 
-def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, Contender]:
+def fitted(model: LoopModel, names: Sequence[str]) -> dict[str, FittedCandidate]:
     """Each effect at joint 1, fitted in the closed loop."""
     base = minimise(with_nuisances(model), NOISE)
     builder = LoopModelBuilder(base.model, arm())
     catalogue = SignatureCatalogue(builder, base, candidates=[EffectAtJoint(name, 1) for name in names])
     competition = Competition(builder, base)
-    found = competition.contend(competition.screen(catalogue), watch=Watch(), reach=np.inf).contenders
+    found = competition.compare(competition.screen(catalogue), progress=Progress(), reach=np.inf).ranking
     return {c.effect_at.effect: c for c in found}
 
 
-def proposal(found: Contender) -> Proposal:
+def proposal(found: FittedCandidate) -> Proposal:
     values = {
         k.key.removesuffix("1").removesuffix("_"): k.value for k in found.fit.model.free_parameters if k.effect == 0
     }

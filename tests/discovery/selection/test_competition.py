@@ -1,4 +1,4 @@
-"""The competition, on signatures and laws made by hand: screening, the shortlist, starts, what a contender is worth."""
+"""The competition, on signatures and laws made by hand: screening, the shortlist, starts, what a candidate is worth."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
-from fmu_didim.discovery.selection.candidates import Outcome, Screened
+from fmu_didim.discovery.selection.candidates import Outcome, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.fit import Fit
@@ -55,7 +55,7 @@ EFFECTS = Catalogue(
 
 def screened(
     *signatures: Signature, rest: np.ndarray = 0.5 * OTHER, named: Sequence[EffectAtJoint] = (), white: Noise = WHITE
-) -> list[Screened]:
+) -> list[ScreenedCandidate]:
     return Competition(EFFECTS, base_fit(rest, *named, white=white)).screen(signatures)
 
 
@@ -112,8 +112,8 @@ def test_a_small_residual_counts_by_the_noise() -> None:
     assert one.gain == pytest.approx(25 - np.log(400), abs=1e-6)
 
 
-def scored(gain: float, name: str = "gear", joint: int = 1) -> Screened:
-    return Screened(signature(name, column((gain, OTHER)), joint), np.array([1.0]), gain, 1.0)
+def scored(gain: float, name: str = "gear", joint: int = 1) -> ScreenedCandidate:
+    return ScreenedCandidate(signature(name, column((gain, OTHER)), joint), np.array([1.0]), gain, 1.0)
 
 
 def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
@@ -173,9 +173,7 @@ class Builder(Catalogue):
     def __init__(self, *effects: Any, broken: float = np.inf, absent: bool = False, **more: Any) -> None:
         super().__init__(*effects, **more)
         self.broken, self.absent, self.built = broken, absent, 0
-
-    def parameters_of(self, effect_at: EffectAtJoint) -> tuple[Any, Any]:
-        return (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
+        self.amplitudes, self.shapes = (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
 
     def build(self, model: LawModel, proposals: Sequence[Proposal]) -> LawModel:
         self.built += 1
@@ -296,7 +294,7 @@ def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
     assert whole is not None and short is not None
     assert short.given_up and not whole.given_up
     assert short.chi_square > 10 * whole.chi_square
-    candidate = Competition(builder, before).contender(GEAR, short)
+    candidate = Competition(builder, before).assess(GEAR, short)
     at_the_end = Competition(builder, before).finished(candidate)
     assert at_the_end.fit.chi_square == pytest.approx(whole.chi_square, abs=1e-6)
     assert at_the_end.delta_bic > candidate.delta_bic
@@ -340,7 +338,7 @@ def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyP
     asked: dict[str, Any] = {}
     monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more) or found)
     competition = Competition(builder, before)
-    competition.finished(replace(competition.contender(GEAR, found), fit=replace(found, ending=Ending.HOPELESS)))
+    competition.finished(replace(competition.assess(GEAR, found), fit=replace(found, ending=Ending.HOPELESS)))
     assert asked["stopping"] == Stopping(updates=1, check_all=False)
 
 
@@ -354,7 +352,7 @@ def one_more(**more: Any) -> tuple[Builder, Fit, Fit]:
 
 def test_what_a_contender_is_worth() -> None:
     builder, before, found = one_more(costs={"gear": 1.5})
-    one = Competition(builder, replace(before, model=replace(before.model, workers=3))).contender(GEAR, found)
+    one = Competition(builder, replace(before, model=replace(before.model, workers=3))).assess(GEAR, found)
     assert one.effect_at == GEAR
     assert one.cost == 1.5
     # Variances 9 * 1.25 before, and the floor of a quarter of the noise after.
@@ -367,16 +365,15 @@ def test_what_a_contender_is_worth() -> None:
 
 def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder, before, found = one_more(costs={"gear": 2.0})
-    names = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
-    builder.parameters_of = lambda effect_at: (names, (SimpleNamespace(name="v"),))
-    assert Competition(builder, before).contender(GEAR, found).cost == 1.0
+    builder.amplitudes = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
+    assert Competition(builder, before).assess(GEAR, found).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
     model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
     idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
     whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
     monkey = builder.without
     builder.without = lambda m, i: monkey(found.model, i)
-    assert Competition(builder, before).contender(GEAR, whole).cost == 1.0
+    assert Competition(builder, before).assess(GEAR, whole).cost == 1.0
 
 
 def test_only_amplitudes_of_its_own_count() -> None:
@@ -387,7 +384,7 @@ def test_only_amplitudes_of_its_own_count() -> None:
     known = builder.without
     builder.without = lambda m, i: known(found.model, i)
     whole = replace(found, model=model, jacobian=slopes, values=np.append(found.values, [0.0, 0.0]))
-    assert Competition(builder, before).contender(GEAR, whole).cost == 4.0
+    assert Competition(builder, before).assess(GEAR, whole).cost == 4.0
 
 
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
@@ -426,13 +423,13 @@ def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
 
 def test_a_contender_proposes_its_fitted_values() -> None:
     builder, before, found = one_more()
-    one = Competition(builder, before).contender(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])))
+    one = Competition(builder, before).assess(GEAR, replace(found, values=np.array([2.0, 3.25, 0.75])))
     assert proposal_of(one) == Proposal(GEAR, {"F": 3.25, "v": 0.75})
 
 
-def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), size: float = 3.0) -> Screened:
+def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), size: float = 3.0) -> ScreenedCandidate:
     columns = (OTHER + v * THIRD)[:, None, None]
-    return Screened(
+    return ScreenedCandidate(
         Signature(EffectAtJoint(name, 1), {"v": v}, ("F",), columns, {}), np.array([size]), gain, 1.0, others
     )  # fmt: skip
 
@@ -466,11 +463,11 @@ def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> No
 
 
 def competing(
-    *candidates: Screened, builder: Builder | None = None, before: Fit | None = None
+    *candidates: ScreenedCandidate, builder: Builder | None = None, before: Fit | None = None
 ) -> tuple[Any, list[str]]:
     said: list[str] = []
     competition = Competition(builder or Builder(effect_of("gear"), effect_of("a")), before or fitted(plant()))
-    return competition.contend(candidates, watch=Watch(said.append)).contenders, said
+    return competition.compare(candidates, progress=Progress(said.append)).ranking, said
 
 
 def test_contenders_come_the_best_first() -> None:
@@ -490,20 +487,22 @@ def test_one_that_cannot_be_simulated_is_left_out() -> None:
     assert competing() == ((), [])
 
 
-def outcomes(watch: Watch, **more: Any) -> list[tuple[str, Outcome]]:
+def outcomes(progress: Progress, **more: Any) -> list[tuple[str, Outcome]]:
     """Of two candidates."""
     competition = Competition(Builder(effect_of("gear"), effect_of("a"), **more), fitted(plant()))
     candidates = [tried(100.0), tried(50.0, name="a", v=0.0, others=None, size=2.0)]
-    contest = competition.contend(candidates, watch=watch)
-    assert contest.is_cut == any(t.outcome is Outcome.NOT_TRIED for t in contest.tried)
-    assert [t.delta_bic for t in contest.tried if t.delta_bic is not None] == [c.delta_bic for c in contest.contenders]
-    return [(t.effect_at.effect, t.outcome) for t in contest.tried]
+    comparison = competition.compare(candidates, progress=progress)
+    assert comparison.is_cut == any(t.outcome is Outcome.NOT_TRIED for t in comparison.tried)
+    assert [t.delta_bic for t in comparison.tried if t.delta_bic is not None] == [
+        c.delta_bic for c in comparison.ranking
+    ]
+    return [(t.effect_at.effect, t.outcome) for t in comparison.tried]
 
 
 def test_what_became_of_each_candidate_is_told() -> None:
-    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.FITTED)]
-    assert outcomes(Watch(), broken=0.0) == [("gear", Outcome.NOT_SIMULABLE), ("a", Outcome.NOT_SIMULABLE)]
-    assert outcomes(Watch(ends=0.0)) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+    assert outcomes(Progress()) == [("gear", Outcome.FITTED), ("a", Outcome.FITTED)]
+    assert outcomes(Progress(), broken=0.0) == [("gear", Outcome.NOT_SIMULABLE), ("a", Outcome.NOT_SIMULABLE)]
+    assert outcomes(Progress(ends=0.0)) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
 
 
 @pytest.mark.parametrize(("part", "left"), [(0.26, False), (0.24, True)])
@@ -515,14 +514,14 @@ def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch,
     weak = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), slope[:, None, None], {})
     candidates = [
         tried(100.0),
-        Screened(weak, np.array([1.0]), 50.0, 1.0, None),
-        Screened(weak, np.array([1.0]), 50.0, 1.0, ()),
+        ScreenedCandidate(weak, np.array([1.0]), 50.0, 1.0, None),
+        ScreenedCandidate(weak, np.array([1.0]), 50.0, 1.0, ()),
     ]
     competition = Competition(Builder(effect_of("gear"), effect_of("a")), fitted(plant()))
-    contest = competition.contend(candidates, watch=Watch())
-    assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in contest.tried] == [False, left, False]
-    assert contest.unfitted == ((candidates[1],) if left else ())
-    assert not competition.contend(candidates, watch=Watch(), reach=np.inf).unfitted
+    comparison = competition.compare(candidates, progress=Progress())
+    assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in comparison.tried] == [False, left, False]
+    assert comparison.unfitted == ((candidates[1],) if left else ())
+    assert not competition.compare(candidates, progress=Progress(), reach=np.inf).unfitted
 
 
 def test_the_joint_with_the_largest_gap_comes_first() -> None:
@@ -543,13 +542,13 @@ def test_the_joint_with_the_largest_gap_comes_first() -> None:
 def test_what_is_out_of_reach_of_the_best_is_left_early(monkeypatch: pytest.MonkeyPatch) -> None:
     refit = Competition.refit
     monkeypatch.setattr(Competition, "refit", lambda *given, **more: refit(*given, **{**more, "give_up_above": -1e9}))
-    assert outcomes(Watch()) == [("gear", Outcome.FITTED), ("a", Outcome.LEFT_EARLY)]  # one starts at its minimum
+    assert outcomes(Progress()) == [("gear", Outcome.FITTED), ("a", Outcome.LEFT_EARLY)]  # one starts at its minimum
 
 
 def test_a_fit_in_whose_middle_the_time_ends_does_not_count() -> None:
     readings = iter([0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0])  # told, begin of the first, its scan, after its fit, ...
-    watch = Watch(ends=1.0, now=lambda: next(readings))
-    assert outcomes(watch) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
+    progress = Progress(ends=1.0, now=lambda: next(readings))
+    assert outcomes(progress) == [("gear", Outcome.NOT_TRIED), ("a", Outcome.NOT_TRIED)]
 
 
 def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -567,7 +566,7 @@ def test_starts_are_scanned_for_leaders_outside_the_torque_balance_alone(monkeyp
         (1, "", [995.0, 900.0, 400.0, 400.0]),
         (2, "", [995.0, 900.0, 995.0, 400.0]),  # those of one group do not see each other, whichever ends first
         (4, "", [995.0, 900.0, 995.0, 995.0]),
-        (1, "no machine has this", [995.0, 900.0, 995.0, 995.0]),
+        (1, "physically impossible", [995.0, 900.0, 995.0, 995.0]),
     ],
 )
 def test_each_fit_must_promise_more_than_the_best_so_far(
@@ -587,7 +586,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(
     monkeypatch.setattr("fmu_didim.discovery.selection.competition.ABREAST", abreast)
     monkeypatch.setattr(Competition, "refit", one)
     monkeypatch.setattr(
-        Competition, "contender",
+        Competition, "assess",
         lambda self, at, fit: found.append(fit.chi_square)
         or SimpleNamespace(effect_at=at, delta_bic=-fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=why),
     )  # fmt: skip
@@ -606,7 +605,7 @@ def test_the_first_of_two_starts_is_kept_where_it_is_better(monkeypatch: pytest.
     monkeypatch.setattr(Competition, "_scanned", lambda *_: ["one", "two"])
     monkeypatch.setattr(
         Competition,
-        "contender",
+        "assess",
         lambda self, at, fit: SimpleNamespace(
             effect_at=at, delta_bic=fit.chi_square, fit=fit, share=0.0, cost=1.0, implausible=""
         ),

@@ -1,4 +1,4 @@
-"""The decision, on contenders made by hand: what is accepted, refused, ambiguous."""
+"""The decision, on candidates made by hand: what is accepted, refused, ambiguous."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import (
     Options,
@@ -26,7 +26,7 @@ from tests.discovery.by_hand import (
     SIGNS,
     Catalogue,
     TableModel,
-    contender_of,
+    candidate_of,
     effect_of,
     fit_of,
     residual,
@@ -36,20 +36,20 @@ from tests.discovery.by_hand import (
 BEFORE, BASE = table_fit(50.0), table_fit(101.0)
 
 
-def refused(candidate: Contender, **options: Any) -> str:
+def refused(candidate: FittedCandidate, **options: Any) -> str:
     return objection(candidate, BEFORE, Options(**options), base=BASE)
 
 
-def verdict(*contenders: Contender, held: Any = lambda effect_at: (), **options: Any) -> Any:
+def verdict(*ranking: FittedCandidate, held: Any = lambda effect_at: (), **options: Any) -> Any:
     return decide(
-        contenders, BEFORE, Options(**options), base=BASE, held=held
+        ranking, BEFORE, Options(**options), base=BASE, held=held
     )  # fmt: skip
 
 
-def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple[Any, Contender]:
-    """The fit before with a residual on held-out data, and a contender with another one."""
+def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple[Any, FittedCandidate]:
+    """The fit before with a residual on held-out data, and a candidate with another one."""
     before = table_fit(50.0, held_out={"other": first}, **more)
-    return before, contender_of(fit=table_fit(10.0, held_out={"other": second}))
+    return before, candidate_of(fit=table_fit(10.0, held_out={"other": second}))
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple
     ],
 )
 def test_each_threshold_of_an_objection(change: dict[str, Any], reason: str) -> None:
-    assert refused(contender_of(**change)) == reason
+    assert refused(candidate_of(**change)) == reason
 
 
 @pytest.mark.parametrize(
@@ -82,18 +82,18 @@ def test_each_threshold_of_an_objection(change: dict[str, Any], reason: str) -> 
     ],
 )
 def test_the_options_move_the_thresholds(option: str, change: dict[str, Any]) -> None:
-    candidate = contender_of(**{"bic": 1e3, **change})
+    candidate = candidate_of(**{"bic": 1e3, **change})
     assert refused(candidate, **{option: 149.0}) == ""
     assert refused(candidate, **{option: 151.0}) != ""
 
 
 def test_the_smallest_part_is_an_option_too() -> None:
-    assert refused(contender_of(), smallest_part=0.39) == ""
-    assert refused(contender_of(), smallest_part=0.41).startswith("explains 40.0 % of the gap of the base model")
+    assert refused(candidate_of(), smallest_part=0.39) == ""
+    assert refused(candidate_of(), smallest_part=0.41).startswith("explains 40.0 % of the gap of the base model")
 
 
 def test_a_part_as_large_as_the_smallest_is_enough() -> None:
-    three, one = fit_of(TableModel(3.0 * SIGNS[:, None])), contender_of(fit=fit_of(TableModel(SIGNS[:, None])))
+    three, one = fit_of(TableModel(3.0 * SIGNS[:, None])), candidate_of(fit=fit_of(TableModel(SIGNS[:, None])))
     assert objection(one, three, Options(smallest_part=1.0), base=three) == ""
 
 
@@ -152,7 +152,7 @@ def test_a_block_holds_one_sample_at_least(rate: float, blocks: int, monkeypatch
 
 
 def test_without_held_out_data_there_is_no_ratio() -> None:
-    assert held_out_ratio(BEFORE, contender_of().fit) is None
+    assert held_out_ratio(BEFORE, candidate_of().fit) is None
 
 
 def test_a_model_that_cannot_be_run_on_held_out_data_is_worse_than_any() -> None:
@@ -172,14 +172,14 @@ def test_all_held_out_experiments_count() -> None:
     ("gain", "wanted"), [(10.0, 10.0), (499.0, 10.0), (501.0, 10.02), (1000.0, 20.0), (-2000.0, 10.0)]
 )
 def test_nearness_is_ten_or_two_percent_of_a_large_gain(gain: float, wanted: float) -> None:
-    assert _nearness(contender_of(bic=gain), Options()) == pytest.approx(wanted, rel=1e-12)
-    assert _nearness(contender_of(bic=gain), Options(threshold=30.0)) == 30.0
+    assert _nearness(candidate_of(bic=gain), Options()) == pytest.approx(wanted, rel=1e-12)
+    assert _nearness(candidate_of(bic=gain), Options(threshold=30.0)) == 30.0
 
 
 def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
     one = [
-        contender_of("a", bic=100.0, cost=2.0), contender_of("b", bic=95.0, cost=1.0),
-        contender_of("c", bic=97.0, cost=1.0),
+        candidate_of("a", bic=100.0, cost=2.0), candidate_of("b", bic=95.0, cost=1.0),
+        candidate_of("c", bic=97.0, cost=1.0),
     ]  # fmt: skip
     assert _simplest(one, Options()).effect_at.effect == "c"
     assert _simplest(one, Options(prefer=("x", "a", "b"))).effect_at.effect == "a"
@@ -188,7 +188,7 @@ def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
 
 
 def test_the_best_is_accepted() -> None:
-    assert verdict(contender_of("a", bic=100.0), contender_of("b", bic=50.0)).effect_at == EffectAtJoint("a", 1)
+    assert verdict(candidate_of("a", bic=100.0), candidate_of("b", bic=50.0)).effect_at == EffectAtJoint("a", 1)
 
 
 @pytest.mark.parametrize(
@@ -196,22 +196,22 @@ def test_the_best_is_accepted() -> None:
     [(100.0, 90.01, "b"), (100.0, 90.0, "a"), (1000.0, 980.1, "b"), (1000.0, 980.0, "a")],
 )
 def test_of_those_as_good_the_simpler_one_is_taken(best: float, other: float, chosen: str) -> None:
-    first, second = contender_of("a", bic=best, cost=2.0), contender_of("b", bic=other, cost=1.0)
+    first, second = candidate_of("a", bic=best, cost=2.0), candidate_of("b", bic=other, cost=1.0)
     assert verdict(first, second).effect_at.effect == chosen
 
 
 def test_a_simpler_one_with_an_objection_is_not_taken() -> None:
-    first, second = contender_of("a", bic=100.0, cost=2.0), contender_of("b", bic=99.0, cost=1.0, share=0.01)
+    first, second = candidate_of("a", bic=100.0, cost=2.0), candidate_of("b", bic=99.0, cost=1.0, share=0.01)
     assert verdict(first, second).effect_at.effect == "a"
 
 
 def test_a_refused_one_gives_way_to_the_next() -> None:
-    first, second = contender_of("a", bic=200.0, torque_change=0.1), contender_of("b", bic=100.0)
+    first, second = candidate_of("a", bic=200.0, torque_change=0.1), candidate_of("b", bic=100.0)
     assert verdict(first, second).effect_at.effect == "b"
 
 
 def test_all_reasons_are_kept_in_order() -> None:
-    found = verdict(contender_of("a", bic=20.0, size=0.1), contender_of("b", 2, bic=5.0))
+    found = verdict(candidate_of("a", bic=20.0, size=0.1), candidate_of("b", 2, bic=5.0))
     assert found == (
         (EffectAtJoint("a", 1), "explains 0.10 of the noise, less than 0.2"),
         (EffectAtJoint("b", 2), "BIC difference 5.0 below 10"),
@@ -226,14 +226,14 @@ def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
     before, failing = held_out(residual(16.0), 1.1 * residual(16.0))
     asked: list[EffectAtJoint] = []
     worse = replace(failing, delta_bic=99.0)
-    better = contender_of(bic=80.0, fit=table_fit(12.0, held_out={"other": 0.5 * residual(16.0)}))
+    better = candidate_of(bic=80.0, fit=table_fit(12.0, held_out={"other": 0.5 * residual(16.0)}))
     last = replace(better, delta_bic=70.0)
 
-    def held(effect_at: EffectAtJoint) -> Iterator[Contender]:
+    def held(effect_at: EffectAtJoint) -> Iterator[FittedCandidate]:
         asked.append(effect_at)
         yield from (worse, better, last)
 
-    small = contender_of("b", 2, bic=90.0, share=0.01)
+    small = candidate_of("b", 2, bic=90.0, share=0.01)
     found = decide([small, failing], before, Options(), base=BASE, held=held)
     assert found is better
     assert asked == [EffectAtJoint("coulomb", 1)]
@@ -241,28 +241,28 @@ def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
     assert [a.effect for a, _ in refusal] == ["b", "coulomb"]
 
 
-def given_up(candidate: Contender) -> Contender:
+def given_up(candidate: FittedCandidate) -> FittedCandidate:
     return replace(candidate, fit=replace(candidate.fit, ending=Ending.HOPELESS))
 
 
 @pytest.mark.parametrize(
     ("unfinished", "to_the_end", "accepted", "asked"),
     [
-        (contender_of(bic=50.0), contender_of(bic=60.0), True, 1),
-        (contender_of(bic=50.0), contender_of(bic=60.0, share=0.01), False, 1),  # what made it good was chance
-        (contender_of(bic=5.0), contender_of(bic=60.0), False, 0),
+        (candidate_of(bic=50.0), candidate_of(bic=60.0), True, 1),
+        (candidate_of(bic=50.0), candidate_of(bic=60.0, share=0.01), False, 1),  # what made it good was chance
+        (candidate_of(bic=5.0), candidate_of(bic=60.0), False, 0),
     ],
 )
 def test_a_fit_that_was_given_up_is_judged_at_its_minimum(
-    unfinished: Contender, to_the_end: Contender, accepted: bool, asked: int
+    unfinished: FittedCandidate, to_the_end: FittedCandidate, accepted: bool, asked: int
 ) -> None:
-    calls: list[Contender] = []
+    calls: list[FittedCandidate] = []
 
-    def finish(candidate: Contender) -> Contender:
+    def finish(candidate: FittedCandidate) -> FittedCandidate:
         calls.append(candidate)
         return to_the_end
 
-    small = contender_of("b", 2, bic=90.0, share=0.01)
+    small = candidate_of("b", 2, bic=90.0, share=0.01)
     found = decide(
         [small, given_up(unfinished)], BEFORE, Options(), base=BASE, finished=finish
     )  # fmt: skip
@@ -273,11 +273,11 @@ def test_a_fit_that_was_given_up_is_judged_at_its_minimum(
 
 def test_what_is_as_good_as_the_winner_is_finished_too() -> None:
     """The one with fewer parameters would be taken, were it not for what it comes to."""
-    winner = contender_of("a", bic=100.0, cost=2.0)
-    near = given_up(contender_of("b", bic=98.0, cost=1.0))
-    for end, name in ((contender_of("b", bic=98.0, size=0.1), "a"), (contender_of("b", bic=98.0, cost=1.0), "b")):
+    winner = candidate_of("a", bic=100.0, cost=2.0)
+    near = given_up(candidate_of("b", bic=98.0, cost=1.0))
+    for end, name in ((candidate_of("b", bic=98.0, size=0.1), "a"), (candidate_of("b", bic=98.0, cost=1.0), "b")):
         found = decide([winner, near], BEFORE, Options(), base=BASE, finished=lambda c, end=end: end)
-        assert isinstance(found, Contender) and found.effect_at.effect == name
+        assert isinstance(found, FittedCandidate) and found.effect_at.effect == name
 
 
 def test_gaps_of_all_experiments() -> None:
@@ -297,13 +297,13 @@ CATALOGUE = Catalogue(
 )
 
 
-def step(accepted: Contender, contenders: list[Contender], before: Any = BEFORE) -> Any:
-    return step_of(accepted, contenders, Competition(CATALOGUE, before), Options())
+def step(accepted: FittedCandidate, ranking: list[FittedCandidate], before: Any = BEFORE) -> Any:
+    return step_of(accepted, ranking, Competition(CATALOGUE, before), Options())
 
 
 def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:
-    best, accepted = contender_of("offset", bic=100.0), contender_of("coulomb", bic=95.0, share=0.7, size=2.0)
-    near, far = contender_of("delay", 2, bic=85.1), contender_of("delay", 3, bic=84.9)
+    best, accepted = candidate_of("offset", bic=100.0), candidate_of("coulomb", bic=95.0, share=0.7, size=2.0)
+    near, far = candidate_of("delay", 2, bic=85.1), candidate_of("delay", 3, bic=84.9)
     found = step(accepted, [best, accepted, near, far])
     assert (found.effect_at, found.delta_bic, found.size, found.share) == (EffectAtJoint("coulomb", 1), 95.0, 2.0, 0.7)
     assert found.ambiguous[:2] == ((EffectAtJoint("offset", 1), 0.0), (EffectAtJoint("delay", 2), pytest.approx(14.9)))
@@ -317,28 +317,28 @@ def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:
 
 
 def test_nearness_of_a_step_is_that_of_the_best() -> None:
-    best, accepted, other = (contender_of(n, bic=b) for n, b in (("a", 1000.0), ("coulomb", 985.0), ("offset", 966.0)))
+    best, accepted, other = (candidate_of(n, bic=b) for n, b in (("a", 1000.0), ("coulomb", 985.0), ("offset", 966.0)))
     assert [a.effect for a, _ in step(accepted, [best, accepted, other]).ambiguous][:2] == ["a", "offset"]
 
 
 def test_exactly_at_the_nearness_is_no_longer_ambiguous() -> None:
-    accepted, at_edge = contender_of("delay", bic=100.0), contender_of("delay", 2, bic=90.0)
+    accepted, at_edge = candidate_of("delay", bic=100.0), candidate_of("delay", 2, bic=90.0)
     assert step(accepted, [accepted, at_edge]).ambiguous == ()
 
 
 def test_a_member_that_was_fitted_is_named_once() -> None:
-    accepted, other = contender_of("coulomb", bic=100.0), contender_of("viscous", bic=99.0)
+    accepted, other = candidate_of("coulomb", bic=100.0), candidate_of("viscous", bic=99.0)
     assert step(accepted, [accepted, other]).ambiguous == ((EffectAtJoint("viscous", 1), 1.0),)
 
 
 @pytest.mark.parametrize("name", ["delay", "log shift"])
 def test_a_shift_of_the_log_and_a_lag_stand_for_each_other_by_their_fits_alone(name: str) -> None:
-    assert step(contender_of(name), [contender_of(name)]).ambiguous == ()
+    assert step(candidate_of(name), [candidate_of(name)]).ambiguous == ()
 
 
 def test_gaps_and_ratio_of_a_step() -> None:
     before = table_fit(50.0, held_out={"other": residual(26.0)})
-    accepted = contender_of("offset")
+    accepted = candidate_of("offset")
     model = replace(accepted.fit.model, own=residual(10.0), held_out={"other": residual(6.5)})
     accepted = replace(accepted, fit=fit_of(model, values=[2.5]))
     found = step(accepted, [accepted], before)

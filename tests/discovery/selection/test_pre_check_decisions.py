@@ -1,4 +1,4 @@
-"""The pre-check, with trials and contenders made by hand."""
+"""The pre-check, with trials and candidates made by hand."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.augmentation.builder import Proposal
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import pre_check as checking
-from fmu_didim.discovery.selection.candidates import Contender
+from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
@@ -23,7 +23,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.loop_description import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, noise, residual, table_fit
+from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, noise, residual, table_fit
 
 WHITE = noise((1.0, 1.0))
 CHECK = PreCheck("limit", (1.0, 0.5))
@@ -43,8 +43,8 @@ class Builder(Catalogue):
         self.left, self.refused = left or {}, refused
         self.proposed: list[Proposal] = []
 
-    def can_add(self, effect_at: EffectAtJoint) -> bool:
-        return effect_at.joint not in self.refused
+    def at(self, effect_at: EffectAtJoint) -> Any:
+        return SimpleNamespace(can_be_added=effect_at.joint not in self.refused, cost=1.0, amplitudes=(), shapes=())
 
     def build(self, model: TableModel, proposals: Sequence[Proposal]) -> Any:
         (proposal,) = proposals
@@ -89,7 +89,7 @@ class Check:
     """What the check calls.
 
     Args:
-        trials: as :func:`_tried` gives them; bics: of the contenders, by joint.
+        trials: as :func:`_tried` gives them; bics: of the ranking, by joint.
         objection: to the best; tells: whether the held-out data do.
     """
 
@@ -103,7 +103,7 @@ class Check:
         monkeypatch.setattr(checking, "_tried", lambda name, *_: [(c, EffectAtJoint(name, j), v) for c, j, v in trials])
         monkeypatch.setattr(Competition, "refit", lambda _, proposal: self.refit(proposal))
         monkeypatch.setattr(
-            Competition, "contender", lambda _, at, fit: contender_of(at.effect, at.joint, bic=fit, fit=AFTER)
+            Competition, "assess", lambda _, at, fit: candidate_of(at.effect, at.joint, bic=fit, fit=AFTER)
         )
         monkeypatch.setattr(checking, "objection", self.objection)
         monkeypatch.setattr(checking, "_held_out_tells", lambda *_: tells)
@@ -113,11 +113,11 @@ class Check:
         self.refitted.append(proposal)
         return self.bics.get(proposal.effect_at.joint)
 
-    def objection(self, candidate: Contender, fit: Any, options: Any, *, base: Any) -> str:
+    def objection(self, candidate: FittedCandidate, fit: Any, options: Any, *, base: Any) -> str:
         self.objected.append((candidate.effect_at.joint, base))
         return self.reason
 
-    def step_of(self, accepted: Contender, found: Any, *_: Any) -> Any:
+    def step_of(self, accepted: FittedCandidate, found: Any, *_: Any) -> Any:
         from fmu_didim.discovery.selection.decide import Step
 
         self.stepped.append([c.effect_at.joint for c in found])
@@ -130,7 +130,7 @@ LIMIT = effect_of("limit", class_name="a limit", pre_check=CHECK)
 def checked(builder: Any = None, *, white: Noise = WHITE, **options: Any) -> tuple[Any, Any, list[str], Any]:
     said: list[str] = []
     base = ramp(white)
-    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), Watch(said.append))
+    fit, steps = pre_check(builder or Builder(LIMIT), base, Options(**options), Progress(said.append))
     return fit, steps, said, base
 
 
@@ -182,7 +182,7 @@ def test_held_out_data_that_do_not_reach_the_limit_say_nothing(
     _, steps, _, _ = checked()
     assert [s.remark for s in steps] == count * [
         "limit on joint 1: the held-out experiment hardly reaches the limit and neither confirms nor contradicts it; "
-        "the estimation data alone decided."
+        "only the estimation data decided."
     ]
 
 
@@ -206,6 +206,6 @@ def test_whether_held_out_data_tell(
     asked: list[Any] = []
     monkeypatch.setattr(Competition, "torque_change_without", lambda *_, **more: asked.append(more) or change)
     monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(1.5, low, 2.0))
-    found = _held_out_tells(contender_of(), Competition(Builder(), table_fit(5.0)), Options())
+    found = _held_out_tells(candidate_of(), Competition(Builder(), table_fit(5.0)), Options())
     assert found is tells
     assert asked == [{"held_out": True}]

@@ -11,16 +11,22 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.discovery.progress import Watch
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import rounds
-from fmu_didim.discovery.selection.candidates import Contender, Contest, Outcome, Screened, Tried
+from fmu_didim.discovery.selection.candidates import (
+    Comparison,
+    FittedCandidate,
+    Outcome,
+    ScreenedCandidate,
+    TriedCandidate,
+)
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_description import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, TableModel, contender_of, effect_of, fit_of, residual
+from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual
 
 
 def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
@@ -32,9 +38,9 @@ def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
     return fit_of(model, values=[1.0] * len(parameters), jacobian=slopes)
 
 
-def added(names: str | Sequence[str], **more: Any) -> Contender:
-    """The contender that adds the last of these effects."""
-    return contender_of(names[-1], fit=with_effects(*names, **more))
+def added(names: str | Sequence[str], **more: Any) -> FittedCandidate:
+    """The candidate that adds the last of these effects."""
+    return candidate_of(names[-1], fit=with_effects(*names, **more))
 
 
 class ByHand:
@@ -65,7 +71,7 @@ class ByHand:
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
         return (with_effects("limit") if self._checked else base), list(self._checked)
 
-    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], watch: Watch) -> Any:
+    def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit, left=self.left)
 
@@ -77,24 +83,26 @@ class ByHand:
         return SimpleNamespace(
             builder=builder, fit=fit, finished="to the end", screen=screen,
             shortlist=lambda screened: [*screened, "shortlisted"],
-            contend=self.do_contend,
+            compare=self.do_contend,
         )  # fmt: skip
 
-    def do_contend(self, chosen: Any, *, watch: Watch, reach: float = 4.0) -> Contest:
+    def do_contend(self, chosen: Any, *, progress: Progress, reach: float = 4.0) -> Comparison:
         if reach == np.inf:
             self.reached.append(chosen)
-            return Contest((contender_of("late"),), (Tried(EffectAtJoint("late", 1), Outcome.FITTED, 5.0),))
+            return Comparison((candidate_of("late"),), (TriedCandidate(EffectAtJoint("late", 1), Outcome.FITTED, 5.0),))
         cut = len(self.screened) == self.cut_in
-        tried = [Tried(EffectAtJoint("a", 1), Outcome.FITTED, 7.0)]
+        tried = [TriedCandidate(EffectAtJoint("a", 1), Outcome.FITTED, 7.0)]
         if self.unfitted:
-            late = Tried(EffectAtJoint("late", 1), Outcome.LEFT_EARLY)
-            return Contest((contender_of("first"),), (late, *tried), self.unfitted)
-        return Contest((*chosen, "fitted"), (*tried, Tried(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried)
+            late = TriedCandidate(EffectAtJoint("late", 1), Outcome.LEFT_EARLY)
+            return Comparison((candidate_of("first"),), (late, *tried), self.unfitted)
+        return Comparison(
+            (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried
+        )
 
-    def do_decide(self, contenders: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
+    def do_decide(self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
         if not self.unfitted:
-            assert contenders == ("screened", "shortlisted", "fitted")
-        self.judged.append([getattr(c, "effect_at", None) for c in contenders])
+            assert ranking == ("screened", "shortlisted", "fitted")
+        self.judged.append([getattr(c, "effect_at", None) for c in ranking])
         assert finished == "to the end"
         competition, screened = held.args
         assert (competition.builder, competition.fit) == (EFFECTS, fit)
@@ -105,8 +113,8 @@ class ByHand:
         self.fitted.append((model, more))
         return replace(fit_of(model, values=model.start), simulations=77)
 
-    def do_step_of(self, accepted: Contender, contenders: Any, competition: Any, options: Any) -> Any:
-        self.stepped.append((accepted, contenders, competition.fit))
+    def do_step_of(self, accepted: FittedCandidate, ranking: Any, competition: Any, options: Any) -> Any:
+        self.stepped.append((accepted, ranking, competition.fit))
         return SimpleNamespace(effect_at=accepted.effect_at)
 
     def do_backward(self, builder: Any, fit: Fit, steps: list[Any], *_: Any) -> tuple[Fit, list[Any]]:
@@ -120,7 +128,7 @@ BASE = with_effects()
 
 def run(**options: Any) -> tuple[Any, list[str]]:
     said: list[str] = []
-    return run_rounds(EFFECTS, BASE, Options(**options), Watch(said.append)), said
+    return run_rounds(EFFECTS, BASE, Options(**options), Progress(said.append)), said
 
 
 def test_nothing_is_added_where_all_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,7 +164,7 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
 def test_what_is_known_is_kept_before_the_first_round_and_after_each(monkeypatch: pytest.MonkeyPatch) -> None:
     ByHand(monkeypatch, added("a"), added("ab"), ())
     kept: list[Any] = []
-    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    run_rounds(EFFECTS, BASE, Options(), Progress(), kept.append)
     assert [[s.effect_at.effect for s in d.steps] for d in kept] == [[], ["a"], ["a", "b"]]
     assert all(d.ending is Ending.RUNNING and d.base is BASE for d in kept)
     assert [d.final.simulations for d in kept] == [0, 77, 77]
@@ -165,7 +173,7 @@ def test_what_is_known_is_kept_before_the_first_round_and_after_each(monkeypatch
 def test_what_the_pre_check_found_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     ByHand(monkeypatch, (), checked=[SimpleNamespace(effect_at=EffectAtJoint("limit", 1))])
     kept: list[Any] = []
-    run_rounds(EFFECTS, BASE, Options(), Watch(), kept.append)
+    run_rounds(EFFECTS, BASE, Options(), Progress(), kept.append)
     assert [len(d.steps) for d in kept] == [0, 1]
 
 
@@ -176,7 +184,7 @@ def test_a_round_that_the_time_cuts_decides_nothing(monkeypatch: pytest.MonkeyPa
     found, _ = run()
     assert [s.effect_at.effect for s in found.steps] == ["a"][: cut_in - 1]
     assert found.ending is Ending.TIME_UP and found.refused == ()
-    assert [len(contest) for contest in found.tried] == [1] * (cut_in - 1) + [2]
+    assert [len(comparison) for comparison in found.tried] == [1] * (cut_in - 1) + [2]
 
 
 def test_what_was_out_of_reach_of_a_best_that_is_refused_is_fitted_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,7 +225,7 @@ def test_nothing_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -
     """What a pre-check would have tried is named, too."""
     competition = ByHand(monkeypatch)
     builder = Catalogue(*EFFECTS.effects.values(), effect_of("limit", is_proposed=False, pre_check="at the peaks"))
-    found = run_rounds(builder, BASE, Options(forbid=frozenset({"a"})), Watch(ends=0.0))
+    found = run_rounds(builder, BASE, Options(forbid=frozenset({"a"})), Progress(ends=0.0))
     assert found.ending is Ending.TIME_UP and not competition.catalogues
     assert {t.effect_at.effect for t in found.tried[0]} == {"limit", "b", "shift"}
 
@@ -314,7 +322,7 @@ def backward(
     steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
     said: list[str] = []
     fit, left = _backward(
-        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Watch(said.append)
+        Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Progress(said.append)
     )  # fmt: skip
     return fit, [s.effect_at.effect for s in left], calls, said
 
@@ -384,10 +392,11 @@ def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tu
         asked.append(candidate)
         return iter(["one", "two"])
 
-    builder = SimpleNamespace(parameters_of=lambda at: (("F",), shapes))
+    builder = SimpleNamespace(at=lambda effect_at: SimpleNamespace(shapes=shapes))
     competition = SimpleNamespace(builder=builder, with_shapes_held=held)
     wanted, other = (
-        Screened(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others) for n in ("b", "a")
+        ScreenedCandidate(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others)
+        for n in ("b", "a")
     )
     found = list(_with_shapes_held(competition, [other, wanted], EffectAtJoint("b", 1)))
     assert len(found) == count

@@ -433,7 +433,7 @@ def test_effect_outside_the_tree() -> None:
     got = model.direct([0.1], [0.2], [0.5], model.parameter_values, model.shape_values, [0.7])
     assert float(got) == pytest.approx((0.5 - 3 * np.sin(0.7)) / 2.0, rel=1e-14)
     joint["effects"] = ["tests.dynamics.effects.test_effects:ProjectedMotion"]
-    with pytest.raises(InputError, match="cannot be listed at a joint: it is no effect"):
+    with pytest.raises(InputError, match="cannot be listed at a joint: it is not an effect"):
         validate(RobotDescription, {"name": "arm", "joints": [joint]}, where="robot.yaml")
 
 

@@ -69,10 +69,10 @@ def staged(case: Path, *, forbid: Sequence[str] = ()) -> tuple[dict[str, Stage],
     from fmu_didim.workflow import discover
 
     with runs_of_loops() as runs:
-        watch = _Watch(runs)
-        found = discover(case, progress=watch.say, forbid=forbid)
-        watch.end()
-    return watch.stages, [f"{f.effect} on joint {f.joint}" for f in found.findings]
+        progress = _Watch(runs)
+        found = discover(case, progress=progress.say, forbid=forbid)
+        progress.end()
+    return progress.stages, [f"{f.effect} on joint {f.joint}" for f in found.findings]
 
 
 def run(settings: Settings) -> list[Figure]:

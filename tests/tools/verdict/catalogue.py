@@ -13,7 +13,8 @@ import numpy as np
 
 from fmu_didim.case import load_case
 from fmu_didim.components import Component
-from fmu_didim.discovery.augmentation.builder import LoopModelBuilder, Proposal
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
 from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.model.loop_model import LoopModel
