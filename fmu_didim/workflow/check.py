@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
 from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.expected_accuracy import Prospect, look_ahead, prospect_diagnostics, resonance_diagnostics
 from fmu_didim.checks.judgement import diagnostic_result
@@ -122,7 +122,17 @@ class Checked:
         return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
 
 
-def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
+def check(
+    case: Case | Path | str | Mapping[str, Any] | None = None,
+    *,
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
+) -> Checked:
     """Look at a case before any long work: its plant, its parameters, its torque logs and where it starts.
 
     It compares plant and robot description where both are given, asks whether each parameter acts, whether the logs
@@ -131,11 +141,13 @@ def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
 
     Args:
         case: a loaded case, the path of its file, or its content.
+        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+            :func:`~fmu_didim.identify`.
 
     Raises:
         InputError, FmuError, BuildError: the case cannot be loaded at all.
     """
-    case = case if isinstance(case, Case) else load_case(case)
+    case = case_of(case, CaseObjects(robot, plant, controller, log, reference, validation, loop))
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = _of_the_plant(case, model)
     diagnostics += case_diagnostics(case)

@@ -10,7 +10,7 @@ from typing import Any
 from fmu_didim.base.diagnostics import refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import located
-from fmu_didim.case import Case
+from fmu_didim.case import Case, CaseObjects, Log, Reference
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.progress import Watch
 from fmu_didim.discovery.run import Found
@@ -40,9 +40,16 @@ NO_MOTION = "No motion within the limits of the present reference splits them be
 
 @one_blas_thread
 def discover(
-    case: Case | Path | str | Mapping[str, Any],
+    case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
     forbid: Sequence[str] = (),
     prefer: Sequence[str] = (),
     effects: Sequence[str] = (),
@@ -57,6 +64,8 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
+        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+            :func:`identify`.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
             left there is replaced, or nothing of it.
@@ -76,7 +85,8 @@ def discover(
     """
     watch = Watch.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
-    case = checked_case(case, folder)
+    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
+    case = checked_case(case, folder, objects)
     model = case.model
     places = (Path(), case.folder)
     forbidden, preferred, further = ([located(n, *places) for n in names] for names in (forbid, prefer, effects))

@@ -10,7 +10,7 @@ import yaml
 
 from fmu_didim import (
     Discovered,
-    Outcome,
+    Result,
     discover,
     export_ssp,
     identify,
@@ -31,7 +31,7 @@ ARM = Path("examples/arm2r")
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Three experiments, identified."""
     return identify(three_experiments(), tmp_path_factory.mktemp("three"))
 
@@ -46,9 +46,9 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Discovered, Path]:
     return discover(load_case(content, folder=root, signals=signals), folder, rounds=1), folder
 
 
-def test_outcome_gives_values_and_what_judges_them(outcome: Outcome) -> None:
+def test_outcome_gives_values_and_what_judges_them(outcome: Result) -> None:
     assert outcome.converged
-    assert repr(outcome) == "Outcome('SCARA, torque at 10 Hz', valid, 11 parameters)"
+    assert repr(outcome) == "Result('SCARA, torque at 10 Hz', valid, 11 parameters)"
     assert outcome.summary() == result_table(outcome.document)
     for name, truth in PAYLOAD.items():
         found = outcome.parameters[f"{name}[payload]"]
@@ -63,7 +63,7 @@ def test_outcome_gives_values_and_what_judges_them(outcome: Outcome) -> None:
         outcome.validation("paylod")
 
 
-def test_model_of_an_outcome_goes_on(outcome: Outcome) -> None:
+def test_model_of_an_outcome_goes_on(outcome: Result) -> None:
     again = validate(outcome.model, outcome.model.start, "check")
     np.testing.assert_array_equal(again.simulated, outcome.validation("check").simulated)
     table = simulate(three_experiments(), parameters=outcome.values, experiment="payload")
@@ -71,7 +71,7 @@ def test_model_of_an_outcome_goes_on(outcome: Outcome) -> None:
     np.testing.assert_allclose(torque, outcome.validation("payload").simulated, rtol=0, atol=1e-9)
 
 
-def test_frame_of_an_outcome(outcome: Outcome) -> None:
+def test_frame_of_an_outcome(outcome: Result) -> None:
     frame = outcome.to_frame()
     assert list(frame.index) == list(outcome.estimate.names)
     assert frame.loc["ZZ2", "value"] == outcome.values["ZZ2"]
@@ -80,7 +80,7 @@ def test_frame_of_an_outcome(outcome: Outcome) -> None:
     assert frame["value"].dtype == float
 
 
-def test_figure_of_each_experiment(outcome: Outcome) -> None:
+def test_figure_of_each_experiment(outcome: Result) -> None:
     figure = outcome.plot("payload")
     assert [trace.name for trace in figure.data] == ["measured", "simulated", "residual"] * 2
     shown = outcome.validation("payload")
@@ -94,7 +94,7 @@ def test_figure_of_each_experiment(outcome: Outcome) -> None:
         outcome.plot("nowhere")
 
 
-def test_notebook_view_is_self_contained_and_escaped(outcome: Outcome) -> None:
+def test_notebook_view_is_self_contained_and_escaped(outcome: Result) -> None:
     text = outcome._repr_html_()
     assert len(text) < 20_000
     assert "<script" not in text
@@ -108,7 +108,7 @@ def test_notebook_view_is_self_contained_and_escaped(outcome: Outcome) -> None:
 def test_saved_result_is_that_of_the_outcome(tmp_path: Path) -> None:
     case = load_case("examples/scara/identify.yaml")
     outcome = identify(case, tmp_path)
-    assert load_result(tmp_path) == outcome.document
+    assert load_result(tmp_path) == outcome
     assert (tmp_path / "robot_identified.yaml").is_file()
 
 
