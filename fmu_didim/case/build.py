@@ -108,6 +108,10 @@ class Case:
         """
         return _changed(self.document, self.folder, changes, self.memory, require_torque="model" in self.__dict__)
 
+    def with_content(self, content: dict[str, Any], folder: Path) -> Case:
+        """Another case that knows the objects of this one; ``folder``: to which its paths are relative."""
+        return _of_content(content, folder, self.memory, require_torque=True)
+
     def with_signals(self, signals: Mapping[str, Trajectory]) -> Case:
         """The case with signals in memory instead of files: ``case.with_signals({"train_10hz.csv": log})``.
 

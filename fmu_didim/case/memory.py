@@ -12,7 +12,7 @@ import marshal
 import pickle
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -175,7 +175,7 @@ class _Named:
         if isinstance(source, Trajectory):
             self.signals[name] = source
         else:
-            self.signals[name], columns = source.signals, source.columns
+            self.signals[name], columns = replace(source.signals, source=name), source.columns
             stem = "tau" if kind is Log else "q"
             self.widths[name] = sum(re.fullmatch(rf"{stem}\d+", n) is not None for n in source.signals.names)
         columns = {**columns, **rest.pop("columns", {})}

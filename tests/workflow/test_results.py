@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -22,7 +24,7 @@ from fmu_didim import (
     simulate,
     validate,
 )
-from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.report import result_table
 from fmu_didim.report.discovery.table import discovery_table
 from tests.workflow.three_experiments import PAYLOAD, three_experiments
@@ -110,6 +112,77 @@ def test_saved_result_is_that_of_the_outcome(tmp_path: Path) -> None:
     outcome = identify(case, tmp_path)
     assert load_result(tmp_path) == outcome
     assert (tmp_path / "robot_identified.yaml").is_file()
+
+
+@pytest.mark.parametrize("name", ["", "result.json"])
+@pytest.mark.parametrize("kind", [str, Path])
+def test_result_is_loaded_from_a_folder_or_its_file(outcome: Result, tmp_path: Path, kind: type, name: str) -> None:
+    assert outcome.save(tmp_path) == tmp_path / "result.json"
+    loaded = Result.load(kind(tmp_path / name))
+    assert loaded == outcome == load_result(kind(tmp_path / name))
+    assert loaded.summary() == outcome.summary()
+    assert loaded.robot == outcome.robot
+    assert loaded.robots == outcome.robots
+    for figure, expected in zip(loaded.plot("payload").data, outcome.plot("payload").data, strict=True):
+        np.testing.assert_array_equal(figure.y, expected.y)
+    pd.testing.assert_frame_equal(loaded.covariance, outcome.covariance)
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_results_that_differ_are_not_equal(outcome: Result, tmp_path: Path) -> None:
+    table = outcome.save(tmp_path).parent / "torque_light.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    cells = lines[1].split(",")
+    lines[1] = ",".join([cells[0], f"{float(cells[1]) + 1e-9:.17g}", *cells[2:]])
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert Result.load(tmp_path) != outcome
+
+
+def test_loaded_result_is_saved_again(outcome: Result, tmp_path: Path) -> None:
+    outcome.save(tmp_path / "one")
+    Result.load(tmp_path / "one").save(tmp_path / "two")
+    for path in (tmp_path / "one").glob("[!.]*"):
+        assert (tmp_path / "two" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_result_without_its_torques_says_so(outcome: Result, tmp_path: Path) -> None:
+    outcome.save(tmp_path)
+    for table in tmp_path.glob("torque_*.csv"):
+        table.unlink()
+    loaded = load_result(tmp_path)
+    assert loaded.values == outcome.values
+    with pytest.raises(InputError, match=r"no torque_payload\.csv beside result\.json"):
+        loaded.plot("payload")
+    with pytest.raises(InputError, match="without the torques"):
+        loaded.save(tmp_path / "copy")
+    with pytest.raises(InputError, match="holds no loop and no fit"):
+        _ = loaded.model
+    with pytest.raises(UnknownNameError, match="Did you mean 'payload'"):
+        loaded.plot("paylod")
+
+
+def test_damaged_results_are_refused(outcome: Result, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no result"):
+        load_result(str(tmp_path))
+    outcome.save(tmp_path)
+    (tmp_path / "torque_light.csv").write_text("a,b\n1,2\n3,4\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no table of torques"):
+        load_result(tmp_path)
+    (tmp_path / "result.json").write_bytes(b"\xff{")
+    with pytest.raises(InputError, match="does not follow the schema"):
+        load_result(tmp_path)
+
+
+def test_covariance_and_correlation_have_labels(outcome: Result) -> None:
+    names = list(outcome.values)
+    assert list(outcome.covariance.index) == list(outcome.covariance.columns) == names
+    np.testing.assert_array_equal(outcome.covariance, outcome.estimate.covariance)
+    assert outcome.covariance.loc["ZZ2", "ZZ2"] ** 0.5 == pytest.approx(outcome.parameters["ZZ2"].std)
+    np.testing.assert_allclose(np.diag(outcome.correlation), 1)
+    np.testing.assert_allclose(outcome.correlation, outcome.document.correlation, atol=1e-4)
+    earlier = replace(outcome, document=outcome.document.model_copy(update={"covariance": []}))
+    with pytest.raises(InputError, match="earlier version"):
+        _ = earlier.covariance
 
 
 @pytest.mark.gate
