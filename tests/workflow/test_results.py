@@ -19,6 +19,7 @@ from fmu_didim import (
     load_case,
     load_findings,
     load_result,
+    read_controller,
     read_ssp,
     read_trajectory,
     simulate,
@@ -222,6 +223,21 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     final = discovered.found.discovery.final
     measured = case.model.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
+
+
+@pytest.mark.gate
+def test_augmented_case_of_a_controller_in_memory_asks_for_it_again(tmp_path: Path) -> None:
+    case = load_case(ARM / "discover.yaml")
+    source = case.document.parts["controller"].source
+    controller = read_controller(ARM / str(source))
+    discovered = discover(case, tmp_path, controller=controller, rounds=1)
+    assert [(finding.effect, finding.joint) for finding in discovered.findings] == [("actuator_lag", 2)]
+    note = next(note for note in discovered.notes if "in memory" in note)
+    assert "<controller>" in note
+    assert "run with its plant as an FMU, gives the fitted torque" in note
+    with pytest.raises(InputError, match="was in memory when it was saved"):
+        load_case(tmp_path / discovered.files["case"])
+    assert simulate(tmp_path / discovered.files["case"], controller=controller).time.size > 2
 
 
 def test_archive_takes_the_values_of_an_outcome(tmp_path: Path) -> None:
