@@ -84,7 +84,7 @@ def read_signals(
 
 
 def _of_file(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
-    """What is told of a file, under the name that the case gives it."""
+    """What was found in a file, under the name that the case gives it."""
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
 
 

@@ -333,7 +333,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be mended."""
+    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
     from fmu_didim.workflow import check
     from fmu_didim.workflow.reference.codes import codes_text
 

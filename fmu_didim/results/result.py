@@ -204,7 +204,7 @@ class ResultDocument(Saved):
     name: str
     description: str = ""
     verdict: Verdict = Field(description="whether the values may be used")
-    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the most important first")
     status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str

@@ -49,7 +49,7 @@ class Checked:
     Attributes:
         name: of the case; parameters: (p,) names of what would be identified.
         experiments: label -> data; loop: a line a component, one for its timing.
-        diagnostics: what was found, the weightiest first; problems must be mended before an identification can succeed.
+        diagnostics: what was found, the most important first; problems must be fixed before an identification.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
@@ -118,7 +118,7 @@ class Checked:
 
     def _verdict(self) -> str:
         if not self.ok:
-            return "NOT READY: mend the problems above"
+            return "NOT READY: fix the problems above"
         return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
 
 

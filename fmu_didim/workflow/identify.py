@@ -131,7 +131,7 @@ class _Refusal:
     known: dict[str, Any] = field(default_factory=dict)
 
     def save(self, error: FmuDidimError, before: Sequence[Diagnostic]) -> None:
-        """What hinders the writing is told in the log only: the refusal itself must be heard."""
+        """A failure to write goes to the log only, so that the refusal itself is raised."""
         from fmu_didim.report import write_report
 
         if self.folder is None:

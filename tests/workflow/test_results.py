@@ -225,6 +225,21 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
 
 
+def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path]) -> None:
+    discovered, folder = found
+    for path in (folder, str(folder), folder / "findings.json"):
+        loaded = Discovered.load(path)
+        assert loaded == discovered
+        assert loaded.summary() == discovered.summary()
+        for drawn, expected in zip(loaded.plot("validation").data, discovered.plot("validation").data, strict=True):
+            assert drawn.name == expected.name
+            np.testing.assert_allclose(drawn.y, expected.y, rtol=1e-5, atol=1e-5)
+    with pytest.raises(InputError, match="holds no fits"):
+        _ = loaded.model
+    with pytest.raises(UnknownNameError):
+        loaded.plot("nowhere")
+
+
 @pytest.mark.gate
 def test_augmented_case_of_a_controller_in_memory_asks_for_it_again(tmp_path: Path) -> None:
     case = load_case(ARM / "discover.yaml")

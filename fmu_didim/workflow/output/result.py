@@ -175,7 +175,7 @@ class Result:
 
     @property
     def reasons(self) -> list[DiagnosticResult]:
-        """Why they are not valid, the weightiest first."""
+        """Why they are not valid, the most important first."""
         return self.document.reasons
 
     @property
