@@ -9,6 +9,8 @@ from .campaigns.campaign import campaign as campaign
 from .campaigns.campaign import study as study
 from .campaigns.reporting.results import Results as Results
 from .case import Case as Case
+from .case import Log as Log
+from .case import Reference as Reference
 from .case import load_case as load_case
 from .checks.validation import Validation as Validation
 from .checks.validation import validate as validate
@@ -35,7 +37,6 @@ from .model.loop_model import LoopModel as LoopModel
 from .results.findings import FindingsDocument as FindingsDocument
 from .results.findings import load_findings as load_findings
 from .results.result import ResultDocument as ResultDocument
-from .results.result import load_result as load_result
 from .ssp import read_ssp as read_ssp
 from .ssp import write_ssp as write_ssp
 from .workflow.check import Checked as Checked
@@ -44,7 +45,8 @@ from .workflow.discover import discover as discover
 from .workflow.export import export_ssp as export_ssp
 from .workflow.identify import identify as identify
 from .workflow.output.discovered import Discovered as Discovered
-from .workflow.output.outcome import Outcome as Outcome
+from .workflow.output.result import Result as Result
+from .workflow.output.result import load_result as load_result
 from .workflow.simulate import simulate as simulate
 
 __version__: str

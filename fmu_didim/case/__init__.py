@@ -1,6 +1,8 @@
 """Cases: YAML files that say what to identify from which data."""
 
-from fmu_didim.case.build import Case, load_case
+from fmu_didim.case.arrays import Log, Reference
+from fmu_didim.case.build import Case, case_of, load_case
+from fmu_didim.case.changes import CaseObjects
 from fmu_didim.case.document import CaseDocument, read_case
 
-__all__ = ["Case", "CaseDocument", "load_case", "read_case"]
+__all__ = ["Case", "CaseDocument", "CaseObjects", "Log", "Reference", "case_of", "load_case", "read_case"]

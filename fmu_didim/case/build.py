@@ -14,7 +14,7 @@ import numpy as np
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import is_file
-from fmu_didim.case.changes import CaseChanges, merged
+from fmu_didim.case.changes import CaseChanges, CaseObjects, merged
 from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.free import free_parameters
@@ -26,6 +26,7 @@ from fmu_didim.case.loop import (
     with_drive_gains,
     with_inserted_effects,
 )
+from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
@@ -49,7 +50,7 @@ class Case:
             or a list of components gives the whole loop.
         base: that loop; step_size: communication step of the loop in s.
         estimator: with its options.
-        signals: name of a file in the document -> the signals that are taken instead of reading it.
+        memory: the objects that its document names: signals in place of files, robot, components.
         robot: the robot description, where the case names one.
     """
 
@@ -62,7 +63,7 @@ class Case:
     step_size: float
     estimator: Estimator
     path: Path = Path()
-    signals: Mapping[str, Trajectory] = field(default_factory=dict)
+    memory: Memory = field(default_factory=Memory)
     robot: RobotDescription | None = None
 
     def __repr__(self) -> str:
@@ -77,7 +78,12 @@ class Case:
     @property
     def content(self) -> dict[str, Any]:
         """What the case file says, as a mapping that :func:`load_case` takes."""
-        return self.document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        return contents_of(self.document)
+
+    @property
+    def signals(self) -> Mapping[str, Trajectory]:
+        """Name of a file in the document -> the signals that are taken instead of reading it."""
+        return self.memory.signals
 
     @cached_property
     def model(self) -> LoopModel:
@@ -94,13 +100,17 @@ class Case:
         Args:
             changes: keys of the case file. Mappings are merged with what is there, all else replaces it, None takes
                 an entry out: ``case.with_(train={"torque": {"rate_hz": 20}}, validation=None)``. Start values, and a
-                reference or an estimator of another kind, replace the former ones as a whole.
+                reference or an estimator of another kind, replace the former ones as a whole. Objects may stand where
+                a case file names other files: ``case.with_(controller=law, train={"torque": Log(t, tau)})``.
 
         Raises:
             InputError, FmuError, BuildError: as of :func:`load_case`.
         """
-        content = merged(self.content, changes)
-        return load_case(content, folder=self.folder, signals=self.signals, require_torque="model" in self.__dict__)
+        return _changed(self.document, self.folder, changes, self.memory, require_torque="model" in self.__dict__)
+
+    def with_content(self, content: dict[str, Any], folder: Path) -> Case:
+        """Another case that knows the objects of this one; ``folder``: to which its paths are relative."""
+        return _of_content(content, folder, self.memory, require_torque=True)
 
     def with_signals(self, signals: Mapping[str, Trajectory]) -> Case:
         """The case with signals in memory instead of files: ``case.with_signals({"train_10hz.csv": log})``.
@@ -114,7 +124,7 @@ class Case:
         for name in signals:
             if name not in self.document.files:
                 raise UnknownNameError("file in the case", name, self.document.files, where=self.name)
-        changed = replace(self, signals={**self.signals, **signals})
+        changed = replace(self, memory=self.memory | Memory(signals))
         if "model" in self.__dict__:
             _ = changed.model  # what does not fit is found now
         return changed
@@ -186,7 +196,8 @@ def load_case(
     """Read a case, build its FMUs and load its data; all that can be wrong is found here.
 
     Args:
-        source: the case file, or its content.
+        source: the case file, or its content, in which objects may stand where a file names other files: a
+            :class:`Log`, a :class:`Reference`, a robot description, a component, a python-control system or a function.
         folder: to which the paths of a content are relative; those of a file are relative to its own folder.
         signals: name of a data file as the case has it -> signals in memory that are taken instead.
         require_torque: whether the torque logs are read at once, if the case names them: one without is simulated, and
@@ -195,49 +206,117 @@ def load_case(
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
     """
+    memory = Memory(dict(signals or {}))
     if isinstance(source, Mapping):
-        document, folder, path = validate(CaseDocument, dict(source), where="case"), Path(folder), Path()
-        _check_folder(document, folder)
-    else:
-        document, path = read_case(source), Path(source)
-        folder = path.parent
-    robot = read_robot(folder / document.robot) if document.robot is not None else None
+        content, found = named(source, Path(folder))
+        return _of_content(content, Path(folder), memory | found, require_torque=require_torque)
+    document, path = read_case(source), Path(source)
+    return _loaded(document, path.parent, path, memory, require_torque=require_torque)
+
+
+def case_of(
+    case: Case | Path | str | Mapping[str, Any] | None,
+    objects: CaseObjects,
+    *,
+    require_torque: bool = True,
+) -> Case:
+    """The case of a verb: as it is, or with the objects that the verb was given in the place of its entries.
+
+    Raises:
+        InputError, FmuError, BuildError: as of :func:`load_case`; or the case does not tell which entry is meant.
+    """
+    if case is None or objects.given:
+        folder, memory, document = Path(), Memory(), None
+        if isinstance(case, Case):
+            folder, memory, document = case.folder, case.memory, case.document
+        elif isinstance(case, Mapping):
+            content, memory = named(case, folder)
+            document = validate(CaseDocument, content, where="case")
+        elif case is not None:
+            folder, document = Path(case).parent, read_case(case)
+        changes = objects.changes(document)
+        if document is None:
+            content, memory = named(changes, folder)
+            return _of_content(content, folder, memory, require_torque=require_torque)
+        return _changed(document, folder, changes, memory, require_torque=require_torque)
+    return case if isinstance(case, Case) else load_case(case, require_torque=require_torque)
+
+
+def _changed(
+    document: CaseDocument, folder: Path, changes: Mapping[str, Any], memory: Memory, *, require_torque: bool
+) -> Case:
+    """The case of a document with other entries."""
+    plain, found = named(changes, folder)
+    content = merged(contents_of(document), plain)
+    return _of_content(content, folder, memory | found, require_torque=require_torque)
+
+
+def contents_of(document: CaseDocument) -> dict[str, Any]:
+    """What a case file says, as a mapping."""
+    return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def _of_content(content: dict[str, Any], folder: Path, memory: Memory, *, require_torque: bool) -> Case:
+    document = validate(CaseDocument, content, where="case")
+    _check_folder(document, folder, memory)
+    return _loaded(document, folder, Path(), memory, require_torque=require_torque)
+
+
+def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *, require_torque: bool) -> Case:
+    memory = memory.of(document.named_objects)
+    robot = _robot(document, folder, memory)
     model = RobotModel(robot) if robot is not None else None
     controller, base = None, None
     if document.controller is not None:
-        controller = component_of(document.controller, folder, controller_block)
-        plant = component_of(document.plant, folder, lambda path: plant_block(model, path))
+        plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
+        count = len(robot.joints) if robot is not None else sum(v.name.startswith("tau") for v in plant.inputs)
+        controller = component_of(
+            document.controller, folder, controller_block, objects=memory.objects, joint_count=count
+        )
         step = communication_step(document, controller)
     else:
         if document.components is not None:
-            base = loop_of_parts(document, _parts(document, folder, model))
+            base = loop_of_parts(document, _parts(document, folder, model, memory))
         else:
             base = loop_of_archive(document, folder)
         plant, step = base.components[document.plant_name], base.step_size
     parameters = identified(document, model, plant)
+    memory.check_joints(len(parameters.torque_units))
     estimator = make_estimator(document.estimator)
-    case = Case(
-        document, folder, parameters, plant, controller, base, step, estimator, path, dict(signals or {}), robot
-    )
+    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot)
     if require_torque and all(run.torque is not None for run in document.runs.values() if run.role == "estimation"):
         _ = case.model  # what is wrong with the data is found now
     return case
 
 
-def _parts(document: CaseDocument, folder: Path, model: RobotModel | None) -> dict[str, Component]:
+def _robot(document: CaseDocument, folder: Path, memory: Memory) -> RobotDescription | None:
+    if document.robot is None:
+        return None
+    if document.robot in memory.objects:
+        found: RobotDescription = memory.objects[document.robot]
+        return found
+    check_at_hand(document.robot)
+    return read_robot(folder / document.robot)
+
+
+def _parts(document: CaseDocument, folder: Path, model: RobotModel | None, memory: Memory) -> dict[str, Component]:
     """The components that a case lists; one without source is the robot if it is the plant."""
     found = {}
+    joints = 0 if model is None else len(model.description.joints)
     for name, source in document.parts.items():
         make = partial(plant_block, model) if name == document.plant_name else controller_block
-        found[name] = component_of(source, folder, make)
+        found[name] = component_of(source, folder, make, objects=memory.objects, joint_count=joints)
     return found
 
 
-def _check_folder(document: CaseDocument, folder: Path) -> None:
+def _check_folder(document: CaseDocument, folder: Path, memory: Memory) -> None:
     """Refuse a case in memory whose files are looked for in the wrong folder."""
     sources = [part.source for part in document.parts.values()]
     sources += [document.robot, document.system.source if document.system is not None else None]
-    absent = [name for name in sources if name is not None and ":" not in name and not is_file(folder / name)]
+    files = [name for name in sources if name is not None and ":" not in name and name not in memory.objects]
+    for name in files:
+        check_at_hand(name)
+    absent = [name for name in files if not is_file(folder / name)]
     if absent:
         raise InputError(
             "The case names files that do not exist.", where=str(folder.resolve()), got=", ".join(absent),

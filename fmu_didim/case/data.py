@@ -14,6 +14,7 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.case.file_checks import check_reference_rate, check_time_unit, check_within, torque_of_command
+from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.reference import resampled, with_derivatives
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, SignalFile, TorqueFile
 from fmu_didim.cosim import decimated_times, grid_places, sample_operator
@@ -45,6 +46,7 @@ def data_folder(folder: Path) -> Path:
 
 def resolve(source: SignalFile, folder: Path) -> Path:
     """The path of a file; raises InputError that says where to get it."""
+    check_at_hand(source.file)
     is_data = source.file.startswith(DATA_PREFIX)
     path = data_folder(folder) / source.file.removeprefix(DATA_PREFIX) if is_data else folder / source.file
     if not is_file(path):
@@ -82,7 +84,7 @@ def read_signals(
 
 
 def _of_file(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
-    """What is told of a file, under the name that the case gives it."""
+    """What was found in a file, under the name that the case gives it."""
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
 
 

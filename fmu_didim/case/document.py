@@ -25,6 +25,9 @@ from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.estimators import ESTIMATORS, Estimator
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
 
+DEFAULT_ESTIMATOR = "didim"
+"""Kind of the estimator where a case gives none."""
+
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
 
@@ -64,7 +67,7 @@ class CaseDocument(Strict):
         experiments: label -> run, with its role; at least one is for the estimation.
         train, validation: the short form for two of them, with the labels ``estimation`` and ``validation``; cross
             validation is optional.
-        estimator: ``{kind: didim, ...}`` with the options of that estimator.
+        estimator: ``{kind: didim, ...}`` with the options of that estimator; without ``kind`` those of ``didim``.
         torque_std: known standard deviation of the torque noise, one a joint.
         joint_weights: ``estimated`` or ``equal``.
         low_pass: optional filter.
@@ -84,7 +87,7 @@ class CaseDocument(Strict):
     experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
     train: ExperimentSource | None = None
     validation: ExperimentSource | None = None
-    estimator: Mapping[str, Any] = Field(default_factory=lambda: {"kind": "didim"})
+    estimator: Mapping[str, Any] = Field(default_factory=lambda: {"kind": DEFAULT_ESTIMATOR})
     torque_std: tuple[Positive, ...] | None = None
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
@@ -147,6 +150,12 @@ class CaseDocument(Strict):
         parts = [part for run in self.runs.values() for part in (run.reference, run.torque, run.positions)]
         return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, SignalFile)))
 
+    @property
+    def named_objects(self) -> tuple[str, ...]:
+        """All names under which it may mean an object in memory: of the robot, the components and the data."""
+        sources = (self.robot, *(part.source for part in self.parts.values()))
+        return (*(name for name in sources if name is not None), *self.files)
+
     @model_validator(mode="after")
     def _which_experiments(self) -> CaseDocument:
         short = [name for name in ("train", "validation") if getattr(self, name) is not None]
@@ -188,13 +197,15 @@ class CaseDocument(Strict):
     @field_validator("estimator")
     @classmethod
     def _known_estimator(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
+        value = {"kind": DEFAULT_ESTIMATOR, **value}
         make_estimator(value)
         return value
 
 
 def make_estimator(options: Mapping[str, Any]) -> Estimator:
-    """The estimator of ``{kind: ..., <options>}``; raises ValueError with all problems."""
-    kind = str(options.get("kind", ""))
+    """The estimator of ``{kind: ..., <options>}``, the default one without ``kind``; raises ValueError with all that is
+    wrong."""
+    kind = str(options.get("kind", DEFAULT_ESTIMATOR))
     if kind not in ESTIMATORS:
         raise ValueError(f"there is no estimator '{kind}'; valid: {', '.join(ESTIMATORS)}")
     form = ESTIMATORS[kind]

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import import_object, run_code
 from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
 from fmu_didim.components import (
     Component,
     FmuComponent,
     ModelComponent,
     block_as_control,
+    is_control,
+    law_arguments,
     load_fmu,
     rename,
     wrap_control,
+    wrap_law,
 )
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
@@ -29,6 +35,8 @@ from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu, build_modelica
 from fmu_didim.model.free_parameter import PLANT
 from fmu_didim.model.parameters import NamedParameters, Parameters, RobotParameters
+
+NO_OBJECTS: Mapping[str, Any] = MappingProxyType({})
 
 
 def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
@@ -77,20 +85,30 @@ def controller_block(path: Path | None) -> Block:
     return read_controller(path)
 
 
-def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Path | None], Block]) -> Component:
+def component_of(
+    source: ComponentSource,
+    folder: Path,
+    make_block: Callable[[Path | None], Block],
+    *,
+    objects: Mapping[str, Any] = NO_OBJECTS,
+    joint_count: int = 0,
+) -> Component:
     """The component of a source.
 
     Args:
         make_block: from the path of a description, or None, to its block.
+        objects: what sources in memory are; joint_count: n, for a control law among them.
 
     Raises:
         InputError, FmuError, BuildError: the source does not fit its kind, or cannot be read.
     """
     named = source.source
-    if named is not None and named.endswith(".fmu"):
+    if named is not None and named in objects:
+        component: Component = _of_object(objects[named], named, source, joint_count)
+    elif named is not None and named.endswith(".fmu"):
         if source.kind != "fmu":
             raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
-        component: Component = _fmu(folder / named, source)
+        component = _fmu(folder / named, source)
     elif named is not None and named.endswith(".mo"):
         if source.kind != "fmu":
             raise InputError("A Modelica file becomes an FMU.", got=source.kind, where=named, valid="kind: fmu")
@@ -99,11 +117,9 @@ def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Pa
     elif named is not None and ":" in named:
         if source.kind != "control":
             raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
-        found = import_object(named, folder=folder, where="case")
-        if callable(found) and not hasattr(found, "nstates"):
-            found = run_code(found, what="function", where="case", got=named)
-        component = wrap_control(found, origin=named, initial_state=source.initial_state, substeps=source.substeps)
+        component = _of_object(import_object(named, folder=folder, where="case"), named, source, joint_count)
     else:
+        check_at_hand(named or "")
         block = make_block(folder / named if named is not None else None)
         component = _from_block(block, source)
     if source.parameters:
@@ -112,6 +128,19 @@ def component_of(source: ComponentSource, folder: Path, make_block: Callable[[Pa
         component = component.with_substeps(source.substeps) or component
     component = name_parameters(component, source.parameter_names)
     return rename(component, inputs=source.inputs, outputs=source.outputs)
+
+
+def _of_object(found: Any, named: str, source: ComponentSource, joint_count: int) -> Component:
+    """The component of a Python object: itself, that of a block, a system or a law, or what a function returns."""
+    if callable(found) and not isinstance(found, Component) and not is_control(found):
+        if law_arguments(found, origin=named):
+            return wrap_law(found, joint_count, origin=named)
+        found = run_code(found, what="function", where="case", got=named)
+    if isinstance(found, Block):
+        return with_compiled_twin(ModelComponent(found))
+    if isinstance(found, Component):
+        return found
+    return wrap_control(found, origin=named, initial_state=source.initial_state, substeps=source.substeps)
 
 
 def _fmu(path: Path, source: ComponentSource) -> FmuComponent:

@@ -52,7 +52,7 @@ class ComponentSource(Strict):
             and to end as it should; and for how long a call may take there.
         rerun: how an FMU is run again; by default what a trial of it shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
-        tolerance: relative one that an FMU is told for its own step control; it takes its own by default.
+        tolerance: relative tolerance that is passed to an FMU for its own step control; its own by default.
     """
 
     kind: Literal["fmu", "model", "control"] = "fmu"
@@ -182,7 +182,7 @@ class ExperimentSource(Strict):
     """Reference, torque and, for some estimators, positions of one run.
 
     Attributes:
-        reference: what the controller is told to follow: a file with a row a control period, or a formula (``kind:``).
+        reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
         torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
         own: names of parameters that have values of their own in this experiment, such as those of a link with another

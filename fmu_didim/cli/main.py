@@ -26,7 +26,7 @@ from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, sh
 from fmu_didim.cli.prepare import add_prepare_verbs
 
 if TYPE_CHECKING:
-    from fmu_didim.workflow import Discovered, Outcome
+    from fmu_didim.workflow import Discovered, Result
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
@@ -310,7 +310,7 @@ def _identify(options: argparse.Namespace) -> int:
         display.say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
         from fmu_didim.workflow import identify
-        from fmu_didim.workflow.identify import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
+        from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
 
         result_folder(out).check()
         case = load_case(options.case)
@@ -333,7 +333,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be mended."""
+    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
     from fmu_didim.workflow import check
     from fmu_didim.workflow.reference.codes import codes_text
 
@@ -476,10 +476,10 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
-def _summary_on(display: Display, options: argparse.Namespace) -> Callable[[Outcome | Discovered], None]:
+def _summary_on(display: Display, options: argparse.Namespace) -> Callable[[Result | Discovered], None]:
     """What shows the table, before anything is written: it is there even if the disk is full."""
 
-    def shown(found: Outcome | Discovered) -> None:
+    def shown(found: Result | Discovered) -> None:
         display.close()
         if not options.json:
             show(f"\n{found.summary()}")

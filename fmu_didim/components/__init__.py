@@ -5,7 +5,7 @@ from fmu_didim.components.block_control import to_control
 from fmu_didim.components.control import block_as_control
 from fmu_didim.components.fmu import FmuComponent, load_fmu
 from fmu_didim.components.model import ModelComponent
-from fmu_didim.components.user_control import wrap_control
+from fmu_didim.components.user_control import is_control, law_arguments, wrap_control, wrap_law
 
 __all__ = [
     "Component",
@@ -14,8 +14,11 @@ __all__ = [
     "ModelComponent",
     "SameObject",
     "block_as_control",
+    "is_control",
+    "law_arguments",
     "load_fmu",
     "rename",
     "to_control",
     "wrap_control",
+    "wrap_law",
 ]

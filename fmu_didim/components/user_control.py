@@ -1,14 +1,22 @@
-"""A user's python-control system as a component."""
+"""A user's python-control system, or control law, as a component."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import numpy as np
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.base.imports import run_code
 from fmu_didim.components.control import ControlComponent
-from fmu_didim.data.signals import Variable
+from fmu_didim.data.signals import Array, Variable
+
+
+def is_control(value: object) -> bool:
+    """Whether an object is a python-control system, of whatever class."""
+    return hasattr(value, "nstates") and hasattr(value, "input_labels")
 
 
 def wrap_control(
@@ -91,3 +99,92 @@ def _sample_time(system: Any, origin: str) -> float | None:
             "A discrete system needs its sample time.", where=origin, got=f"dt = {system.dt}", valid="dt in seconds"
         )
     return float(system.dt)
+
+
+LAW_INPUTS = ("q_ref", "dq_ref", "ddq_ref", "q", "dq", "ddq")
+"""Arguments of a control law, each the (n,) inputs ``<name><j>`` of the controller."""
+
+
+def law_arguments(function: Callable[..., Any], *, origin: str = "") -> tuple[str, ...]:
+    """Names of the arguments without a default; raises InputError if it cannot be called by names.
+
+    A function without any is no law, but returns a system.
+    """
+    parameters = _signature(function, origin).parameters.values()
+    odd = [p.name for p in parameters if p.kind not in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    names = tuple(p.name for p in parameters if p.default is p.empty)
+    unknown = [name for name in names if name not in (*LAW_INPUTS, "t")]
+    if odd or unknown:
+        raise InputError(
+            "A control law has arguments that nothing gives: they go by their names, not by their order.",
+            where=origin, got=", ".join([*odd, *unknown]), valid=(*LAW_INPUTS, "t"),
+            next_step="Write it as def law(q_ref, dq_ref, q, dq): return the (n,) commands; values with a default, "
+            "kp=10.0, become parameters of the controller.",
+        )  # fmt: skip
+    return names
+
+
+def _signature(function: Callable[..., Any], origin: str) -> inspect.Signature:
+    try:
+        return inspect.signature(function)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "This callable does not tell its arguments.", where=origin, got=type(function).__name__,
+            next_step="Wrap it: def law(q_ref, dq_ref, q, dq): ...",
+        ) from error  # fmt: skip
+
+
+def wrap_law(function: Callable[..., Any], joint_count: int, *, origin: str = "") -> ControlComponent:
+    """A control law without states, ``law(q_ref, dq_ref, q, dq) -> (n,) commands``, as a component.
+
+    Args:
+        function: takes arrays (n,) under any of the names of :data:`LAW_INPUTS`, in any order, and the time ``t`` in s.
+            Numbers with a default are parameters of the controller.
+        joint_count: n; origin: its name, for messages and provenance.
+
+    Raises:
+        InputError: it has other arguments, raises, or does not return (n,) numbers.
+    """
+    import control
+
+    names = law_arguments(function, origin=origin)
+    stems = [name for name in names if name != "t"]
+    gains = {
+        p.name: float(p.default)
+        for p in _signature(function, origin).parameters.values()
+        if isinstance(p.default, int | float) and not isinstance(p.default, bool)
+    }
+
+    def command(time: float, _: Array, u: Array, values: Mapping[str, float]) -> Array:
+        given: dict[str, Any] = dict(zip(stems, np.reshape(u, (len(stems), joint_count)), strict=True))
+        if "t" in names:
+            given["t"] = time
+        return np.asarray(function(**given, **{name: values[name] for name in gains}), dtype=float).ravel()
+
+    _try(lambda u: command(0.0, np.zeros(0), u, gains), len(stems), joint_count, origin)
+    joints = range(1, joint_count + 1)
+    system = control.nlsys(
+        lambda t, x, u, p: np.zeros(0), command, states=0, params=gains,
+        inputs=[f"{stem}{j}" for stem in stems for j in joints], outputs=[f"command{j}" for j in joints],
+    )  # fmt: skip
+    return wrap_control(system, origin=origin, substeps=1)
+
+
+def _try(command: Callable[[Array], Array], stems: int, joint_count: int, origin: str) -> None:
+    """Raise InputError where a law does not run, gives another number of commands, or remembers what it was given."""
+    one = np.linspace(0.1, 0.2, stems * joint_count)
+    found = [
+        run_code(lambda u=u: command(u), what="control law", where=origin, got=origin)  # type: ignore[misc]
+        for u in (one, -2 * one, one)
+    ]
+    if found[0].shape != (joint_count,):
+        raise InputError(
+            "A control law gives one command for each joint.", where=origin, got=f"{found[0].size} numbers",
+            valid=f"{joint_count} numbers",
+        )  # fmt: skip
+    if not np.array_equal(found[0], found[2], equal_nan=True):
+        raise InputError(
+            "The control law gives another command for the same inputs: it keeps something from call to call, which "
+            "no simulation can take back to the start.", where=origin, got=f"{found[0]}, then {found[2]}",
+            next_step="Give a controller with states as a python-control system (control.nlsys) or as a component.",
+        )  # fmt: skip

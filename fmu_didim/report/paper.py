@@ -18,7 +18,7 @@ from fmu_didim.report.drawing.figures import COLOURS, DASHED
 from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.identification import page
 from fmu_didim.results.findings import FINDINGS_FILE, load_findings
-from fmu_didim.results.result import load_result
+from fmu_didim.results.result import read_result
 
 PATTERN = "figure_*"
 """Names of the files."""
@@ -56,7 +56,7 @@ def saved_charts(folder: Path) -> list[Chart]:
         found = load_findings(folder)
         parts = discovery_charts.drawn_experiments(found, folder)
         return [*(c for part in parts for c in part.charts), *discovery_charts.friction_charts(found)]
-    result = load_result(folder)
+    result = read_result(folder)
     charts = [c for part in page.drawn_experiments(result, folder) for c in part.charts]
     return [*charts, history_chart(result.history)] if result.history else charts
 

@@ -111,6 +111,7 @@ def result_document(
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),
+        covariance=estimate.covariance.tolist(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
         noise=[NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()}) for test in checks.residual],

@@ -226,7 +226,7 @@ class FindingsDocument(_Document):
     answer: Answer = Field(description="what the model lacks")
     text: str = Field(description="the answer in words")
     verdict: Verdict = Field(description="whether the answer and the values of the final model may be used")
-    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the most important first")
     unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")

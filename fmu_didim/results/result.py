@@ -15,11 +15,15 @@ from pydantic import Field, ValidationError
 
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import is_file
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.checks.validation import Validation
-from fmu_didim.data.signals import trajectory, write_csv
+from fmu_didim.data.signals import Trajectory, trajectory, write_csv
+from fmu_didim.data.tables import read_table
 
 RESULT_FILE = "result.json"
+ALL_DIGITS = 17
+"""Digits of the torque tables, from which a loaded result has the same numbers to the last bit."""
 
 
 class ParameterResult(Saved):
@@ -200,7 +204,7 @@ class ResultDocument(Saved):
     name: str
     description: str = ""
     verdict: Verdict = Field(description="whether the values may be used")
-    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the weightiest first")
+    reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the most important first")
     status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str
@@ -214,6 +218,7 @@ class ResultDocument(Saved):
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")
+    covariance: list[list[Number]] = Field(default=[], description="of all parameters, in their order and units")
     condition_number: Number
     noise_std: list[Number] = Field(
         description="standard deviation of the torque residual of all fitted experiments, per joint"
@@ -261,23 +266,66 @@ def save_result(document: ResultDocument, validations: Sequence[Validation], dir
             columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
             columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
             columns |= v.motion
-            write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label])
+            write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label], digits=ALL_DIGITS)
         if v.label in document.simulated and v.every is not None:
-            write_csv(v.every, directory / document.simulated[v.label])
+            write_csv(v.every, directory / document.simulated[v.label], digits=ALL_DIGITS)
     path = directory / RESULT_FILE
     path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
     return path
 
 
-def load_result(directory: Path) -> ResultDocument:
-    """Read ``result.json`` of a directory; raises InputError if there is none or of another version."""
-    path = directory / RESULT_FILE
-    if not path.is_file():
+def result_path(path: Path | str) -> Path:
+    """The ``result.json`` that a path means, which may be that of its folder."""
+    path = Path(path)
+    return path if path.suffix == ".json" else path / RESULT_FILE
+
+
+def read_result(path: Path | str) -> ResultDocument:
+    """Read ``result.json`` or that of a folder; raises InputError if there is none or of another version."""
+    path = result_path(path)
+    if not is_file(path):
         raise InputError("There is no result.", where=str(path), next_step="Run fmu-didim identify first.")
     try:
         return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
-    except ValidationError as error:
+    except (ValidationError, UnicodeDecodeError) as error:
         raise InputError(
             "The result does not follow the schema of this version.", where=str(path), got=str(error)[:300],
             next_step="Run fmu-didim identify again.",
         ) from error  # fmt: skip
+
+
+def read_validations(document: ResultDocument, directory: Path) -> tuple[Validation, ...]:
+    """The torques that :func:`save_result` has written beside a result; those whose table is absent are left out.
+
+    Raises:
+        InputError: a table has other columns or is damaged.
+    """
+    found = []
+    for label, name in document.signals.items():
+        if not is_file(directory / name):
+            continue
+        table, joints = _table(directory / name), range(1, len(document.torque_unit) + 1)
+        measured, simulated = (table.select([f"tau_{kind}{j}" for j in joints]) for kind in ("measured", "simulated"))
+        motion = {name: table.column(name) for name in table.names if not name.startswith("tau_")}
+        errors, every = document.experiments[label].relative_error_percent, document.simulated.get(label, "")
+        found.append(
+            Validation(
+                label, document.experiments[label].role, table.time, measured, simulated,
+                _number(errors.total), np.array([_number(e) for e in errors.per_joint]),
+                every=_table(directory / every) if every and is_file(directory / every) else None, motion=motion,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _table(path: Path) -> Trajectory:
+    """A table as :func:`write_csv` writes it, to the last bit."""
+    columns = dict(read_table(path).columns)
+    if "t" not in columns or len(columns) == 1:
+        raise InputError("This is no table of torques.", where=str(path), got=", ".join(columns), valid="t, ...")
+    time = columns.pop("t")
+    return trajectory(time, columns)

@@ -5,7 +5,7 @@ from fmu_didim.workflow.discover import discover
 from fmu_didim.workflow.export import export_ssp
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.discovered import Discovered
-from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
 
-__all__ = ["Checked", "Discovered", "Outcome", "check", "discover", "export_ssp", "identify", "simulate"]
+__all__ = ["Checked", "Discovered", "Result", "check", "discover", "export_ssp", "identify", "simulate"]

@@ -18,9 +18,8 @@ NO_OPTIONS: Mapping[str, object] = {}
 
 
 def case_files(case: Case) -> dict[str, str]:
-    """SHA-256 of the files that the case reads, under the names it gives them, or of the signals given for them."""
-    given = {name: signals.digest() for name, signals in case.signals.items()}
-    return {name: file_digest(path) for name, path in _named(case).items() if path.is_file()} | given
+    """SHA-256 of the files that the case reads, under the names it gives them, or of the objects in their place."""
+    return {name: file_digest(path) for name, path in _named(case).items() if path.is_file()} | case.memory.digests()
 
 
 def paths_read(case: Case) -> list[Path]:
@@ -34,7 +33,7 @@ def _named(case: Case) -> dict[str, Path]:
     named: dict[str, Path] = {}
     archive = document.system.source if document.system is not None else None
     for source in (document.robot, *(part.source for part in document.parts.values()), archive):
-        if source is not None:
+        if source is not None and source not in case.memory.objects:
             file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
             named[source] = case.folder / file
     for run in document.runs.values():
@@ -51,7 +50,7 @@ def repeating(verb: str, case: Case, out: Path | None, options: Mapping[str, obj
         out: folder of the results; options: name of each option in Python -> its value; those that are empty are left
             out.
     """
-    if not case.path.name or case.signals:
+    if not case.path.name or case.signals or case.memory.objects:
         return {}
     words = ["fmu-didim", verb, str(case.path), *(["--out", str(out)] if out is not None else [])]
     for name, value in options.items():

@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
 from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.expected_accuracy import (
     ExpectedAccuracy,
@@ -54,7 +54,7 @@ class Checked:
     Attributes:
         name: of the case; parameters: (p,) names of what would be identified.
         experiments: label -> data; loop: a line a component, one for its timing.
-        diagnostics: what was found, the weightiest first; problems must be mended before an identification can succeed.
+        diagnostics: what was found, the most important first; problems must be fixed before an identification.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
@@ -123,11 +123,21 @@ class Checked:
 
     def _verdict(self) -> str:
         if not self.ok:
-            return "NOT READY: mend the problems above"
+            return "NOT READY: fix the problems above"
         return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
 
 
-def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
+def check(
+    case: Case | Path | str | Mapping[str, Any] | None = None,
+    *,
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
+) -> Checked:
     """Look at a case before any long work: its plant, its parameters, its torque logs and where it starts.
 
     It compares plant and robot description where both are given, asks whether each parameter acts, whether the logs
@@ -136,11 +146,13 @@ def check(case: Case | Path | str | Mapping[str, Any]) -> Checked:
 
     Args:
         case: a loaded case, the path of its file, or its content.
+        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+            :func:`~fmu_didim.identify`.
 
     Raises:
         InputError, FmuError, BuildError: the case cannot be loaded at all.
     """
-    case = case if isinstance(case, Case) else load_case(case)
+    case = case_of(case, CaseObjects(robot, plant, controller, log, reference, validation, loop))
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = _of_the_plant(case, model)
     diagnostics += case_diagnostics(case)

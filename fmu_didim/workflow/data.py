@@ -8,7 +8,7 @@ from fmu_didim.checks.data.checks import data_diagnostics
 
 
 def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a case, the weightiest first.
+    """What is wrong or doubtful with the data of a case, the most important first.
 
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.

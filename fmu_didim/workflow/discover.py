@@ -9,14 +9,13 @@ from typing import Any
 
 from fmu_didim.base.diagnostics import refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.base.imports import located
-from fmu_didim.case import Case
+from fmu_didim.case import Case, CaseObjects, Log, Reference
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.run import Found, Request
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.dynamics.effects import effect_catalogue
+from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FINDINGS_FILE, FindingsDocument, save_findings
@@ -40,12 +39,19 @@ NO_MOTION = "No motion within the limits of the present reference splits them be
 
 @one_blas_thread
 def discover(
-    case: Case | Path | str | Mapping[str, Any],
+    case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
-    forbid: Sequence[str] = (),
-    prefer: Sequence[str] = (),
-    effects: Sequence[str] = (),
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
+    forbid: Sequence[str | type[Effect]] = (),
+    prefer: Sequence[str | type[Effect]] = (),
+    effects: Sequence[str | type[Effect]] = (),
     rounds: int = 5,
     seed: int = 0,
     time_limit: float | None = None,
@@ -57,12 +63,14 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
+        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+            :func:`identify`.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
             left there is replaced, or nothing of it.
         forbid: effects that are not proposed; prefer: taken first out of an ambiguous set.
-        effects: further effects, ``module:Name`` or ``path/to/file.py:Name``, of the working folder or the folder of
-            the case, or ``package.module:Name`` of an installed package.
+        effects: further effects, the class itself or its name: ``module:Name`` or ``path/to/file.py:Name``, of the
+            working folder or the folder of the case, or ``package.module:Name`` of an installed package.
         rounds: largest number of effects; seed: of the bootstrap.
         time_limit: s from now on after which the search ends with the best answer so far: the answer is ``unfinished``
             and the verdict not settled. The fit of the base model is always made, and what was found is written.
@@ -76,17 +84,19 @@ def discover(
     """
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
-    case = checked_case(case, folder)
+    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
+    case = checked_case(case, folder, objects)
     model = case.model
     places = (Path(), case.folder)
-    forbidden, preferred, further = ([located(n, *places) for n in names] for names in (forbid, prefer, effects))
+    forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)
     for name in (*forbidden, *preferred):
         if name not in catalogue:
             raise UnknownNameError("effect", name, catalogue, where="forbid, prefer")
-    chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
     record = provenance(model, {"name": "discover"}, files=case_files(case))
-    record |= repeating("discover", case, None if out is None else Path(out), chosen)
+    if all(isinstance(effect, str) for effect in (*forbid, *prefer, *effects)):
+        chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
+        record |= repeating("discover", case, None if out is None else Path(out), chosen)
     of_data = refuse_problems(case_diagnostics(case, causes=False))
     run = _Run(case, _description(case), search, folder, show or (lambda found: None))
     request = Request(

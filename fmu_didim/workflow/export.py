@@ -14,9 +14,9 @@ from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.estimators.start import with_free_delay
 from fmu_didim.export import build_fmu, build_modelica
 from fmu_didim.export.versions import DEFAULT_VERSION
-from fmu_didim.results.result import ResultDocument, load_result
+from fmu_didim.results.result import read_result
 from fmu_didim.ssp import write_ssp
-from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.output.result_folder import check_writable, told_unwritable
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
@@ -52,7 +52,7 @@ def export_fmu(
 
 
 def export_ssp(
-    case: Case | Path | str | Mapping[str, Any], path: Path | str, *, result: Outcome | Path | str | None = None
+    case: Case | Path | str | Mapping[str, Any], path: Path | str, *, result: Result | Path | str | None = None
 ) -> Path:
     """Write the closed loop of a case as an SSP archive.
 
@@ -72,7 +72,7 @@ def export_ssp(
     model = model_without_data(case, None)
     values: dict[str, float] = {}
     if result is not None:
-        document = result.document if isinstance(result, Outcome) else _loaded(Path(result))
+        document = result.document if isinstance(result, Result) else read_result(result)
         values = {name: p.value for name, p in document.parameters.items()}
         if not values:
             raise InputError("The result holds no values.", where=str(result), got=document.status)
@@ -80,7 +80,3 @@ def export_ssp(
             model = with_free_delay(model)
     system = model.system(named_values(model, values))
     return write_ssp(system, path, name=case.name)
-
-
-def _loaded(path: Path) -> ResultDocument:
-    return load_result(path.parent if path.suffix == ".json" else path)

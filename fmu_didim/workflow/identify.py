@@ -10,62 +10,67 @@ from typing import Any
 
 from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
-from fmu_didim.case import Case
+from fmu_didim.case import Case, CaseObjects, Log, Reference
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.checks.validation import validate
-from fmu_didim.dynamics.robot import write_robot
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.document import consistency_result, refused_document, result_document
 from fmu_didim.results.provenance import provenance
-from fmu_didim.results.result import RESULT_FILE, save_result
+from fmu_didim.results.result import save_result
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.check import has_own_plant
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.output.loop import described_loop
-from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
-
-ROBOT_FILE = "robot_identified.yaml"
-OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
-"""The robot description with the identified values: from it come the FMU (``fmu-didim export``) and the model."""
-
+from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
 
 
-def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
-    """The folder of the results of ``identify``."""
-    from fmu_didim.report.identification.page import REPORT_FILE
-
-    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
-    fixed = (REPORT_FILE, ROBOT_FILE)
-    return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
-
-
 @one_blas_thread
 def identify(
-    case: Case | Path | str | Mapping[str, Any],
+    case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
+    start: Result | None = None,
     figures: bool = False,
     progress: Progress | None = None,
-    show: Callable[[Outcome], None] | None = None,
-) -> Outcome:
+    show: Callable[[Result], None] | None = None,
+) -> Result:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
     Args:
-        case: a loaded case, the path of its file, or its content.
+        case: a loaded case, the path of its file, or its content; None where the objects below are the whole case.
+        robot: path, mapping, :class:`RobotDescription` or :class:`RobotModel`.
+        plant, controller: path of a description or an FMU, a component (:func:`load_fmu`), a python-control system, or
+            a function ``law(q_ref, dq_ref, q, dq)`` of (n,) arrays that returns the (n,) commands; its arguments go by
+            their names: ``q_ref``, ``dq_ref``, ``ddq_ref``, ``q``, ``dq``, ``ddq``, ``t``.
+        log, reference: ``Log(t, tau)`` and ``Reference(t, q)`` of the experiment that is fitted; what the case says of
+            sampling and clock holds for them.
+        validation: ``(log, reference)`` of the held-out experiment.
+        loop: entries of the case, such as ``{"rate_hz": 1000}`` for a controller that states no rate.
+            These seven take the place of what the case has, or are a case themselves.
+        start: a result to start from: of the same parameters, here or on another motion. Those that it lacks start at
+            the values of the description.
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
         figures: whether each chart of the page is written there as PNG and SVG, too (``figure_*``), for a paper.
         progress: called with each :class:`~fmu_didim.fit.iteration.Iteration`.
-        show: called with the outcome before anything is written.
+        show: called with the result before anything is written.
 
     Raises:
         InputError: something in the case is wrong, or there is no writing to ``out``; found before any long work. Or
@@ -75,7 +80,10 @@ def identify(
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out, figures=figures)
-    case = checked_case(case, folder)
+    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
+    case = checked_case(case, folder, objects)
+    if start is not None:
+        case = started_from(case, start)
     model = case.model
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     record |= repeating("identify", case, None if out is None else Path(out))
@@ -101,12 +109,12 @@ def identify(
     except IdentificationError as error:
         refusal.save(error, before)
         raise
-    outcome = _judged(case, replace(estimate, provenance=record), before, refusal.known)
+    result = _judged(case, replace(estimate, provenance=record), before, refusal.known)
     if show is not None:
-        show(outcome)
+        show(result)
     if folder is not None:
-        _save(folder, outcome)
-    return outcome
+        result.write(folder)
+    return result
 
 
 @dataclass
@@ -123,7 +131,7 @@ class _Refusal:
     known: dict[str, Any] = field(default_factory=dict)
 
     def save(self, error: FmuDidimError, before: Sequence[Diagnostic]) -> None:
-        """What hinders the writing is told in the log only: the refusal itself must be heard."""
+        """A failure to write goes to the log only, so that the refusal itself is raised."""
         from fmu_didim.report import write_report
 
         if self.folder is None:
@@ -139,7 +147,7 @@ class _Refusal:
             _log.warning("%s", failed)
 
 
-def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Outcome:
+def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Result:
     validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     document = result_document(
         case.name, estimate, validations,
@@ -147,7 +155,7 @@ def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known:
         case=case.path.name,
     )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})
-    return Outcome(document, estimate, tuple(validations))
+    return Result.of(document, estimate, validations)
 
 
 def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
@@ -180,19 +188,3 @@ def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedErr
         error.what, iterations=error.iterations, got=got, next_step=error.next_step, values=error.values,
         deviation=error.deviation, where=error.where,
     )  # fmt: skip
-
-
-def _save(folder: ResultFolder, outcome: Outcome) -> None:
-    from fmu_didim.report import write_report
-
-    with folder.written() as new:
-        save_result(outcome.document, outcome.validations, new)
-        write_report(new)
-        if outcome.robot is not None:
-            write_robot(outcome.robot, new / ROBOT_FILE)
-            for label, robot in outcome.robots.items():
-                write_robot(robot, new / OWN_ROBOT_FILE.format(label=label))
-        if folder.figures:
-            from fmu_didim.report.paper import write_figures
-
-            write_figures(new)

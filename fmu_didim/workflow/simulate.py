@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -19,8 +19,15 @@ from fmu_didim.model.simulated_table import simulated_table
 
 
 def simulate(
-    case: Case | Path | str | Mapping[str, Any],
+    case: Case | Path | str | Mapping[str, Any] | None = None,
     *,
+    robot: Any = None,
+    plant: Any = None,
+    controller: Any = None,
+    log: Log | Any = None,
+    reference: Reference | Any = None,
+    validation: tuple[Log, Reference] | Any = None,
+    loop: Mapping[str, Any] | None = None,
     parameters: Mapping[str, float] | None = None,
     experiment: str | None = None,
 ) -> Trajectory:
@@ -28,6 +35,8 @@ def simulate(
 
     Args:
         case: a loaded case, the path of its file, or its content; torque logs are not needed.
+        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+            :func:`identify`.
         parameters: free parameters by name; the values of the robot description by default.
         experiment: label of the experiment whose reference is followed; the first one by default.
 
@@ -38,7 +47,8 @@ def simulate(
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the loop diverged.
     """
-    case = case if isinstance(case, Case) else load_case(case, require_torque=False)
+    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
+    case = case_of(case, objects, require_torque=False)
     model = model_without_data(case, experiment)
     values = named_values(model, parameters or {})
     reason = mass_matrix_problem(model, values)

@@ -70,7 +70,7 @@ def _tried(found: list[Mistake], path: Path, read: Any) -> RobotDescription | No
 
 
 def _runs(content: dict[str, Any]) -> Iterator[tuple[str, ExperimentSource]]:
-    """The experiments that can be understood; what is wrong with the others was told by the case."""
+    """The experiments that can be understood; what is wrong with the others is reported with the case."""
     given = {key: content[key] for key in ("train", "validation") if isinstance(content.get(key), dict)}
     experiments = content.get("experiments")
     given |= experiments if isinstance(experiments, dict) else {}
@@ -90,5 +90,5 @@ def _of_run(label: str, run: ExperimentSource, folder: Path, units: tuple[str, .
             signals = read_signals(part, folder, torque_units=units).signals
             signals.select([f"{stem}{j}" for j in range(1, len(units) + 1)])
         except FmuDidimError as error:
-            if error.got != TO_FILL_IN:  # which is told with its line
+            if error.got != TO_FILL_IN:  # which is reported with its line
                 yield Mistake.of(error, f"{label}.{name}")

@@ -22,7 +22,7 @@ from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.report import result_table, write_report
-from fmu_didim.results.result import load_result
+from fmu_didim.results.result import read_result
 from fmu_didim.workflow import identify, simulate
 from tests.awkward.build import awkward_fmu
 from tests.cases import SCARA, plant_case, scara_case
@@ -218,7 +218,7 @@ def test_refusal_says_that_the_plant_differs(tmp_path: Path) -> None:
     with pytest.raises(RefusedError, match=r"before, it was seen: plant: MX2: the column differs") as caught:
         identify(case_with(tmp_path, block(joints=(first, heavy))), out=tmp_path / "out")
     assert caught.value.iterations
-    saved = load_result(tmp_path / "out")
+    saved = read_result(tmp_path / "out")
     assert saved.status == "refused"
     assert saved.consistency is not None
     assert not saved.consistency.agrees

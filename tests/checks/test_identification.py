@@ -14,27 +14,27 @@ from fmu_didim.dynamics.robot import read_robot, write_robot
 from fmu_didim.fit.solver.numerical_noise import Roughness
 from fmu_didim.model.free_parameter import LONGEST_DELAY, delay_parameter
 from fmu_didim.workflow import identify
-from fmu_didim.workflow.output.outcome import Outcome
+from fmu_didim.workflow.output.result import Result
 from tests.identification.test_several_experiments import case, run
 
 
 @pytest.fixture(scope="module")
-def outcome() -> Outcome:
+def outcome() -> Result:
     return identify(load_case("examples/scara/identify.yaml"))
 
 
-def again(outcome: Outcome, **changes: object) -> list[str]:
+def again(outcome: Result, **changes: object) -> list[str]:
     estimate = replace(outcome.estimate, **changes)
     found = checked(estimate, outcome.validations).judgement
     return [d.code.name for d in found.reasons]
 
 
-def test_a_right_model_is_valid(outcome: Outcome) -> None:
+def test_a_right_model_is_valid(outcome: Result) -> None:
     assert (outcome.verdict, outcome.reasons, outcome.exit_code) == ("valid", [], 0)
     assert again(outcome) == []
 
 
-def test_coarse_steps_are_told(outcome: Outcome) -> None:
+def test_coarse_steps_are_told(outcome: Result) -> None:
     assert again(outcome, integration_shift=np.array([0.01, 0.5])) == ["integration-too-coarse"]
     assert again(outcome, integration_shift=np.full(2, np.nan)) == []
 
@@ -43,17 +43,17 @@ def test_coarse_steps_are_told(outcome: Outcome) -> None:
     ("change", "jitter", "told"),
     [(0.09, 0.09, 0), (0.11, 0.09, 1), (np.nan, 0.0, 1), (0.0, 0.11, 1), (0.5, 1.0, 2)],
 )
-def test_rough_sensitivities_are_told(outcome: Outcome, change: float, jitter: float, told: int) -> None:
+def test_rough_sensitivities_are_told(outcome: Result, change: float, jitter: float, told: int) -> None:
     assert again(outcome, roughness=Roughness(change, "ZZ1", jitter)) == told * ["sensitivity-rough"]
 
 
-def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Outcome) -> None:
+def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Result) -> None:
     found = checked(replace(outcome.estimate, rivals=(("Ia6", 0.0068),)), outcome.validations).judgement
     assert (found.verdict, [d.code.name for d in found.reasons]) == ("doubtful", ["another-minimum"])
     assert (found.reasons[0].place, found.reasons[0].value) == ("Ia6", 0.0068)
 
 
-def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path: Path) -> None:
+def test_what_is_neither_identified_nor_known_is_told(outcome: Result, tmp_path: Path) -> None:
     """Friction of joint 2 left out of the list: the values of the others depend on what the description has."""
     assert not any("Not identified" in remark for remark in outcome.document.remarks)
     robot = read_robot("fmus/scara/robot.yaml")
@@ -68,7 +68,7 @@ def test_what_is_neither_identified_nor_known_is_told(outcome: Outcome, tmp_path
 
 
 @pytest.mark.parametrize(("value", "told"), [(1.0, 0), (0.0, 0), (LONGEST_DELAY, 1)])
-def test_limits(outcome: Outcome, value: float, told: int) -> None:
+def test_limits(outcome: Result, value: float, told: int) -> None:
     """A delay of zero is a value as any other; its highest one is a limit."""
     model = replace(outcome.model, free_parameters=(replace(delay_parameter(1.0), value=value),))
     found = limit_diagnostics(replace(outcome.estimate, model=model, covariance=np.array([[0.01]])))

@@ -118,7 +118,7 @@ def test_deviations_contain_what_a_wrong_model_leaves(wrong: dict[str, Any]) -> 
 def test_the_result_says_it(tmp_path: Path) -> None:
     case = load_case(CASE).with_(train={"torque": {"rate_hz": RATE_HZ}}, torque_std=[0.05, 0.002])
     outcome = identify(case, tmp_path)
-    document = load_result(tmp_path)
+    document = load_result(tmp_path).document
     assert [(noise.joint, noise.rate_hz, noise.order) for noise in document.noise] == [(1, 50.0, 0), (2, 50.0, 0)]
     for noise, residual, stated in zip(document.noise, context(RATE_HZ).noise, (0.05, 0.002), strict=True):
         assert noise.chi_square_per_sample == pytest.approx((residual / stated) ** 2, rel=0.15)

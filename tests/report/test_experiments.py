@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from fmu_didim import Outcome, ResultDocument, identify, load_case
+from fmu_didim import Result, ResultDocument, identify, load_case
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.experiments import error_rows, parameter_groups, shown_unit
 from fmu_didim.report.verdict import verdict
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def outcome(folder: Path) -> Outcome:
+def outcome(folder: Path) -> Result:
     """Parameters that one experiment has for itself, and some of the loop."""
     return identify(three_experiments(identify=FREE), folder)
 
@@ -42,7 +42,7 @@ def block(text: str, head: str) -> list[str]:
 
 
 @pytest.mark.gate
-def test_parameters_stand_in_groups(outcome: Outcome) -> None:
+def test_parameters_stand_in_groups(outcome: Result) -> None:
     groups = {group.head: list(group.parameters) for group in parameter_groups(outcome.document)}
     assert list(groups) == ["", "own to payload", "the loop"]
     assert groups["own to payload"] == ["ZZ1R[payload]", "ZZ2[payload]", "MX2[payload]"]
@@ -58,7 +58,7 @@ def test_parameters_stand_in_groups(outcome: Outcome) -> None:
     assert {shown_unit(p) for p in outcome.parameters.values()} >= {"samples", "kg·m²", "s"}
 
 
-def test_each_experiment_has_a_line(outcome: Outcome) -> None:
+def test_each_experiment_has_a_line(outcome: Result) -> None:
     head, *lines = block(outcome.summary(), "Experiment")
     assert head.split() == ["Experiment", "role", "samples", "Hz", "agreement", "p", "own"]
     assert lines[0].split()[:4] == ["light", "estimation", "101", "10"]
@@ -67,7 +67,7 @@ def test_each_experiment_has_a_line(outcome: Outcome) -> None:
     assert lines[2].split() == ["check", "validation", "101", "10", "–"]
 
 
-def test_errors_of_each_experiment_and_of_the_fit_over_all(outcome: Outcome) -> None:
+def test_errors_of_each_experiment_and_of_the_fit_over_all(outcome: Result) -> None:
     lines = block(outcome.summary(), "Torque")
     assert [line.split("  ")[0] for line in lines[1:5]] == ["light", "payload", "check", "all fitted"]
     assert lines[-1].startswith("noise σ: joint 1 ")
@@ -94,7 +94,7 @@ def test_experiment_that_disagrees_is_a_warning(unlike: ResultDocument) -> None:
     assert not any("does not agree" in remark for remark in unlike.remarks)
 
 
-def test_page_shows_experiments_and_warnings(folder: Path, outcome: Outcome, unlike: ResultDocument) -> None:
+def test_page_shows_experiments_and_warnings(folder: Path, outcome: Result, unlike: ResultDocument) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     page = page[: page.index("<script>")]
     shown = ["own to payload", "the loop", "ZZ1R, ZZ2, MX2", "torque error, all fitted", ">samples<", ">controller<"]
@@ -118,11 +118,11 @@ def test_short_form_stays_compact() -> None:
     assert len(text.splitlines()) == 35
 
 
-def test_result_with_experiments_follows_its_schema(outcome: Outcome) -> None:
+def test_result_with_experiments_follows_its_schema(outcome: Result) -> None:
     jsonschema.validate(outcome.document.model_dump(mode="json"), result_schema())
 
 
-def test_many_experiments_and_joints_stay_within_100_columns(outcome: Outcome) -> None:
+def test_many_experiments_and_joints_stay_within_100_columns(outcome: Result) -> None:
     document = outcome.document
     many = {f"a motion with a rather long name, number {k}": document.experiments["payload"] for k in range(12)}
     error = document.relative_error_percent["payload"].model_copy(update={"per_joint": [123.4] * 9})

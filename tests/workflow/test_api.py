@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import fmu_didim
-from fmu_didim import InputError, identify, load_case, simulate, trajectory
+from fmu_didim import Didim, InputError, identify, load_case, simulate, trajectory
 from fmu_didim.case.changes import CaseChanges
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli.main import main
@@ -80,6 +80,13 @@ def test_other_rate_start_noise_and_estimator_by_entries() -> None:
     assert case.with_(estimator={"finish": False}).estimator.start["ZZ2"] == 6e-4
     assert case.with_(estimator={"kind": "clie"}).estimator.name == "clie"
     assert case.model.experiments["estimation"].rate_hz == pytest.approx(10)  # the first one is as it was
+
+
+@pytest.mark.parametrize("form", [{}, {"estimate_delay": True}, {"kind": "didim", "estimate_delay": True}])
+def test_options_without_a_kind_are_those_of_the_usual_estimator(form: dict[str, Any]) -> None:
+    case = load_case({**content(), "estimator": form}, folder=FOLDER)
+    assert case.estimator == Didim(estimate_delay="estimate_delay" in form)
+    assert case.content["estimator"] == {"kind": "didim", **form}
 
 
 def test_reference_of_another_kind_replaces_the_former_one() -> None:

@@ -66,7 +66,7 @@ def test_torque_with_the_wrong_sign_is_a_problem() -> None:
         found
     )
     assert "Next: Reverse the sign of these columns" in lines(found)
-    assert lines(found).endswith("NOT READY: mend the problems above")
+    assert lines(found).endswith("NOT READY: fix the problems above")
 
 
 def test_problem_is_refused_by_identify_and_discover_and_a_doubt_goes_on(tmp_path: Path) -> None:

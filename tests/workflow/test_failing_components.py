@@ -117,7 +117,7 @@ def test_a_failure_in_the_middle_of_an_identification(
     assert re.search(f"fmu-didim: The {component} {LATER}", told), told
     assert "physical" not in told.split("\n")[1]
     if (folder / "out").is_dir():
-        assert load_result(folder / "out").advice.startswith(f"The {component} failed")
+        assert load_result(folder / "out").document.advice.startswith(f"The {component} failed")
 
 
 @pytest.mark.gate

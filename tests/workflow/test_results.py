@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
 from fmu_didim import (
     Discovered,
-    Outcome,
+    Result,
     discover,
     export_ssp,
     identify,
     load_case,
     load_findings,
     load_result,
+    read_controller,
     read_ssp,
     read_trajectory,
     simulate,
     validate,
 )
-from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.report import result_table
 from fmu_didim.report.discovery.table import discovery_table
 from tests.workflow.three_experiments import PAYLOAD, three_experiments
@@ -31,7 +34,7 @@ ARM = Path("examples/arm2r")
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Three experiments, identified."""
     return identify(three_experiments(), tmp_path_factory.mktemp("three"))
 
@@ -46,9 +49,9 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Discovered, Path]:
     return discover(load_case(content, folder=root, signals=signals), folder, rounds=1), folder
 
 
-def test_outcome_gives_values_and_what_judges_them(outcome: Outcome) -> None:
+def test_outcome_gives_values_and_what_judges_them(outcome: Result) -> None:
     assert outcome.converged
-    assert repr(outcome) == "Outcome('SCARA, torque at 10 Hz', valid, 11 parameters)"
+    assert repr(outcome) == "Result('SCARA, torque at 10 Hz', valid, 11 parameters)"
     assert outcome.summary() == result_table(outcome.document)
     for name, truth in PAYLOAD.items():
         found = outcome.parameters[f"{name}[payload]"]
@@ -63,7 +66,7 @@ def test_outcome_gives_values_and_what_judges_them(outcome: Outcome) -> None:
         outcome.validation("paylod")
 
 
-def test_model_of_an_outcome_goes_on(outcome: Outcome) -> None:
+def test_model_of_an_outcome_goes_on(outcome: Result) -> None:
     again = validate(outcome.model, outcome.model.start, "check")
     np.testing.assert_array_equal(again.simulated, outcome.validation("check").simulated)
     table = simulate(three_experiments(), parameters=outcome.values, experiment="payload")
@@ -71,7 +74,7 @@ def test_model_of_an_outcome_goes_on(outcome: Outcome) -> None:
     np.testing.assert_allclose(torque, outcome.validation("payload").simulated, rtol=0, atol=1e-9)
 
 
-def test_frame_of_an_outcome(outcome: Outcome) -> None:
+def test_frame_of_an_outcome(outcome: Result) -> None:
     frame = outcome.to_frame()
     assert list(frame.index) == list(outcome.estimate.names)
     assert frame.loc["ZZ2", "value"] == outcome.values["ZZ2"]
@@ -80,7 +83,7 @@ def test_frame_of_an_outcome(outcome: Outcome) -> None:
     assert frame["value"].dtype == float
 
 
-def test_figure_of_each_experiment(outcome: Outcome) -> None:
+def test_figure_of_each_experiment(outcome: Result) -> None:
     figure = outcome.plot("payload")
     assert [trace.name for trace in figure.data] == ["measured", "simulated", "residual"] * 2
     shown = outcome.validation("payload")
@@ -94,7 +97,7 @@ def test_figure_of_each_experiment(outcome: Outcome) -> None:
         outcome.plot("nowhere")
 
 
-def test_notebook_view_is_self_contained_and_escaped(outcome: Outcome) -> None:
+def test_notebook_view_is_self_contained_and_escaped(outcome: Result) -> None:
     text = outcome._repr_html_()
     assert len(text) < 20_000
     assert "<script" not in text
@@ -108,8 +111,79 @@ def test_notebook_view_is_self_contained_and_escaped(outcome: Outcome) -> None:
 def test_saved_result_is_that_of_the_outcome(tmp_path: Path) -> None:
     case = load_case("examples/scara/identify.yaml")
     outcome = identify(case, tmp_path)
-    assert load_result(tmp_path) == outcome.document
+    assert load_result(tmp_path) == outcome
     assert (tmp_path / "robot_identified.yaml").is_file()
+
+
+@pytest.mark.parametrize("name", ["", "result.json"])
+@pytest.mark.parametrize("kind", [str, Path])
+def test_result_is_loaded_from_a_folder_or_its_file(outcome: Result, tmp_path: Path, kind: type, name: str) -> None:
+    assert outcome.save(tmp_path) == tmp_path / "result.json"
+    loaded = Result.load(kind(tmp_path / name))
+    assert loaded == outcome == load_result(kind(tmp_path / name))
+    assert loaded.summary() == outcome.summary()
+    assert loaded.robot == outcome.robot
+    assert loaded.robots == outcome.robots
+    for figure, expected in zip(loaded.plot("payload").data, outcome.plot("payload").data, strict=True):
+        np.testing.assert_array_equal(figure.y, expected.y)
+    pd.testing.assert_frame_equal(loaded.covariance, outcome.covariance)
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_results_that_differ_are_not_equal(outcome: Result, tmp_path: Path) -> None:
+    table = outcome.save(tmp_path).parent / "torque_light.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    cells = lines[1].split(",")
+    lines[1] = ",".join([cells[0], f"{float(cells[1]) + 1e-9:.17g}", *cells[2:]])
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert Result.load(tmp_path) != outcome
+
+
+def test_loaded_result_is_saved_again(outcome: Result, tmp_path: Path) -> None:
+    outcome.save(tmp_path / "one")
+    Result.load(tmp_path / "one").save(tmp_path / "two")
+    for path in (tmp_path / "one").glob("[!.]*"):
+        assert (tmp_path / "two" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_result_without_its_torques_says_so(outcome: Result, tmp_path: Path) -> None:
+    outcome.save(tmp_path)
+    for table in tmp_path.glob("torque_*.csv"):
+        table.unlink()
+    loaded = load_result(tmp_path)
+    assert loaded.values == outcome.values
+    with pytest.raises(InputError, match=r"no torque_payload\.csv beside result\.json"):
+        loaded.plot("payload")
+    with pytest.raises(InputError, match="without the torques"):
+        loaded.save(tmp_path / "copy")
+    with pytest.raises(InputError, match="holds no loop and no fit"):
+        _ = loaded.model
+    with pytest.raises(UnknownNameError, match="Did you mean 'payload'"):
+        loaded.plot("paylod")
+
+
+def test_damaged_results_are_refused(outcome: Result, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no result"):
+        load_result(str(tmp_path))
+    outcome.save(tmp_path)
+    (tmp_path / "torque_light.csv").write_text("a,b\n1,2\n3,4\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no table of torques"):
+        load_result(tmp_path)
+    (tmp_path / "result.json").write_bytes(b"\xff{")
+    with pytest.raises(InputError, match="does not follow the schema"):
+        load_result(tmp_path)
+
+
+def test_covariance_and_correlation_have_labels(outcome: Result) -> None:
+    names = list(outcome.values)
+    assert list(outcome.covariance.index) == list(outcome.covariance.columns) == names
+    np.testing.assert_array_equal(outcome.covariance, outcome.estimate.covariance)
+    assert outcome.covariance.loc["ZZ2", "ZZ2"] ** 0.5 == pytest.approx(outcome.parameters["ZZ2"].std)
+    np.testing.assert_allclose(np.diag(outcome.correlation), 1)
+    np.testing.assert_allclose(outcome.correlation, outcome.document.correlation, atol=1e-4)
+    earlier = replace(outcome, document=outcome.document.model_copy(update={"covariance": []}))
+    with pytest.raises(InputError, match="earlier version"):
+        _ = earlier.covariance
 
 
 @pytest.mark.gate
@@ -149,6 +223,36 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     final = discovered.found.discovery.final
     measured = case.model.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
+
+
+def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path]) -> None:
+    discovered, folder = found
+    for path in (folder, str(folder), folder / "findings.json"):
+        loaded = Discovered.load(path)
+        assert loaded == discovered
+        assert loaded.summary() == discovered.summary()
+        for drawn, expected in zip(loaded.plot("validation").data, discovered.plot("validation").data, strict=True):
+            assert drawn.name == expected.name
+            np.testing.assert_allclose(drawn.y, expected.y, rtol=1e-5, atol=1e-5)
+    with pytest.raises(InputError, match="holds no fits"):
+        _ = loaded.model
+    with pytest.raises(UnknownNameError):
+        loaded.plot("nowhere")
+
+
+@pytest.mark.gate
+def test_augmented_case_of_a_controller_in_memory_asks_for_it_again(tmp_path: Path) -> None:
+    case = load_case(ARM / "discover.yaml")
+    source = case.document.parts["controller"].source
+    controller = read_controller(ARM / str(source))
+    discovered = discover(case, tmp_path, controller=controller, rounds=1)
+    assert [(finding.effect, finding.joint) for finding in discovered.findings] == [("actuator_lag", 2)]
+    note = next(note for note in discovered.notes if "in memory" in note)
+    assert "<controller>" in note
+    assert "run with its plant as an FMU, gives the fitted torque" in note
+    with pytest.raises(InputError, match="was in memory when it was saved"):
+        load_case(tmp_path / discovered.files["case"])
+    assert simulate(tmp_path / discovered.files["case"], controller=controller).time.size > 2
 
 
 def test_archive_takes_the_values_of_an_outcome(tmp_path: Path) -> None:

@@ -19,6 +19,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import check_allowed, import_object, located, run_code
@@ -99,13 +102,47 @@ EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ALL}
 DEFAULT_EFFECTS: tuple[str, ...] = ("motor_inertia", "viscous", "coulomb", "torque_offset")
 
 
+_CLASSES: dict[str, type[Effect]] = {}
+"""Classes that were handed over themselves in this session, by the names under which documents list them."""
+
+
+def effect_name(effect: str | type[Effect] | Effect, *folders: Path) -> str:
+    """The name under which a description lists an effect, which is found by it in this session.
+
+    Args:
+        effect: its name, ``module:Name``, or its class. A class has the name ``module:Name``, too; one that was defined
+            anew is another one, ``module:Name_2``, so that what was made with the former one keeps its meaning.
+        folders: of what names it, where a name means a file.
+
+    Raises:
+        InputError: it is neither a name nor the class of an effect.
+    """
+    if isinstance(effect, str):
+        return effect if effect in _CLASSES else located(effect, *folders)
+    if not (isinstance(effect, type) and issubclass(effect, Effect)):
+        got = repr(effect) if isinstance(effect, type) else f"an object of the type {type(effect).__name__}"
+        raise InputError(
+            "This is no effect.", where=_WHERE, got=got,
+            valid="a name, 'module:Name', or a class derived from TorqueEffect, InsertedEffect or StructureEffect",
+            next_step="Give the class itself, not an object of it." if isinstance(effect, Effect) else "",
+        )  # fmt: skip
+    for name, known in _CLASSES.items():
+        if known is effect:
+            return name
+    plain = f"{effect.__module__}:{effect.__name__}"
+    further = (f"{plain}_{number}" for number in count(2))
+    name = next(name for name in (plain, *islice(further, len(_CLASSES) + 1)) if name not in _CLASSES)
+    _CLASSES[name] = effect
+    return name
+
+
 def find_effect(name: str) -> Effect:
     """The effect of this name, or ``module:Name`` (``file.py:Name``) for one outside the tree.
 
     Raises:
         UnknownNameError: there is no such effect; InputError: it is no effect.
     """
-    if ":" not in name:
+    if ":" not in name or name in _CLASSES:
         return _found(name)
     check_allowed(name, where=_WHERE)
     return _found(located(name))
@@ -116,9 +153,9 @@ _WHERE = "effects of a joint"
 
 @cache
 def _found(name: str) -> Effect:
-    found = EFFECTS.get(name)
+    found: Any = EFFECTS.get(name)
     if ":" in name:
-        found = import_object(name, where=_WHERE)
+        found = _CLASSES[name] if name in _CLASSES else import_object(name, where=_WHERE)
         if isinstance(found, type) and issubclass(found, Effect):
             found = run_code(found, what="effect", where=_WHERE, got=name)
     elif found is None:
@@ -147,31 +184,8 @@ def torque_effect(name: str) -> TorqueEffect:
 
 
 __all__ = [
-    "DEFAULT_EFFECTS",
-    "EFFECTS",
-    "LINK_PARAMETERS",
-    "NOMINAL_ACCELERATION",
-    "NOMINAL_SPEED",
-    "PAYLOAD",
-    "UNITS",
-    "Column",
-    "Effect",
-    "InsertedEffect",
-    "JointTorque",
-    "JointType",
-    "JointUnits",
-    "MeasurementEffect",
-    "NonlinearEffect",
-    "OperatingRange",
-    "Parameter",
-    "Place",
-    "PreCheck",
-    "Search",
-    "StructureEffect",
-    "Surroundings",
-    "TorqueEffect",
-    "Values",
-    "effect_catalogue",
-    "find_effect",
-    "torque_effect",
+    "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
+    "Column", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
+    "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StructureEffect",
+    "Surroundings", "TorqueEffect", "Values", "effect_catalogue", "effect_name", "find_effect", "torque_effect",
 ]  # fmt: skip

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fmu_didim.base.documents import FOLDER, Angle, Strict, read_document
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.base.imports import located
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import (
     DEFAULT_EFFECTS,
@@ -20,6 +19,7 @@ from fmu_didim.dynamics.effects import (
     InsertedEffect,
     JointType,
     TorqueEffect,
+    effect_name,
     find_effect,
 )
 
@@ -37,7 +37,7 @@ class Joint(Strict):
         a, d: lengths in m.
         limits: range of the position of the joint, where it is known.
         effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
-            looked for beside this file; replaces the default.
+            looked for beside this file; replaces the default. In Python the class of an effect may stand for its name.
         parameters: values of the link's inertial parameters and of the parameters of its effects, by name without the
             number of the joint (``ZZ``, ``Fv``, ``v0``); 0 where none is given, or what the effect starts with.
     """
@@ -52,11 +52,21 @@ class Joint(Strict):
     effects: tuple[str, ...] = DEFAULT_EFFECTS
     parameters: Mapping[str, float] = Field(default_factory=dict)
 
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _names_of_classes(cls, value: Any) -> Any:
+        if not isinstance(value, list | tuple):
+            return value
+        try:
+            return tuple(effect_name(part) if not isinstance(part, str) else part for part in value)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+
     @field_validator("effects")
     @classmethod
     def _known_effects(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         problems = []
-        value = tuple(located(name, (info.context or {}).get(FOLDER, Path())) for name in value)
+        value = tuple(effect_name(name, (info.context or {}).get(FOLDER, Path())) for name in value)
         for name in value:
             try:
                 found = find_effect(name)

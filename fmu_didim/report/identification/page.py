@@ -18,7 +18,7 @@ from fmu_didim.report.drawing.torque_charts import Simulated, history_chart, sam
 from fmu_didim.report.html.templates import write_page
 from fmu_didim.report.identification import tables
 from fmu_didim.report.verdict import verdict
-from fmu_didim.results.result import ParameterResult, ResultDocument, load_result
+from fmu_didim.results.result import ParameterResult, ResultDocument, read_result
 
 REPORT_FILE = "report.html"
 TEMPLATE = "page.html.j2"
@@ -72,7 +72,7 @@ def write_report(directory: Path) -> Path:
     Raises:
         InputError: there is no result, or a table of torques that it names is missing.
     """
-    document = load_result(directory)
+    document = read_result(directory)
     found = drawn_experiments(document, directory)
     points = points_per_trace([chart for part in found for chart in part.charts])
     found = [part.limited(points) for part in found]

@@ -14,7 +14,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.base.imports import is_reference, located
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case
 from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
@@ -48,7 +48,10 @@ def write_augmented(
     files = _write_parts(found.builder, final, out)
     if description is not None:
         described, content = _write_robot(found.builder, final, case, out, home)
-        return files | described, _rerun(load_case(content, folder=out), final)
+        note = _rerun(case.with_content(content, out), final)
+        if left := [name for name in case.memory.objects if name != case.document.robot]:
+            note += f" {CASE_FILE} names what was in memory, {', '.join(left)}: give it again where that case is used."
+        return files | described, note
     system, note = _write_system(case.name, final, files, out)
     return files | system, note
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.data.signals import Array
+from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.run import Found
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel
@@ -23,6 +26,7 @@ from fmu_didim.results.findings import (
     RegionResult,
     ValueFound,
     WindowResult,
+    load_findings,
 )
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import findings_frame
@@ -31,18 +35,42 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from plotly.graph_objects import Figure
 
+    from fmu_didim.report.drawing.torque_charts import Simulated
 
-@dataclass(frozen=True, repr=False)
+    Torques = tuple[Array, Array, dict[str, Simulated]]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Discovered:
-    """What :func:`~fmu_didim.discover` returns.
+    """What :func:`~fmu_didim.discover` returns, and :meth:`load` reads from a folder.
+
+    Two are equal if their documents are.
 
     Attributes:
         document: the content of ``findings.json``.
-        found: the fits behind it: base and final model with the noise, the steps between.
+        fits: base and final model with the noise, the steps between; None where it was loaded.
+        folder: from which it was loaded.
     """
 
     document: FindingsDocument
-    found: Found
+    fits: Found | None = None
+    folder: Path | None = None
+
+    @classmethod
+    def load(cls, path: Path | str) -> Discovered:
+        """What was saved in a folder, or in its ``findings.json``; raises InputError if that is no discovery."""
+        document, path = load_findings(path), Path(path)
+        return cls(document, folder=path if path.is_dir() else path.parent)
+
+    @property
+    def found(self) -> Found:
+        """The fits behind it; raises InputError where it was loaded."""
+        if self.fits is None:
+            raise InputError(
+                "A discovery that was loaded holds no fits.", where=self.document.name,
+                next_step="Identify the augmented case that it has written: case_augmented.yaml.",
+            )  # fmt: skip
+        return self.fits
 
     @property
     def answer(self) -> Answer:
@@ -56,7 +84,7 @@ class Discovered:
 
     @property
     def reasons(self) -> list[DiagnosticResult]:
-        """Why it is not valid, the weightiest first."""
+        """Why it is not valid, the most important first."""
         return self.document.reasons
 
     @property
@@ -151,7 +179,7 @@ class Discovered:
 
     @property
     def model(self) -> LoopModel:
-        """The loop with the effects found and the fitted values as start values."""
+        """The loop with the effects found and the fitted values as start values; raises InputError where loaded."""
         final = self.found.discovery.final
         return final.model.with_values(final.values)
 
@@ -176,22 +204,46 @@ class Discovered:
             experiment: label; the first one by default.
 
         Raises:
-            UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it.
+            UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it;
+                InputError: it was loaded without its signals.
         """
         from fmu_didim.report.drawing.figures import plotly_figure
-        from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+        from fmu_didim.report.drawing.torque_charts import torque_chart
 
-        base, final = self.found.discovery.base, self.found.discovery.final
-        label = experiment or final.model.first
-        if label not in final.model.experiments:
-            raise UnknownNameError("experiment", label, final.model.experiments, where=self.document.name)
-        models = {}
-        for name, fit in {"base model": base, **({"final model": final} if self.findings else {})}.items():
-            run = fit.simulation(label)
-            every = simulated_table(run).first(fit.model.joint_count)
-            models[name] = Simulated(run.torque(), every.time, every.values)
-        time, measured = final.model.experiments[label].time, final.model.measured_in(label)
+        label = experiment or next(iter(self.roles))
+        if label not in self.roles:
+            raise UnknownNameError("experiment", label, self.roles, where=self.document.name)
+        names = {"base": "base model", **({"final": "final model"} if self.findings else {})}
+        time, measured, models = (self._saved if self.fits is None else self._simulated)(label, names)
         return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
+
+    def _simulated(self, label: str, names: Mapping[str, str]) -> Torques:
+        from fmu_didim.report.drawing.torque_charts import Simulated
+
+        model = self.found.discovery.final.model
+        models = {}
+        for name, title in names.items():
+            run = getattr(self.found.discovery, name).simulation(label)
+            every = simulated_table(run).first(model.joint_count)
+            models[title] = Simulated(run.torque(), every.time, every.values)
+        return model.experiments[label].time, model.measured_in(label), models
+
+    def _saved(self, label: str, names: Mapping[str, str]) -> Torques:
+        from fmu_didim.report.drawing.torque_charts import Simulated
+
+        folder, joints = self.folder or Path(), range(1, len(self.document.torque_unit) + 1)
+        samples, every = (
+            read_trajectory(folder / self.files.get(f"{kind}_{label}", f"{kind}_{label}.csv"))
+            for kind in ("signals", "simulated")
+        )
+        tables = {name: [table.select([f"{name}{j}" for j in joints]) for table in (samples, every)] for name in names}
+        models = {names[name]: Simulated(at, every.time, all_) for name, (at, all_) in tables.items()}
+        return samples.time, samples.select([f"measured{j}" for j in joints]), models
+
+    def __eq__(self, other: object) -> bool:
+        return self.document == other.document if isinstance(other, Discovered) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)

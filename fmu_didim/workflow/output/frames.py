@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from fmu_didim.base.errors import InputError
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def parameter_frame(document: ResultDocument) -> DataFrame:
-    """One row a parameter, by name; see :meth:`fmu_didim.Outcome.to_frame`."""
+    """One row a parameter, by name; see :meth:`fmu_didim.Result.to_frame`."""
     rows = [
         {
             "parameter": name,
@@ -30,6 +31,19 @@ def parameter_frame(document: ResultDocument) -> DataFrame:
     ]
     heads = ("parameter", "value", "std", "rel_std_percent", "low", "high", "unit", "of", "experiment")
     return _frame(rows, heads, numbers=heads[1:6]).set_index("parameter")
+
+
+def matrix_frame(document: ResultDocument) -> DataFrame:
+    """The covariance of the values; see :attr:`fmu_didim.Result.covariance`."""
+    import pandas
+
+    names = list(document.parameters)
+    if len(document.covariance) != len(names):
+        raise InputError(
+            "The result holds no covariance: it was saved by an earlier version.", where=document.name,
+            next_step="Identify again.",
+        )  # fmt: skip
+    return pandas.DataFrame(document.covariance, index=names, columns=names, dtype=float)
 
 
 def findings_frame(document: FindingsDocument) -> DataFrame:

@@ -22,7 +22,7 @@ from typing import Any
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import PARTIAL, advice, patiently, remove_stale, sync, whole_file
-from fmu_didim.case import Case, load_case
+from fmu_didim.case import Case, CaseObjects, case_of
 from fmu_didim.workflow.case_files import paths_read
 
 LEAST_FREE = 16 * 2**20
@@ -135,11 +135,13 @@ def _plain(names: Iterable[str]) -> set[str]:
     return {name for name in names if name not in ("", ".", "..") and not set(name) & set("/\\:\0")}
 
 
-def checked_case(case: Case | Path | str | Mapping[str, Any], folder: ResultFolder | None) -> Case:
-    """The case, loaded if it is not yet, once it is sure that its results can be written."""
+def checked_case(
+    case: Case | Path | str | Mapping[str, Any] | None, folder: ResultFolder | None, objects: CaseObjects
+) -> Case:
+    """The case with these objects, loaded once it is sure that its results can be written."""
     if folder is not None:
         folder.check()
-    case = case if isinstance(case, Case) else load_case(case)
+    case = case_of(case, objects)
     if folder is not None:
         folder.check(reads=paths_read(case))
     return case

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 
 from fmu_didim.base.docstrings import about, key_texts
 from fmu_didim.case import CaseDocument
+from fmu_didim.case.document import DEFAULT_ESTIMATOR
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import RobotDescription
@@ -31,7 +32,9 @@ def schema(kind: str) -> Schema:
 def _case() -> Schema:
     made = CaseDocument.model_json_schema()
     forms = {name: _estimator(form) for name, form in ESTIMATORS.items()}
-    made["properties"]["estimator"] |= {**_one_of(made, "kind", forms), "default": {"kind": "didim"}}
+    made["properties"]["estimator"] |= {
+        **_one_of(made, "kind", forms, default=DEFAULT_ESTIMATOR), "default": {"kind": DEFAULT_ESTIMATOR},
+    }  # fmt: skip
     return made
 
 
@@ -57,14 +60,18 @@ def _controller() -> Schema:
     return {**_one_of(made, "law", {name: law.model_json_schema() for name, law in LAWS.items()}), **made}
 
 
-def _one_of(root: Schema, key: str, forms: Mapping[str, Schema]) -> Schema:
-    """One of several objects, told apart by the value of a key; their definitions go to the root."""
+def _one_of(root: Schema, key: str, forms: Mapping[str, Schema], *, default: str = "") -> Schema:
+    """One of several objects, told apart by the value of a key; their definitions go to the root.
+
+    Args:
+        default: the value that the key has where it is left out.
+    """
     found = []
     for name, form in forms.items():
         root.setdefault("$defs", {}).update(form.pop("$defs", {}))
         which = {"const": name, "description": str(form["description"]).partition("\n\n")[0]}
         properties = {key: which, **{k: v for k, v in form.get("properties", {}).items() if k != key}}
-        required = [key, *(k for k in form.get("required", []) if k != key)]
+        required = [*([] if name == default else [key]), *(k for k in form.get("required", []) if k != key)]
         found.append({**form, "properties": properties, "required": required, "additionalProperties": False})
     return {"oneOf": found}
 
