@@ -69,7 +69,7 @@ def test_results_show_themselves_in_a_notebook(tmp_path: Path) -> None:
     assert "train.torque.rate_hz" in text and "coverage (95 % interval)" in text
     assert "<script" not in text and "http" not in text
     figure = found.plot()
-    assert figure.layout.xaxis.title.text == "train.torque.rate_hz"
+    assert figure.axes[-1].get_xlabel() == "train.torque.rate_hz"
     with pytest.raises(UnknownNameError):
         found.plot("train.torque.rate")
 

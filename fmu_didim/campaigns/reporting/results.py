@@ -19,7 +19,7 @@ from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.report.identification.table import wrapped
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+    from matplotlib.figure import Figure
 
 FEW_RUNS = 20
 """[runs] Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %."""
@@ -178,7 +178,7 @@ class Results:
         return {}
 
     def plot(self, field: str | None = None) -> Figure:
-        """A plotly figure: sigma and, where true values are known, bias of each parameter over a field that varies.
+        """A Matplotlib figure: sigma and, where true values are known, bias of each parameter over a field that varies.
 
         Args:
             field: its path, the first one by default.
@@ -187,7 +187,7 @@ class Results:
             UnknownNameError: nothing of this name varies; InputError: nothing varies, or there is nothing to draw.
         """
         from fmu_didim.campaigns.reporting.charts import field_chart
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
 
         if field is None and not self.paths:
             raise InputError(
@@ -195,7 +195,7 @@ class Results:
                 next_step="by_parameter() has bias, sigma and coverage; or let the campaign vary a field.",
             )  # fmt: skip
         path = field or self.paths[0]
-        return plotly_figure(field_chart(self.by_parameter(path), path))
+        return matplotlib_figure(field_chart(self.by_parameter(path), path))
 
     def _repr_html_(self) -> str:
         """For notebooks: how far it is, the groups, and what to have in mind with their figures."""

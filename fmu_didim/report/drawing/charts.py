@@ -1,7 +1,7 @@
-"""Figures as data: a page draws them by ``chart.js``, a paper by Matplotlib, a notebook by Plotly.
+"""Figures as data: ``chart.js`` draws them on a page, Matplotlib in a paper or a notebook.
 
 A chart is a column of panels over one horizontal axis, so that the torques of all joints move together when one is
-zoomed. What a line is, and not which colour it has, is said here; each of the three knows its colours.
+zoomed. What a line is, and not which colour it has, is said here; each of the two knows its colours.
 """
 
 from __future__ import annotations

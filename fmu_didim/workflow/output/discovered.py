@@ -28,8 +28,8 @@ from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import findings_frame
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
-    from plotly.graph_objects import Figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,7 +170,7 @@ class Discovered:
         return findings_frame(self.document)
 
     def plot(self, experiment: str | None = None) -> Figure:
-        """A plotly figure of measured torque against that of base and final model, joint by joint.
+        """A Matplotlib figure of measured torque against that of base and final model, joint by joint.
 
         Args:
             experiment: label; the first one by default.
@@ -178,7 +178,7 @@ class Discovered:
         Raises:
             UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it.
         """
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
         from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
 
         base, final = self.found.discovery.base, self.found.discovery.final
@@ -191,7 +191,7 @@ class Discovered:
             every = simulated_table(run).first(fit.model.joint_count)
             models[name] = Simulated(run.torque(), every.time, every.values)
         time, measured = final.model.experiments[label].time, final.model.measured_in(label)
-        return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
+        return matplotlib_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 
     def __repr__(self) -> str:
         effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)

@@ -19,8 +19,8 @@ from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import parameter_frame
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
-    from plotly.graph_objects import Figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,7 +111,7 @@ class Outcome:
         return parameter_frame(self.document)
 
     def plot(self, experiment: str | None = None) -> Figure:
-        """A plotly figure of measured and simulated torque with the residual, joint by joint.
+        """A Matplotlib figure of measured and simulated torque with the residual, joint by joint.
 
         Args:
             experiment: label; the first one by default.
@@ -119,7 +119,7 @@ class Outcome:
         Raises:
             UnknownNameError: there is no such experiment.
         """
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
         from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
 
         shown = self.validation(experiment or self.model.first)
@@ -128,7 +128,7 @@ class Outcome:
         percent = [float(v) if np.isfinite(v) else None for v in shown.per_joint_percent]
         units = self.document.torque_unit
         chart = torque_chart("torque", shown.label, shown.time, shown.measured, models, units, percent=percent)
-        return plotly_figure(chart)
+        return matplotlib_figure(chart)
 
     def __repr__(self) -> str:
         return f"Outcome({self.document.name!r}, {self.verdict}, {len(self.parameters)} parameters)"
