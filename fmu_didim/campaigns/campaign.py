@@ -18,7 +18,7 @@ from fmu_didim.base.files import file_name
 from fmu_didim.campaigns.planning.identity import code_digest
 from fmu_didim.campaigns.planning.plan import Plan, Run
 from fmu_didim.campaigns.reporting.results import Results
-from fmu_didim.campaigns.reporting.texts import duration
+from fmu_didim.campaigns.reporting.sections import duration
 from fmu_didim.campaigns.running.execute import Task, Trial, execute
 from fmu_didim.campaigns.running.runner import (
     Lane,

@@ -85,7 +85,7 @@ def _retry(options: argparse.Namespace, say: Say) -> int:
 
 def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
     """Run, and tell what happens."""
-    from fmu_didim.campaigns.reporting.texts import duration
+    from fmu_didim.campaigns.reporting.sections import duration
 
     def progress(now: Progress) -> None:
         for id_, status, verdict, message, _ in now.last:

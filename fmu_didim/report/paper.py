@@ -6,11 +6,12 @@ from pathlib import Path
 
 import matplotlib
 
-from fmu_didim.report.discovery import charts as discovery_charts
-from fmu_didim.report.drawing.charts import Chart
+from fmu_didim.report.discovery.charts import saved_charts as charts_of_discovery
+from fmu_didim.report.discovery.sections import discovery_report
 from fmu_didim.report.drawing.figures import STYLE, matplotlib_figure
-from fmu_didim.report.drawing.torque_charts import history_chart
-from fmu_didim.report.identification import page
+from fmu_didim.report.identification.charts import saved_charts as charts_of_result
+from fmu_didim.report.identification.sections import result_report
+from fmu_didim.report.sections import Report
 from fmu_didim.results.findings import FINDINGS_FILE, load_findings
 from fmu_didim.results.result import load_result
 
@@ -28,7 +29,7 @@ def write_figures(folder: Path) -> list[Path]:
     """
     written = []
     with matplotlib.rc_context(STYLE):
-        for chart in saved_charts(folder):
+        for chart in saved_report(folder).charts:
             figure = matplotlib_figure(chart)
             for suffix, options in ((".png", {"dpi": DOTS}), (".svg", {"metadata": {"Date": None}})):
                 path = folder / f"{PATTERN.removesuffix('*')}{chart.name}{suffix}"
@@ -37,12 +38,10 @@ def write_figures(folder: Path) -> list[Path]:
     return written
 
 
-def saved_charts(folder: Path) -> list[Chart]:
-    """The charts of a folder of results."""
+def saved_report(folder: Path) -> Report:
+    """The report of a folder of results."""
     if (folder / FINDINGS_FILE).is_file():
         found = load_findings(folder)
-        parts = discovery_charts.drawn_experiments(found, folder)
-        return [*(c for part in parts for c in part.charts), *discovery_charts.friction_charts(found)]
+        return discovery_report(found, charts_of_discovery(found, folder))
     result = load_result(folder)
-    charts = [c for part in page.drawn_experiments(result, folder) for c in part.charts]
-    return [*charts, history_chart(result.history)] if result.history else charts
+    return result_report(result, charts_of_result(result, folder))

@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
-    from fmu_didim.report.identification.page import REPORT_FILE
+    from fmu_didim.report.identification.sections import REPORT_FILE
 
     patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
     fixed = (REPORT_FILE, ROBOT_FILE)

@@ -13,7 +13,7 @@ from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
 from fmu_didim.report.drawing.figures import COLOURS, matplotlib_figure
 from fmu_didim.report.drawing.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
 from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
-from fmu_didim.report.identification.tables import matrix
+from fmu_didim.report.sections import matrix
 from tests.report.drawn import charts, line, plotted
 
 RANDOM = np.random.default_rng(3)

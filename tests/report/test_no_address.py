@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from fmu_didim.report import write_report
-from fmu_didim.report.discovery.page import write_discovery_report
+from fmu_didim.report.discovery.sections import write_discovery_report
 from tests.conftest import CHROMIUM, needs_chromium
 from tests.patience import patience
 from tests.report import test_discovery, test_report

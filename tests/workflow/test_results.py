@@ -24,7 +24,7 @@ from fmu_didim import (
 )
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.report import result_table
-from fmu_didim.report.discovery.table import discovery_table
+from fmu_didim.report.discovery.sections import discovery_table
 from tests.report.drawn import plotted
 from tests.workflow.three_experiments import PAYLOAD, three_experiments
 

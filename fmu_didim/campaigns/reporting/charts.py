@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.campaigns.reporting.texts import shown
+from fmu_didim.campaigns.reporting.sections import shown
 from fmu_didim.report.drawing.charts import SERIES, Chart, Panel, Series
-from fmu_didim.report.identification.tables import Matrix, matrix
+from fmu_didim.report.sections import Matrix, matrix
 
 PANEL_HEIGHT = 220
 PANELS = (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias"))

@@ -13,10 +13,11 @@ import pandas as pd
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.campaigns.reporting.quality import USED, by_parameter, of_all_parameters, plain
+from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section
 from fmu_didim.campaigns.reporting.status import VERDICTS, Status, status_of
-from fmu_didim.campaigns.reporting.texts import groups_text
 from fmu_didim.campaigns.running.store import FAILURES, Store
-from fmu_didim.report.identification.table import wrapped
+from fmu_didim.report.sections import Table
+from fmu_didim.report.terminal import section_lines, table_lines, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,14 +99,14 @@ class Results:
     def summary(self) -> str:
         """What the terminal shows: groups, what was named of hidden effects, what to have in mind with the figures."""
         whole, paths = self.groups(), self.paths
-        apart = len(whole) > GROUPS_PRINTED and len(paths) > 1
-        blocks = [groups_text(self.groups(path), [path]) for path in paths] if apart else [groups_text(whole, paths)]
-        confusion = self.confusion()
-        if not confusion.empty:
-            blocks.append("hidden effects (rows) against named ones, in runs\n" + confusion.to_string())
-        if remarks := self.remarks():
-            blocks.append("\n".join(line for remark in remarks for line in wrapped(remark, "- ", "  ")))
-        return "\n\n".join(["\n".join(self.status().lines()[:2]), *blocks])
+        is_long = len(whole) > GROUPS_PRINTED and len(paths) > 1
+        tables = (
+            [group_columns(self.groups(path), [path]) for path in paths] if is_long else [group_columns(whole, paths)]
+        )
+        blocks = [table_lines(Table(columns), width=None) for columns in tables]
+        blocks.append(section_lines(confusion_section(self.confusion())))
+        blocks.append([line for remark in self.remarks() for line in wrapped(remark, "- ", "  ")])
+        return "\n\n".join("\n".join(block) for block in (self.status().lines()[:2], *blocks) if block)
 
     def full_id(self, begin: str) -> str:
         """The id of the planned run that begins so; raises UnknownNameError where there is none, or more than one."""
@@ -199,9 +200,9 @@ class Results:
 
     def _repr_html_(self) -> str:
         """For notebooks: how far it is, the groups, and what to have in mind with their figures."""
-        from fmu_didim.campaigns.reporting.notebook import results_html
+        from fmu_didim.report.page import notebook_html
 
-        return results_html(self.status(), self.groups(), self.paths, self.remarks())
+        return notebook_html(brief_report(self.status(), [groups_section(self.groups(), self.paths)], self.remarks()))
 
     def confusion(self) -> pd.DataFrame:
         """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""

@@ -13,7 +13,7 @@ from fmu_didim.report.discovery import words
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
 from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, against_chart, colour_charts
 from fmu_didim.report.drawing.torque_charts import SHOWN, Simulated, samples_text, torque_chart
-from fmu_didim.report.identification.page import Experiment
+from fmu_didim.report.identification.charts import ExperimentCharts
 from fmu_didim.report.numbers import joint_unit, pretty_unit
 from fmu_didim.results.findings import FindingsDocument, FrictionResult
 
@@ -23,9 +23,9 @@ PANELS = 2
 FRICTION_HEIGHT = 240
 
 
-def drawn_experiments(document: FindingsDocument, folder: Path) -> list[Experiment]:
+def saved_charts(document: FindingsDocument, folder: Path) -> list[ExperimentCharts]:
     """The charts of each experiment whose torques were saved."""
-    found: list[Experiment] = []
+    found: list[ExperimentCharts] = []
     for key, name in document.files.items():
         if key.startswith(words.SIGNALS):
             label = key.removeprefix(words.SIGNALS)
@@ -38,7 +38,7 @@ def drawn_experiments(document: FindingsDocument, folder: Path) -> list[Experime
 
 def _experiment(
     document: FindingsDocument, label: str, number: int, signals: Trajectory, dense: Trajectory | None
-) -> Experiment | None:
+) -> ExperimentCharts | None:
     units, joints = document.torque_unit, range(1, len(document.torque_unit) + 1)
     models = _models(signals, len(units))
     if not models:
@@ -63,7 +63,7 @@ def _experiment(
         for quantity in panel_quantities(document, signals, j)
     ]  # fmt: skip
     colour = colour_charts(str(number), title, signals.time, residuals, units)
-    return Experiment(title, samples_text(signals.time), torque, against, colour)
+    return ExperimentCharts(title, samples_text(signals.time), torque, against, colour)
 
 
 def _models(signals: Trajectory, joints: int) -> dict[str, str]:

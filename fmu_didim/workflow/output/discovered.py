@@ -157,7 +157,7 @@ class Discovered:
 
     def summary(self) -> str:
         """The table that the terminal shows: verdict, findings and gaps, at most 100 columns."""
-        from fmu_didim.report.discovery.table import discovery_table
+        from fmu_didim.report.discovery.sections import discovery_table
 
         return discovery_table(self.document)
 
@@ -199,6 +199,6 @@ class Discovered:
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, findings and gaps."""
-        from fmu_didim.report.notebook import discovery_html
+        from fmu_didim.report.discovery.sections import discovery_html
 
         return discovery_html(self.document)

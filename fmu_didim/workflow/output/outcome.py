@@ -135,6 +135,6 @@ class Outcome:
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, parameters and experiments."""
-        from fmu_didim.report.notebook import result_html
+        from fmu_didim.report.identification.sections import result_html
 
         return result_html(self.document)
