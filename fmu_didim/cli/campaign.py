@@ -144,9 +144,9 @@ def _show(options: argparse.Namespace, say: Say) -> int:
         say(line)
     if options.files is not None:
         from fmu_didim.campaigns.campaign import opened
-        from fmu_didim.campaigns.running.single_run import write_alone
+        from fmu_didim.campaigns.running.single_run import write_single_run
 
         found = opened(options.folder)
-        path = write_alone(found.plan, found.plan.by_id[results.full_id(options.id)], options.files)
+        path = write_single_run(found.plan, found.plan.by_id[results.full_id(options.id)], options.files)
         say(f"\nfmu-didim {found.plan.document.verb} {path}")
     return 0

@@ -1,4 +1,4 @@
-"""Saved results for people: a text for the terminal and one self-contained HTML page. Nothing is recomputed."""
+"""Reports of saved results for the terminal, notebooks and a self-contained HTML page; nothing is recomputed."""
 
 from fmu_didim.report.identification.sections import result_table, write_report
 

@@ -20,9 +20,9 @@ from fmu_didim.report.verdict import Banner
 
 Shown = Literal["both", "terminal", "page"]
 MOST_VALUES = 14
-"""[columns] Of a matrix whose values still have room."""
+"""[columns] Widest matrix whose values are written in its cells."""
 STRONGEST = 60
-"""[percent] Of its hue that the largest value of a matrix gets: text on it stays legible."""
+"""[percent] Colour strength of the largest value of a matrix: text on it stays legible."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Link:
-    """A text that leads to a place of the page or to a file beside it; plain where ``target`` is empty."""
+    """A link to a place on the page or to a file beside it; plain text where ``target`` is empty."""
 
     text: str
     target: str = ""
@@ -52,10 +52,10 @@ class Column:
     """A column of a table.
 
     Attributes:
-        texts: a cell each; marks: what follows the texts, such as a star; is_text: begins at the left.
-        limit: characters on the terminal; fills: cut off on the terminal where the table would be too wide.
-        page_head: the head on the page, where there is room for a longer one.
-        bars: drawn beside the texts; links: those of each cell, in place of its text on the page.
+        texts: of the cells; marks: follow the texts, such as a star; is_text: aligned at the left.
+        limit: most characters on the terminal; shrinks: cut off there if the table would be too wide.
+        page_head: a longer head for the page.
+        bars: drawn beside the texts; links: of each cell, which the page shows in place of its text.
     """
 
     head: str
@@ -64,7 +64,7 @@ class Column:
     shown: Shown = "both"
     marks: Sequence[str] = ()
     limit: int | None = None
-    fills: bool = False
+    shrinks: bool = False
     page_head: str = ""
     bars: Sequence[Bar | None] = ()
     links: Sequence[Sequence[Link]] = ()
@@ -76,7 +76,7 @@ class Table:
 
     Attributes:
         groups: head of each group of rows, empty or not, and how many rows it has.
-        chosen: rows that are set in bold; anchors: the id of each row, for links.
+        chosen: rows in bold; anchors: the id of each row, for links.
     """
 
     kind: ClassVar[str] = "table"
@@ -124,8 +124,8 @@ class Items:
     """A list.
 
     Attributes:
-        links: file that each item ends with, or nothing; is_code: formulas.
-        limit: items on the terminal; empty: what the page says where there are none.
+        links: to a file, at the end of each item, or none; is_code: formulas.
+        limit: most items on the terminal; empty: text of the page where there are no items.
     """
 
     kind: ClassVar[str] = "items"
@@ -142,7 +142,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; ``style``: ``note`` in small print, ``code``, or nothing."""
+    """A paragraph; ``style``: ``note`` (small print), ``code`` or empty."""
 
     kind: ClassVar[str] = "text"
     text: str
@@ -180,7 +180,7 @@ class Matrix:
     """Values over two lists of names as a map of colours, two hues for two signs.
 
     Attributes:
-        shows_values: whether there is room for the texts; else they show where the pointer is.
+        shows_values: whether the cells show their texts; else the text appears under the pointer.
     """
 
     kind: ClassVar[str] = "matrix"
@@ -217,7 +217,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class Folded:
-    """A block that the page unfolds on demand; ``is_printed``: on paper by itself."""
+    """A block that the page unfolds on demand; ``is_printed``: also on paper."""
 
     kind: ClassVar[str] = "folded"
     summary: str
@@ -238,9 +238,9 @@ class Section:
     """A part of a report.
 
     Attributes:
-        anchor: its place on the page, where the navigation leads to; without one it belongs to the section before.
-        has_title: whether the terminal prints the heading; a table says by its heads what it is.
-        is_brief: whether a notebook shows it.
+        anchor: its id on the page, listed in the navigation; without one it is part of the section before.
+        has_title: whether the terminal prints the heading; tables explain themselves by their heads.
+        is_brief: whether a notebook shows it; is_framed: whether the page draws a frame around it.
     """
 
     heading: str
@@ -251,7 +251,7 @@ class Section:
     is_framed: bool = False
 
     def on(self, place: Shown) -> list[Block]:
-        """The blocks that the terminal or the page shows; none where these are mere notes."""
+        """The blocks that the terminal or the page shows; none if they are only notes."""
         found = [block for block in self.blocks if block and block.shown in ("both", place)]
         return found if any(not isinstance(block, Text) or not block.style for block in found) else []
 
@@ -261,9 +261,9 @@ class Report:
     """All that a report says.
 
     Attributes:
-        name: of what it is about; title: with what it is, as the terminal begins; what: what the page is about.
-        subtitles: below the name on the page; banner: the verdict; verdict_first: whether the terminal begins with it.
-        cards: a head and a value each, at the top of the page; remarks: what to know beside the verdict.
+        name: of the case; title: first line on the terminal; what: added to the title of the page.
+        subtitles: below the name on the page; banner: the verdict; verdict_first: whether the terminal starts with it.
+        cards: heads and values at the top of the page; remarks: shown with the verdict.
     """
 
     name: str
@@ -285,7 +285,7 @@ class Report:
         return [chart for block in blocks if isinstance(block, Charts) for chart in block.charts]
 
     def on(self, place: Shown) -> list[Section]:
-        """The sections that the terminal or the page shows something of; one with an anchor may hold those below it."""
+        """The sections with content for the terminal or the page, and the headings above them."""
         kept: list[Section] = []
         for section in reversed(self.sections):
             holds = section.anchor and place == "page" and kept and not kept[0].anchor

@@ -15,7 +15,7 @@ BAR = 14
 
 
 def report_text(report: Report) -> str:
-    """The sections of a report below each other; its verdict stands first or last."""
+    """The sections of a report below each other, with the verdict first or last."""
     verdict, title = verdict_lines(report.banner), wrapped(report.title)
     remarks = listing("Remarks", report.remarks)
     found = [section_lines(section) for section in report.on("terminal")]
@@ -46,7 +46,7 @@ def listing(head: str, items: Iterable[str]) -> list[str]:
 
 
 def verdict_lines(banner: Banner) -> list[str]:
-    """The verdict, and its reasons, numbered, each with what to do about it; the same advice only once."""
+    """The verdict and its numbered reasons, each with its next step; the same advice only once."""
     first, *others = banner.text.splitlines() or [""]
     lines = wrapped(f"{banner.head}: {first}", "", "  ")
     lines += [line for other in others for line in wrapped(other.strip(), "  ", "    ")]
@@ -83,16 +83,16 @@ def _items(block: Items) -> list[str]:
 
 
 def table_lines(table: Table, width: int | None = WIDTH) -> list[str]:
-    """The columns beside each other as far as there is room, the others below, each time behind the first column.
+    """The columns beside each other; those for which there is no room follow below, after the first column again.
 
     Args:
-        width: characters; None for as many as it takes.
+        width: most characters of a line; None for no limit.
     """
     columns = table.on("terminal")
     drawn = [_cells(column) for column in columns]
     if width is not None:
         for k, column in enumerate(columns):
-            if column.fills:
+            if column.shrinks:
                 others = sum(len(GAP) + len(cells[0]) for i, cells in enumerate(drawn) if i != k)
                 drawn[k] = _cells(column, width - others)
     first, *rest = drawn
@@ -142,12 +142,12 @@ def _cells(column: Column, room: int | None = None) -> list[str]:
 
 
 def clipped(text: str, width: int | None) -> str:
-    """A text, its end cut off where it is longer than this."""
+    """A text, cut off at this width."""
     return text if width is None or len(text) <= width else text[: max(width - 1, 1)] + "…"
 
 
 def _bar(bar: Bar | None) -> str:
-    """What remains, and up to what it was."""
+    """Full blocks for what remains, light ones up to the former length."""
     if bar is None:
         return " " * BAR
     remains, former = round(BAR * bar.length / 100), round(BAR * bar.former / 100)

@@ -21,7 +21,7 @@ from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.report.experiments import titled
+from fmu_didim.report.experiments import with_role
 from fmu_didim.report.identification.expected_accuracy import expected_accuracy_lines
 from fmu_didim.report.numbers import loop_lines, significant
 from fmu_didim.report.terminal import wrapped
@@ -98,7 +98,7 @@ class Checked:
         entries = [
             ("Parameters", f"{len(self.parameters)}: {', '.join(self.parameters)}"),
             *(
-                ("Experiment", f"{titled(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
+                ("Experiment", f"{with_role(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
                 for label, e in self.experiments.items()
             ),
             *(("Loop", line) for line in self.loop),

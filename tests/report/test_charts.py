@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from fmu_didim.report.drawing.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
 from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
 from fmu_didim.report.drawing.figures import COLOURS, matplotlib_figure
-from fmu_didim.report.drawing.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
+from fmu_didim.report.drawing.residual_charts import autocorrelation, longest_even, spectrum, whiteness_charts
 from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
 from fmu_didim.report.sections import matrix
 from tests.report.drawn import charts, line, plotted
@@ -89,8 +89,11 @@ def test_what_needs_a_grid_takes_the_longest_even_stretch() -> None:
     time = np.delete(np.arange(200) / 50, [40, 41])
     assert longest_even(time) == slice(40, 198)
     residual = {"residual": ("residual", np.ones(198))}
-    assert [c.name for c in colour_charts("1", "a", time, [residual], ["N.m"])] == ["spectrum-1", "autocorrelation-1"]
-    assert colour_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
+    assert [c.name for c in whiteness_charts("1", "a", time, [residual], ["N.m"])] == [
+        "spectrum-1",
+        "autocorrelation-1",
+    ]
+    assert whiteness_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
 
 
 def test_torque_is_drawn_at_the_control_rate_within_the_log() -> None:

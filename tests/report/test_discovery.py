@@ -19,7 +19,7 @@ from fmu_didim.report.discovery.sections import (
     discovery_table,
     write_discovery_report,
 )
-from fmu_didim.report.discovery.words import value_line, value_text
+from fmu_didim.report.discovery.texts import value_line, value_text
 from fmu_didim.report.drawing.residual_charts import binned
 from fmu_didim.report.sections import Table
 from fmu_didim.results.findings import FindingsDocument, ValueFound, load_findings, save_findings

@@ -14,7 +14,7 @@ from pyarrow.parquet import write_table
 
 from fmu_didim.base.files import whole_file
 from fmu_didim.campaigns.reporting.charts import page_figures
-from fmu_didim.campaigns.reporting.quality import USED
+from fmu_didim.campaigns.reporting.quality import USABLE
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section, shown
 from fmu_didim.campaigns.running.store import FILES, unwritable
@@ -71,7 +71,7 @@ def campaign_report(results: Results, groups: pd.DataFrame, quality: pd.DataFram
     """All that is shown of a campaign, from its groups and the quality of each parameter in each of them."""
     status, campaign = results.status(), results.head["campaign"]
     runs = results.to_frame(parameters=False)
-    order = runs["verdict"].isin(USED).astype(int)
+    order = runs["verdict"].isin(USABLE).astype(int)
     runs = runs.assign(order=order).sort_values("order", kind="stable")  # those without answer first
     sections = [
         groups_section(groups, results.paths, _links(results, groups, runs)),
@@ -99,7 +99,7 @@ def _provenance(results: Results) -> dict[str, Any]:
 
 def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, str]]:
     cards = [("runs", f"{done} of {planned}")]
-    for name in (*USED, "not_settled", "refused", "failed"):
+    for name in (*USABLE, "not_settled", "refused", "failed"):
         if summary[name].sum():
             cards.append((name.replace("_", " "), str(summary[name].sum())))
     if "coverage" in summary and summary["coverage"].notna().any():

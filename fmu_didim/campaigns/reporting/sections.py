@@ -1,4 +1,4 @@
-"""Groups of runs and what a campaign is worth, as sections of a report: for the terminal, notebooks and the page."""
+"""The groups of a campaign as sections of a report, for the terminal, notebooks and the page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def banner(status: Status) -> Banner:
 
 
 def brief_report(status: Status, sections: Sequence[Section], remarks: Sequence[str], **more: Any) -> Report:
-    """How far a campaign is, some sections, and what to have in mind with them; further entries as of ``Report``."""
+    """Progress of a campaign, sections and remarks; further entries as of ``Report``."""
     return Report(status.name, status.name, banner(status), sections, what="campaign", remarks=remarks, **more)
 
 

@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
-from fmu_didim.report.discovery import words as texts
+from fmu_didim.report.discovery import texts
 from fmu_didim.report.discovery.charts import friction_charts, saved_charts
 from fmu_didim.report.discovery.regions import regions_by_joint
 from fmu_didim.report.discovery.verdict import verdict_of
@@ -15,7 +15,7 @@ from fmu_didim.report.drawing.diagram import loop_diagram
 from fmu_didim.report.identification.charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.numbers import (
     MISSING,
-    at,
+    item_or_none,
     joint_unit,
     loop_lines,
     noise_text,
@@ -93,7 +93,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
         _friction(document),
         Section(heading, [], anchor="torque"),
         *torque_sections(parts),
-        *residual_sections([p for p in parts if p.against or p.colour], "What the models leave", of, ""),
+        *residual_sections([p for p in parts if p.against or p.whiteness], "What the models leave", of, ""),
         *_places(document),
         _noise(document),
         *_competition(document),
@@ -137,7 +137,7 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     rivals = "; ".join(texts.rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
     facts += [Fact("cannot be told from", rivals), Fact(texts.experiment_head(finding), finding.experiment)]
     blocks: list[Block] = [Text(finding.equation, "code", "page"), _values(finding.parameters), Facts(facts)]
-    heading = f"{number}  {texts.named(finding)} ({finding.place})"
+    heading = f"{number}  {texts.finding_title(finding)} ({finding.place})"
     return Section(heading, blocks, has_title=True, is_brief=True, is_framed=True)
 
 
@@ -159,7 +159,7 @@ def _gap(document: FindingsDocument) -> Section:
     final = [document.gap[label] for label in labels]
     found = document.findings
     rows: list[tuple[str, list[GapPair | None]]] = [
-        (f"{number}  {texts.named(f)}", [f.gap.get(label) for label in labels])
+        (f"{number}  {texts.finding_title(f)}", [f.gap.get(label) for label in labels])
         for number, f in enumerate(found, start=1)
     ]
     rows.append(("base → final model" if changed else "base model", list(final)))
@@ -191,7 +191,7 @@ def _gap(document: FindingsDocument) -> Section:
 
 
 def _of_joint(pair: GapPair, index: int) -> GapPair:
-    before, after = at(pair.before_per_joint, index), at(pair.after_per_joint, index)
+    before, after = item_or_none(pair.before_per_joint, index), item_or_none(pair.after_per_joint, index)
     return GapPair(before=before, after=after, before_per_joint=[before], after_per_joint=[after])
 
 
@@ -276,7 +276,9 @@ def _competition(document: FindingsDocument) -> list[Section]:
     return [
         *found,
         Section("Not accepted", [Items(refused, limit=SHOWN)], has_title=True),
-        Section("Not tried", [Items([texts.placed(*place) for place in untried], limit=SHOWN)], has_title=True),
+        Section(
+            "Not tried", [Items([texts.candidate_title(*place) for place in untried], limit=SHOWN)], has_title=True
+        ),
     ]
 
 
@@ -285,7 +287,7 @@ def _round(ranked: Sequence[CandidateResult], why: dict[tuple[str, int], str]) -
     best = max((gain for gain in gains if gain is not None), default=0.0)
     behind = [MISSING if gain is None else significant(best - gain) for gain in gains]
     columns = [
-        words("candidate", [texts.placed(c.effect, c.joint) for c in ranked]),
+        words("candidate", [texts.candidate_title(c.effect, c.joint) for c in ranked]),
         words("outcome", ["added" if c.accepted else c.outcome for c in ranked]),
         numbers("gain in BIC", [significant(gain) for gain in gains]), numbers("behind", behind),
         numbers("parameters", [MISSING if c.parameters is None else f"{c.parameters:g}" for c in ranked]),

@@ -10,7 +10,7 @@ from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.charts import Chart
-from fmu_didim.report.drawing.residual_charts import against_chart, colour_charts
+from fmu_didim.report.drawing.residual_charts import against_chart, whiteness_charts
 from fmu_didim.report.drawing.torque_charts import Simulated, samples_text, torque_chart
 from fmu_didim.report.numbers import capitalised
 from fmu_didim.report.sections import Charts, Section, note
@@ -23,13 +23,13 @@ WHITE = "Grey: where white noise as strong as the residual would keep 95 % of it
 
 @dataclass(frozen=True)
 class ExperimentCharts:
-    """The charts of an experiment: title, length of its log, torque, residual against the motion, its colour."""
+    """The charts of an experiment: title, length of the log, torque, residual against the motion, its whiteness."""
 
     title: str
     length: str
     torque: Chart
     against: Sequence[Chart] = ()
-    colour: Sequence[Chart] = ()
+    whiteness: Sequence[Chart] = ()
 
 
 def torque_sections(parts: Sequence[ExperimentCharts]) -> list[Section]:
@@ -43,7 +43,7 @@ def residual_sections(parts: Sequence[ExperimentCharts], heading: str, of: str, 
     """The residual against the motion, its spectrum and its autocorrelation; ``of``: which model is drawn."""
     found = [Section(heading, [], anchor="residual")]
     for part in parts:
-        blocks: list[Charts] = [Charts(part.against, in_grid=True), Charts(part.colour, in_grid=True)]
+        blocks: list[Charts] = [Charts(part.against, in_grid=True), Charts(part.whiteness, in_grid=True)]
         notes = [note(f"Residual against the simulated motion. {BINS} {advice}".rstrip()),
                  note(f"Spectrum and autocorrelation of the residual{of}. {WHITE}")]  # fmt: skip
         shown = [each for pair in zip(notes, blocks, strict=True) if pair[1] for each in pair]
@@ -90,5 +90,5 @@ def _experiment(
         if f"{column}{j}" in signals.names
     ]  # fmt: skip
     each = [{"residual": ("residual", residual[:, j - 1])} for j in joints]
-    colour = colour_charts(str(number), title, signals.time, each, units)
-    return ExperimentCharts(title, samples_text(signals.time), torque, against, colour)
+    whiteness = whiteness_charts(str(number), title, signals.time, each, units)
+    return ExperimentCharts(title, samples_text(signals.time), torque, against, whiteness)

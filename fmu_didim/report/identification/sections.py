@@ -14,10 +14,10 @@ from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
     aligned_parameters,
-    at,
     capitalised,
     consistency_line,
     decimal_aligned,
+    item_or_none,
     iteration_count,
     loop_lines,
     noise_text,
@@ -93,7 +93,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _experiments(document),
         _torque(document),
         *torque_sections(parts),
-        *residual_sections([p for p in parts if p.against or p.colour], "What the model leaves", "", advice),
+        *residual_sections([p for p in parts if p.against or p.whiteness], "What the model leaves", "", advice),
         _model(document),
         Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
                 has_title=True),
@@ -127,7 +127,7 @@ def _cards(document: ResultDocument) -> list[tuple[str, str]]:
 
 
 def _parameters(document: ResultDocument) -> Section:
-    """Those of one experiment alone and those of the loop follow below heads of their own."""
+    """The parameters; those of one experiment and those of the loop form groups."""
     groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
     texts = [experiments.shown_parameter(name, p) for name, p in listed]
@@ -135,7 +135,7 @@ def _parameters(document: ResultDocument) -> Section:
     marks = [" *" if text.insignificant else "" for text in texts]
     bars = [_bar(p.rel_std_percent) for _, p in listed]
     columns = [
-        words("parameter", [text.name for text in texts], marks=marks, fills=True),
+        words("parameter", [text.name for text in texts], marks=marks, shrinks=True),
         Column("value", [text.value for text in shown]),
         Column("σ", [text.std for text in shown]),
         Column("%σ", [text.percent for text in shown], page_head="σ / |value| (%)"),
@@ -158,7 +158,7 @@ def _parameters(document: ResultDocument) -> Section:
 
 
 def _further_values(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
-    """Where the iterations that led here started, and what the robot description says."""
+    """The start values of the final iterations, and the values of the robot description."""
     columns: dict[str, dict[str, float | None]] = {}
     begins = [k for k, it in enumerate(document.history) if k == 0 or document.history[k - 1].note]
     if begins:
@@ -173,7 +173,7 @@ def _further_values(document: ResultDocument, listed: Sequence[tuple[str, Parame
 
 
 def _value(parameter: ParameterResult, value: float | None) -> str:
-    """Another value of a parameter, to the digits of what was identified."""
+    """Another value of a parameter, rounded as the identified one."""
     return MISSING if value is None else rounding(parameter.value, parameter.std).text(value)
 
 
@@ -187,7 +187,7 @@ def _bar(percent: float | None) -> Bar | None:
 
 
 def _experiments(document: ResultDocument) -> Section:
-    """What each experiment is, how it agrees with the others, and why it could not be simulated."""
+    """The experiments: data, agreement with the others, and why one could not be simulated."""
     found = document.experiments
     each = list(found.values())
     columns = [
@@ -198,7 +198,7 @@ def _experiments(document: ResultDocument) -> Section:
     ]
     for j, unit in enumerate(document.torque_unit):
         head = f"RMS residual, joint {j + 1} ({pretty_unit(unit)})"
-        columns.append(numbers(head, [significant(at(e.noise_std, j), 2) for e in each], shown="page"))
+        columns.append(numbers(head, [significant(item_or_none(e.noise_std, j), 2) for e in each], shown="page"))
     notes = ["Estimation: the parameters are fitted to it; validation: it only judges them. RMS residual: root mean "
              "square of measured − simulated torque."]  # fmt: skip
     if any(e.agreement is not None for e in each):
@@ -211,7 +211,7 @@ def _experiments(document: ResultDocument) -> Section:
                      "parameters, by noise alone. !: too small to be chance.")  # fmt: skip
     if any(e.own for e in each):
         own = [", ".join(experiments.own_names(label, e)) for label, e in found.items()]
-        columns.append(words("own", own, fills=True, page_head="own parameters"))
+        columns.append(words("own", own, shrinks=True, page_head="own parameters"))
     if any(e.failure for e in each):
         columns.append(words("failure", [e.failure or MISSING for e in each], shown="page"))
     table = Table(columns, shown="page" if experiments.is_short_form(document) else "both")
@@ -242,7 +242,7 @@ def _torque(document: ResultDocument) -> Section:
 
 def _noise_column(document: ResultDocument) -> Column:
     joints = range(len(document.torque_unit))
-    texts = decimal_aligned(["", *(significant(at(document.noise_std, j), 2) for j in joints)])
+    texts = decimal_aligned(["", *(significant(item_or_none(document.noise_std, j), 2) for j in joints)])
     units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
     width = max(map(len, units))
     return Column("noise σ", [f"{text} {unit:{width}}" for text, unit in zip(texts, units, strict=True)])
