@@ -74,14 +74,14 @@ def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.gate
 def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "sweep.html"
+    out = tmp_path / "sweep.svg"
     monkeypatch.setattr(sys, "argv", ["rate_sweep.py", "--out", str(out)])
     runpy.run_path("examples/scara/rate_sweep.py", run_name="__main__")
     printed = capsys.readouterr().out
     # The paper reaches 4 Hz; without model errors it must hold at least to there.
     breaks = float(printed.split("Breaks at ")[1].split()[0])
     assert breaks < 4
-    assert "torque rate, Hz" in out.read_text(encoding="utf-8")
+    assert "<!-- torque rate, Hz -->" in out.read_text(encoding="utf-8")
 
 
 def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
     rows = done.stdout.splitlines()
     assert rows[0].startswith("SCARA, two runs, payload in the second") and "paper" not in done.stdout
     assert [float(row.split()[0]) for row in rows[3:5]] == [0.7, 0.5]
-    assert "Kp2" in rows[2] and (tmp_path / "results/my case_rates.html").is_file()
+    assert "Kp2" in rows[2] and (tmp_path / "results/my case_rates.svg").is_file()
 
 
 @needs_emps

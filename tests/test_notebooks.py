@@ -1,10 +1,11 @@
 """The notebooks run as they are, in a dozen lines, and show tables, pictures and findings.
 
-Outputs are not kept in the files: a picture of Plotly would be megabytes, and nobody would know whether it still holds.
+Outputs are not kept in the files: a picture is a hundred times the text, and nobody would know whether it still holds.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -23,7 +24,6 @@ package("ipykernel")
 FOLDER = ROOT / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 MOST_LINES = 15
-PLOTLY = "application/vnd.plotly.v1+json"
 
 
 def code_cells(notebook: Any) -> list[Any]:
@@ -88,15 +88,7 @@ def test_the_study_shows_its_groups(shown: dict[str, dict[str, Any]]) -> None:
     assert "coverage" in shown["results.by_parameter()"]["text/html"]
 
 
-@pytest.mark.parametrize(
-    ("cell", "names"),
-    [
-        ("outcome.plot()", ["measured", "simulated", "residual"]),
-        ('found.plot("validation")', ["measured", "base model", "final model"]),
-        ("results.plot()", ["ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2"]),
-    ],
-)
-def test_pictures(shown: dict[str, dict[str, Any]], cell: str, names: list[str]) -> None:
-    figure = shown[cell][PLOTLY]
-    drawn = [trace["name"] for trace in figure["data"] if trace.get("showlegend")]
-    assert drawn == names
+@pytest.mark.parametrize("cell", ["outcome.plot()", 'found.plot("validation")', "results.plot()"])
+def test_pictures(shown: dict[str, dict[str, Any]], cell: str) -> None:
+    """In a notebook that never imports pyplot."""
+    assert base64.b64decode(shown[cell]["image/png"]).startswith(b"\x89PNG")

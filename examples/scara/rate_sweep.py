@@ -3,7 +3,7 @@
 The torque log of a case is thinned to lower and lower rates, and the machine is identified at each of them. Without a
 case it is the 200 Hz log of the example, from the bad start of the paper's Table 3; the paper puts the limit near 4 Hz.
 
-    python examples/scara/rate_sweep.py [CASE.yaml] [--out results/rate_sweep.html]
+    python examples/scara/rate_sweep.py [CASE.yaml] [--out results/rate_sweep.svg]
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def main() -> None:
     """Print the table and write the figure."""
     parser = argparse.ArgumentParser()
     parser.add_argument("case", type=Path, nargs="?", metavar="CASE.yaml", help="a case of your own (the example)")
-    parser.add_argument("--out", type=Path, help="the figure (results/scara_rate_sweep.html, results/CASE_rates.html)")
+    parser.add_argument("--out", type=Path, help="the figure (results/scara_rate_sweep.svg, results/CASE_rates.svg)")
     options = parser.parse_args()
     own = options.case is not None
     case = load_case(options.case) if own else example()
@@ -106,27 +106,26 @@ def main() -> None:
     broken = [point.rate_hz for point in points if point.is_broken(main_names)]
     told = f"Breaks at {max(broken):g} Hz" if broken else "Does not break"
     print(told if own else f"{told} (the paper: close to {PAPER_LIMIT_HZ:g} Hz)")
-    out = options.out or Path("results") / (f"{options.case.stem}_rates.html" if own else "scara_rate_sweep.html")
+    out = options.out or Path("results") / (f"{options.case.stem}_rates.svg" if own else "scara_rate_sweep.svg")
     _figure(points, names, f"{case.name}: standard deviation against the torque rate", out, is_example=not own)
     print(out)
 
 
 def _figure(points: list[Point], names: list[str], title: str, out: Path, *, is_example: bool) -> None:
-    import plotly.graph_objects as go
+    from matplotlib.figure import Figure
 
-    figure = go.Figure()
+    figure = Figure(layout="constrained")
+    axes = figure.subplots()
     good = [p for p in points if p.percent]
     for name in names:
-        figure.add_scatter(
-            x=[p.rate_hz for p in good], y=[p.percent[name] for p in good], name=name, mode="lines+markers"
-        )
+        axes.loglog([p.rate_hz for p in good], [p.percent[name] for p in good], "o-", markersize=3, label=name)
     if is_example:
-        figure.add_vline(x=PAPER_LIMIT_HZ, line_dash="dash", annotation_text="limit in the paper")
-    figure.update_xaxes(type="log", title="torque rate, Hz")
-    figure.update_yaxes(type="log", title=f"standard deviation, % of the {'truth' if is_example else 'value'}")
-    figure.update_layout(title=title, template="plotly_white")
+        axes.axvline(PAPER_LIMIT_HZ, color="grey", linestyle="--", label="limit in the paper")
+    of = "truth" if is_example else "value"
+    axes.set(title=title, xlabel="torque rate, Hz", ylabel=f"standard deviation, % of the {of}")
+    axes.legend()
     out.parent.mkdir(parents=True, exist_ok=True)
-    figure.write_html(out, include_plotlyjs=True)
+    figure.savefig(out)
 
 
 if __name__ == "__main__":

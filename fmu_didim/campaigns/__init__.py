@@ -1,7 +1,7 @@
-"""Campaigns: many cases from one, run on a laptop or a cluster, kept, resumed, and put together.
+"""Campaigns: many cases from one, run on a laptop or a cluster, saved, resumed and summarised.
 
-document    the campaign file              plan        its runs          identity    what a run is
-validation  all that is wrong, before      truth       simulated data    execute     one run, one row
-runner      chunks, processes, limits      store       journals, Parquet cluster     Dask
-results     tables and groups              page        the report        commands    of the terminal
+planning    document: the campaign file; plan: its runs; identity: digests of runs; truth: simulated data
+validation  all errors of a campaign, before its first run
+running     runner: chunks, processes, limits; execute: one run, one row; store: journals, Parquet; cluster: Dask
+reporting   results: tables and groups; quality: bias, sigma, coverage; page: the report
 """

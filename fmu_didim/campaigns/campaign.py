@@ -1,4 +1,4 @@
-"""A campaign as an object: look at it, run it, read what it gave."""
+"""A campaign as an object: check it, run it, read its results."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from fmu_didim.base.documents import load_yaml, problems_error
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import file_name
 from fmu_didim.campaigns.planning.identity import code_digest
-from fmu_didim.campaigns.planning.plan import Plan, Run
+from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
 from fmu_didim.campaigns.reporting.results import Results
-from fmu_didim.campaigns.reporting.texts import duration
+from fmu_didim.campaigns.reporting.sections import duration
 from fmu_didim.campaigns.running.execute import Task, Trial, execute
 from fmu_didim.campaigns.running.runner import (
-    Lane,
     Progress,
-    Told,
-    end_lanes,
+    ProgressCallback,
+    RunWorker,
+    close_workers,
     run_all,
-    stop_lanes,
+    stop_workers,
     task_of,
     try_tasks,
 )
@@ -47,10 +47,10 @@ class DryRun:
     """What a campaign would do.
 
     Attributes:
-        name: of the campaign; count: runs, equal ones counted once; equal: those left out for that.
-        known: those that are in the folder already.
-        cases: runs apart from their seeds; first: the first runs; tried: cases that were loaded.
-        seconds: of the whole, by two trials; None where nothing is left to run.
+        name: of the campaign; count: different runs; equal: further runs that equal one of these.
+        known: runs that are in the folder already.
+        cases: runs that differ by more than their seed; first: the first runs; tried: cases that were loaded.
+        seconds: estimate for all runs from two trials; None where nothing is left to run.
     """
 
     name: str
@@ -60,7 +60,7 @@ class DryRun:
     cases: int
     tried: int
     workers: int
-    first: tuple[Run, ...]
+    first: tuple[PlannedRun, ...]
     seconds: float | None
 
     def lines(self) -> list[str]:
@@ -85,15 +85,15 @@ class Campaign:
         plan: its runs; out: folder of its results.
     """
 
-    def __init__(self, plan: Plan, out: Path, *, told_before: Sequence[str] = ()) -> None:
+    def __init__(self, plan: Plan, out: Path, *, problems: Sequence[str] = ()) -> None:
         self.plan, self.out = plan, out
-        self._told_before = list(told_before)
+        self._problems = list(problems)
 
     def __repr__(self) -> str:
         return f"Campaign({self.plan.document.name!r}, {self.plan.combination_count} runs, {self.out})"
 
     def check(self, *, workers: int | None = None, scheduler: str | None = None) -> None:
-        """Look for all that is wrong before the first run: names, values, files; and load a case for each value.
+        """Check names, values and files before the first run, and load a case for each value.
 
         Raises:
             InputError: with all problems at once.
@@ -102,7 +102,7 @@ class Campaign:
             self._check(engine, count)
 
     def dry_run(self, *, workers: int | None = None) -> DryRun:
-        """Check the campaign and tell what it would do, by two trials of its first case; nothing is written."""
+        """Check the campaign and estimate its run time by two trials of its first case; nothing is written."""
         with _engine(workers, None) as (engine, count):
             tried = self._check(engine, count)
         todo, known = self._todo(None)
@@ -112,14 +112,14 @@ class Campaign:
         cases = len({run.design for run in runs})
         return DryRun(self.plan.document.name, len(runs), equal, known, cases, tried, count, runs[:3], seconds)
 
-    def _estimate(self, todo: Sequence[Run], workers: int) -> float:
-        """Seconds: the first run loads its case, a second one finds it loaded where it differs by its seed only."""
-        lane = Lane(self.out, self.plan.document.limits)
+    def _estimate(self, todo: Sequence[PlannedRun], workers: int) -> float:
+        """[s] Estimated run time: the first run of a case loads it, those with other seeds reuse it."""
+        worker = RunWorker(self.out, self.plan.document.limits)
         pair = todo[0], next((run for run in todo[1:] if run.design == todo[0].design), todo[-1])
         try:
-            cold, warm = (float(lane.ask(execute, task_of(self.plan, run))["seconds"]) for run in pair)
+            cold, warm = (float(worker.ask(execute, task_of(self.plan, run))["seconds"]) for run in pair)
         finally:
-            lane.close()
+            worker.close()
         cases = len({run.design for run in todo})
         return (cases * max(cold - warm, 0.0) + len(todo) * warm) / workers
 
@@ -129,9 +129,9 @@ class Campaign:
         workers: int | None = None,
         scheduler: str | None = None,
         only: Iterable[str] = (),
-        progress: Told | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Results:
-        """Run what is not in the folder yet.
+        """Run all that is not in the folder yet.
 
         Args:
             workers: processes on this machine; as many as cores by default.
@@ -140,38 +140,41 @@ class Campaign:
             progress: called when runs have ended.
 
         Raises:
-            InputError: the campaign is wrong somewhere, with all problems; or results cannot be written.
+            InputError: the campaign has errors, all of which are listed; or results cannot be written.
         """
         check_writable(self.out)
         with _engine(workers, scheduler) as (engine, count):
             self._check(engine, count)
             store = Store(self.out)
             store.begin(self.plan)
-            if others := store.others():
+            if others := store.other_runners():
                 _log.info("%s also runs this campaign; what it has done is not run here", ", ".join(others))
             todo, known = self._todo(only or None)
             if others:
-                todo = [*todo[len(todo) // 2 :], *todo[: len(todo) // 2]]  # it began at the other end
+                todo = [
+                    *todo[len(todo) // 2 :],
+                    *todo[: len(todo) // 2],
+                ]  # the other runner started with the first half
             if todo:
                 run_all(self.plan, store, todo, engine, count, known, progress or _silent)
         return Results(store)
 
     def failed(self) -> list[str]:
-        """Ids of the runs that have failed; a refusal is no failure, it would be the same again."""
+        """Ids of the runs that have failed; not those that were refused, which would be refused again."""
         rows = Store(self.out).rows(()).to_pylist()
         return [row["id"] for row in rows if row["status"] in FAILURES and row["id"] in self.plan.by_id]
 
     def retry(self, **options: Any) -> Results:
-        """Run again what has failed; options as of :meth:`run`."""
+        """Run the failed runs again; options as of :meth:`run`."""
         failed = self.failed()
         return self.run(only=failed, **options) if failed else self.results()
 
     def results(self) -> Results:
-        """What was run so far; raises InputError where nothing was."""
+        """The results so far; raises InputError where there are none."""
         return Results(Store(self.out))
 
     def _check(self, engine: Executor, workers: int) -> int:
-        """Raise what is wrong; returns how many cases were loaded."""
+        """Raise all errors at once; returns how many cases were loaded."""
         allowed, folder = self.plan.document.limits, str(self.out.resolve())
 
         def attempt(tasks: Sequence[Task]) -> list[Trial]:
@@ -183,13 +186,13 @@ class Campaign:
             return found
 
         found, tried = case_problems(self.plan, attempt)
-        found = [*self._told_before, *found]
+        found = [*self._problems, *found]
         if found:
             raise problems_error(found, where=str(self.plan.document.name))
         return tried
 
-    def _todo(self, only: Iterable[str] | None) -> tuple[list[tuple[Run, int]], int]:
-        """The runs to do with the number of the attempt, and how many are known."""
+    def _todo(self, only: Iterable[str] | None) -> tuple[list[tuple[PlannedRun, int]], int]:
+        """The runs to do, each with the number of its attempt, and how many are known."""
         store = Store(self.out)
         rows = store.rows(()).to_pylist() if self.out.is_dir() else []
         attempts = {row["id"]: row["attempt"] or 1 for row in rows}
@@ -205,7 +208,7 @@ class Campaign:
 
 @contextmanager
 def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
-    """What runs are handed to, and how many of them it works on at once."""
+    """The executor of the runs, and how many it works on at once."""
     if scheduler is not None:
         from fmu_didim.campaigns.running.cluster import cluster
 
@@ -213,18 +216,18 @@ def _engine(workers: int | None, scheduler: str | None) -> Iterator[tuple[Execut
             try:
                 yield found
             finally:
-                end_lanes()  # there are some where the workers are threads of this process
+                close_workers()  # there are some where the workers are threads of this process
         return
     count = workers or cpu_count() or 1
     pool = ThreadPoolExecutor(count)
     try:
         yield pool, count
     except BaseException:  # Ctrl-C as well
-        stop_lanes()
+        stop_workers()
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-        end_lanes()
+        close_workers()
 
 
 def campaign(
@@ -237,7 +240,7 @@ def campaign(
         folder: to which the paths of a content are relative.
 
     Raises:
-        InputError: too much is wrong with it to plan anything; all else is told by :meth:`Campaign.check`.
+        InputError: it has too many errors to plan anything; :meth:`Campaign.check` reports all others.
     """
     if isinstance(source, Mapping):
         content, folder, stem = dict(source), Path(folder), file_name(str(source.get("name", "campaign")))
@@ -250,7 +253,7 @@ def campaign(
     if plan is None:
         raise problems_error(found, where=stem if isinstance(source, Mapping) else str(source))
     out = Path(out) if out is not None else Path("results") / stem
-    return Campaign(replace(plan, file=file), out, told_before=found)
+    return Campaign(replace(plan, file=file), out, problems=found)
 
 
 def study(
@@ -265,8 +268,8 @@ def study(
     """A campaign without a file.
 
     Args:
-        case: a case, its file, or its content.
-        vary, seeds: as in a campaign file; entries: all else of it (``noise``, ``truth``, ``verb``, ``keep``, ...).
+        case: a case, its file or its content.
+        vary, seeds: as in a campaign file; entries: its other entries (``noise``, ``truth``, ``verb``, ``keep``, ...).
         out: folder for its results, ``results/<name>`` by default.
         folder: to which the paths of a content are relative.
 
@@ -285,10 +288,10 @@ def study(
 
 
 def opened(folder: Path | str) -> Campaign:
-    """The campaign of a folder of results, for runs to be repeated.
+    """The campaign of a folder of results, to repeat its runs.
 
     Raises:
-        InputError: it was planned by another version of the code, or files have changed since: its results would mix.
+        InputError: it was planned by another version of the code, or files have changed since: results would mix.
     """
     store = Store(folder)
     head = store.head()
@@ -298,8 +301,8 @@ def opened(folder: Path | str) -> Campaign:
     if ids != set(found.plan.by_id):
         code = "the code" if head["code"] != code_digest() else "a file"
         raise InputError(
-            f"The runs are not what they were when they were planned: {code} has changed.", where=str(folder),
-            got=f"{len(ids - set(found.plan.by_id))} of {len(ids)} planned runs are others now",
-            next_step="Run the campaign file again: what has changed is run anew, nothing of both is mixed.",
+            f"The runs differ from those that were planned: {code} has changed.", where=str(folder),
+            got=f"{len(ids - set(found.plan.by_id))} of {len(ids)} planned runs have changed",
+            next_step="Run the campaign file again: changed runs are repeated; old and new results are not mixed.",
         )  # fmt: skip
     return found

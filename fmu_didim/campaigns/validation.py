@@ -1,4 +1,4 @@
-"""All that is wrong with a campaign, found before its first run."""
+"""All errors of a campaign, found before its first run."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ from pydantic import ValidationError
 from fmu_didim.base.documents import problems
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import CampaignDocument, Noise, Options
-from fmu_didim.campaigns.planning.fields import written
+from fmu_didim.campaigns.planning.fields import with_written_descriptions
 from fmu_didim.campaigns.planning.plan import Plan, Setting
-from fmu_didim.campaigns.planning.truth import on_simulated
+from fmu_didim.campaigns.planning.truth import with_simulated_logs
 from fmu_didim.campaigns.running.execute import Task, Trial
 from fmu_didim.campaigns.running.fmu_slots import sources_of
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.robot import read_robot
 
-TRIED = 64
-"""[cases] Most cases that are loaded before the first run; further values are checked by their form only."""
-LOOKED_AT = 1000
-"""[cases] Most cases whose form is checked before the first run: two seconds."""
+LOADED_CASES = 64
+"""[cases] Most cases that are loaded before the first run; of further values only the form is checked."""
+CHECKED_CASES = 1000
+"""[cases] Most cases whose form is checked before the first run, which takes two seconds."""
 
-Try = Callable[[Sequence[Task]], list[Trial]]
-"""Loads cases where runs will be; what hinders each."""
+LoadCases = Callable[[Sequence[Task]], list[Trial]]
+"""Loads cases in the workers and returns the outcome of each."""
 _log = logging.getLogger(__name__)
 
 
 def read_campaign(content: Mapping[str, Any], folder: Path) -> tuple[Plan | None, list[str]]:
-    """The plan of a campaign, and what is wrong with its file; what is wrong is left out of the plan.
+    """The plan of a campaign, and the errors of its file; erroneous entries are left out of the plan.
 
     Returns:
-        None where too little is left to plan anything.
+        None in place of the plan where too little is left to plan anything.
     """
     left, found = dict(content), list[str]()
     for _ in range(len(content) + 1):
         try:
             return Plan(CampaignDocument.model_validate(left), folder), found
         except ValidationError as error:
-            told = problems(error, CampaignDocument)
+            messages = problems(error, CampaignDocument)
             if isinstance(content.get("vary"), Mapping):
-                told = [text.replace("vary.0.grid.", "vary.") for text in told]
-            found += [text for text in told if text not in found]
+                messages = [text.replace("vary.0.grid.", "vary.") for text in messages]
+            found += [text for text in messages if text not in found]
             before = dict(left)
-            for detail, text in zip(error.errors(include_url=False), told, strict=True):
+            for detail, text in zip(error.errors(include_url=False), messages, strict=True):
                 _leave_out(left, [str(part) for part in detail["loc"]] or [text.partition(":")[0]])
             if left == before:
                 return None, found
@@ -58,7 +58,7 @@ def read_campaign(content: Mapping[str, Any], folder: Path) -> tuple[Plan | None
 
 
 def _leave_out(content: dict[str, Any], place: list[str]) -> None:
-    """Leave out the smallest part of a campaign that holds what is wrong: a field that varies, or an entry."""
+    """Leave out the smallest part of a campaign that holds an error: a field that varies, or an entry."""
     vary = content.get("vary")
     if place[0] == "vary" and isinstance(vary, Mapping):
         wrong = [path for path in vary if path in place]
@@ -71,11 +71,11 @@ def _leave_out(content: dict[str, Any], place: list[str]) -> None:
         content[place[0]] = left[place[0]]
 
 
-def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
-    """What is wrong with the cases of a plan, each with the field and value that it came with; and how many were tried.
+def case_problems(plan: Plan, attempt: LoadCases | None) -> tuple[list[str], int]:
+    """The errors of the cases of a plan, each with its field and value; and how many cases were loaded.
 
-    Each value is looked at with one value of each other field: the form of its case, the files that it names; then the
-    first of them are loaded where the runs will be, their FMUs instantiated, their machines simulated.
+    Each value is checked with one value of each other field: the form of its case, the files that it names. Then the
+    first of these cases are loaded in the workers, their FMUs instantiated, their machines simulated.
     """
     if all(s.path != "case" for block in plan.blocks for part in block for s in part):
         try:
@@ -85,17 +85,17 @@ def case_problems(plan: Plan, attempt: Try | None) -> tuple[list[str], int]:
     found: dict[str, str] = {}
     good: dict[tuple[int, ...], tuple[Setting, ...]] = {}
     with tempfile.TemporaryDirectory() as scratch:
-        look = _Form(plan, Path(scratch))
-        variants = list(islice(plan.variants(), LOOKED_AT))
+        form = _Form(plan, Path(scratch))
+        variants = list(islice(plan.variants(), CHECKED_CASES))
         for settings in variants:
-            told = look.problems(settings)
-            found |= {t: _placed(t, settings, variants[0]) for t in told if t not in found}
-            rest = look.without_wrong(settings, told) if told else settings
+            messages = form.problems(settings)
+            found |= {t: _placed(t, settings, variants[0]) for t in messages if t not in found}
+            rest = form.without_errors(settings, messages) if messages else settings
             if rest is not None:
                 good.setdefault(tuple(map(id, rest)), rest)
-    if len(variants) < LOOKED_AT:
-        found |= {name: look.not_named(name) for name in sorted(set(plan.document.limits.instances) - look.sources)}
-    tried = list(good.values())[:TRIED]
+    if len(variants) < CHECKED_CASES:
+        found |= {name: form.not_named(name) for name in sorted(set(plan.document.limits.instances) - form.sources)}
+    tried = list(good.values())[:LOADED_CASES]
     if attempt is not None and tried:
         tasks = [_task(plan, settings) for settings in tried]
         for settings, trial in zip(tried, attempt(tasks), strict=True):
@@ -112,17 +112,17 @@ def _task(plan: Plan, settings: tuple[Setting, ...]) -> Task:
 
 
 def _placed(text: str, settings: Sequence[Setting], common: Sequence[Setting]) -> str:
-    """A problem with what differs from the case with the first values of all fields."""
+    """An error with the fields in which its case differs from the first case."""
     own = [s for s in settings if s not in common]
     place = ", ".join(f"{s.path} = {s.label}" for s in own[:3])
     return text if text.startswith("vary.") else f"{place or 'case'}: {text}".replace("\n", "\n    ")
 
 
 class _Form:
-    """What is wrong with the form of cases; each description is read once.
+    """Errors in the form of cases; each description is read once.
 
     Attributes:
-        sources: what the cases seen so far name as sources.
+        sources: of the components of all cases checked so far.
     """
 
     def __init__(self, plan: Plan, scratch: Path) -> None:
@@ -131,22 +131,22 @@ class _Form:
         self.sources: set[str] = set()
 
     def not_named(self, name: str) -> str:
-        """That the limit of an FMU has no effect."""
+        """The message that the limit of an FMU has no effect."""
         valid = ", ".join(sorted(self.sources)) or "none"
         return f"limits.instances: no case names '{name}' as a source (they name: {valid})"
 
-    def without_wrong(self, settings: tuple[Setting, ...], told: list[str]) -> tuple[Setting, ...] | None:
-        """The settings without those that are wrong, which hide what else is; None where the case itself is wrong."""
+    def without_errors(self, settings: tuple[Setting, ...], messages: list[str]) -> tuple[Setting, ...] | None:
+        """The settings without wrong ones, which hide further errors; None where the case itself has an error."""
         rest = settings
         for setting in settings:
             fewer = tuple(s for s in rest if s is not setting)
             left = self.problems(fewer)
-            if len(left) < len(told):
-                rest, told = fewer, left
-        return None if told else rest
+            if len(left) < len(messages):
+                rest, messages = fewer, left
+        return None if messages else rest
 
     def problems(self, settings: tuple[Setting, ...]) -> list[str]:
-        """What is wrong with a case: paths, entries, files, descriptions."""
+        """The errors of a case: paths, entries, files, descriptions."""
         plan, found = self._plan, list[str]()
         try:
             content = plan.content(settings, skipped=found)
@@ -156,7 +156,7 @@ class _Form:
         parts: list[tuple[str, Mapping[str, Any]]] = [("", content.case)]
         if content.truth is not None:
             is_another = bool(plan.document.truth) or any(s.path.startswith("truth.") for s in settings)
-            parts = [("", on_simulated(content.case)), ("truth." if is_another else "", content.truth)]
+            parts = [("", with_simulated_logs(content.case)), ("truth." if is_another else "", content.truth)]
         for place, part in parts:
             found += [f"{place}{text}" for text in self._of_case(part, folder) if text not in found]
             plan.references.absent.clear()
@@ -175,7 +175,7 @@ class _Form:
         return list(dict.fromkeys(found))
 
     def _of_case(self, part: Mapping[str, Any], folder: Path) -> Iterator[str]:
-        case = written(part, self._scratch)
+        case = with_written_descriptions(part, self._scratch)
         try:
             CaseDocument.model_validate(case)
         except ValidationError as error:
@@ -194,7 +194,7 @@ class _Form:
                 read(path)
             except InputError as error:
                 listed = [line.removeprefix("  - ") for line in error.what.splitlines()[1:]]
-                if path.parent == self._scratch:  # a copy, whose lines nobody has written
+                if path.parent == self._scratch:  # a copy, whose line numbers mean nothing to the user
                     listed = [f"{place}.{re.sub(r'^line [0-9]+, ', '', line)}" for line in listed]
                 else:
                     listed = [f"{place} ({path.name}): {line}" for line in listed]
@@ -203,8 +203,8 @@ class _Form:
 
 
 def _without(part: Mapping[str, Any]) -> dict[str, Any]:
-    """A simulated case without its logs, which nobody reads."""
-    bare = on_simulated(part)
+    """A simulated case without its logs, which are not read."""
+    bare = with_simulated_logs(part)
     for run in (bare.get("train"), bare.get("validation"), *(bare.get("experiments") or {}).values()):
         if isinstance(run, dict):
             run.pop("torque", None)

@@ -85,7 +85,7 @@ def _retry(options: argparse.Namespace, say: Say) -> int:
 
 def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
     """Run, and tell what happens."""
-    from fmu_didim.campaigns.reporting.texts import duration
+    from fmu_didim.campaigns.reporting.sections import duration
 
     def progress(now: Progress) -> None:
         for id_, status, verdict, message, _ in now.last:
@@ -144,9 +144,9 @@ def _show(options: argparse.Namespace, say: Say) -> int:
         say(line)
     if options.files is not None:
         from fmu_didim.campaigns.campaign import opened
-        from fmu_didim.campaigns.running.single_run import write_alone
+        from fmu_didim.campaigns.running.single_run import write_single_run
 
         found = opened(options.folder)
-        path = write_alone(found.plan, found.plan.by_id[results.full_id(options.id)], options.files)
+        path = write_single_run(found.plan, found.plan.by_id[results.full_id(options.id)], options.files)
         say(f"\nfmu-didim {found.plan.document.verb} {path}")
     return 0

@@ -121,7 +121,7 @@ def _add_schema(commands: Commands) -> argparse.ArgumentParser:
 
 
 def _example(options: argparse.Namespace) -> int:
-    from fmu_didim.report.identification.table import entries, wrapped
+    from fmu_didim.report.terminal import entries, wrapped
 
     if options.name is None:
         print("fmu-didim example NAME writes one of these to a folder, ready to run:\n")
@@ -150,7 +150,7 @@ def _init(options: argparse.Namespace) -> int:
             "init needs the files that you have.", valid="logs, FMUs, robot and controller descriptions",
             next_step="fmu-didim init LOG.csv; without files of your own: fmu-didim example.",
         )  # fmt: skip
-    from fmu_didim.report.identification.table import wrapped
+    from fmu_didim.report.terminal import wrapped
     from fmu_didim.workflow.init import start_case
 
     made = start_case(options.files, options.out, law=options.law, plant=options.plant, controller=options.controller)

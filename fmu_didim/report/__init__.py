@@ -1,6 +1,5 @@
-"""Saved results for people: a text for the terminal and one self-contained HTML page. Nothing is recomputed."""
+"""Reports of saved results for the terminal, notebooks and a self-contained HTML page; nothing is recomputed."""
 
-from fmu_didim.report.identification.page import write_report
-from fmu_didim.report.identification.table import result_table
+from fmu_didim.report.identification.sections import result_table, write_report
 
 __all__ = ["result_table", "write_report"]

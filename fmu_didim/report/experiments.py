@@ -1,27 +1,35 @@
-"""The experiments of a result in words and rows, and its parameters in the groups that they form."""
+"""The experiments of a result in words and rows, and its parameters in groups."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fmu_didim.report.numbers import MISSING, ParameterText, at, parameter_text, pretty_unit, rounding, significant
+from fmu_didim.report.numbers import (
+    MISSING,
+    ParameterText,
+    item_or_none,
+    parameter_text,
+    pretty_unit,
+    rounding,
+    significant,
+)
 from fmu_didim.results.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
 
 DELAY = "delay"
-"""What a parameter is of that counts control periods."""
+"""Value of ``of`` for parameters that count control periods."""
 ALL_FITTED = "all fitted"
 
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """Parameters that are shown together; the head is empty for those of the plant that all experiments share."""
+    """Parameters that are shown together; the head is empty for the plant's shared parameters."""
 
     head: str
     parameters: dict[str, ParameterResult]
 
 
 def parameter_groups(document: ResultDocument) -> list[ParameterGroup]:
-    """Those of the plant that are shared, those of the plant that one experiment has for itself, those of the loop."""
+    """Shared parameters of the plant, those that belong to one experiment, those of the loop."""
     plant = {name: p for name, p in document.parameters.items() if p.of == "plant"}
     shared = {name: p for name, p in plant.items() if p.experiment is None}
     groups = [ParameterGroup("", shared)]
@@ -38,7 +46,7 @@ def shown_unit(parameter: ParameterResult) -> str:
 
 
 def shown_parameter(name: str, parameter: ParameterResult) -> ParameterText:
-    """The texts of a parameter; that of another component than the plant is named with it: ``Kp1 (controller)``."""
+    """The texts of a parameter; the name of a component other than the plant is added: ``Kp1 (controller)``."""
     shown = name if parameter.of in ("plant", DELAY, "log") else f"{name} ({parameter.of})"
     return parameter_text(shown, parameter, shown_unit(parameter))
 
@@ -60,11 +68,11 @@ def delay_lines(document: ResultDocument) -> list[str]:
 
 
 def is_short_form(document: ResultDocument) -> bool:
-    """Whether there is no more to say than one experiment for the estimation and at most one for the validation."""
+    """Whether there is one experiment for the estimation and at most one for the validation."""
     return set(document.experiments) <= {"estimation", "validation"}
 
 
-def titled(label: str, role: str | None) -> str:
+def with_role(label: str, role: str | None) -> str:
     """An experiment with its role, if its label does not say it."""
     return label if role is None or label == role else f"{label} ({role})"
 
@@ -72,16 +80,16 @@ def titled(label: str, role: str | None) -> str:
 def experiment_title(document: ResultDocument, label: str) -> str:
     """An experiment of a result with its role, if its label does not say it."""
     found = document.experiments.get(label)
-    return titled(label, found.role if found is not None else None)
+    return with_role(label, found.role if found is not None else None)
 
 
 def own_names(label: str, experiment: ExperimentResult) -> list[str]:
-    """Names of the parameters of an experiment for itself, without its label."""
+    """Names of the parameters that belong to an experiment, without its label."""
     return [name.removesuffix(f"[{label}]") for name in experiment.own]
 
 
 def agreement_text(agreement: AgreementResult | None) -> str:
-    """The p-value of the agreement with the others."""
+    """The p-value of the agreement with the other experiments."""
     return MISSING if agreement is None else significant(agreement.p_value, 2)
 
 
@@ -93,10 +101,12 @@ def difference_text(agreement: AgreementResult | None) -> str:
 
 
 def error_rows(document: ResultDocument) -> list[tuple[str, list[float | None]]]:
-    """Relative errors of each experiment, and of all fitted ones where these are several: in total, then per joint."""
+    """Relative errors, in total and per joint, of each experiment, and of all fitted ones if there are several."""
     joints = range(len(document.torque_unit))
     found = dict(document.relative_error_percent)
     fitted = [e for e in document.experiments.values() if e.role == "estimation"]
     if len(fitted) > 1 and document.fitted_error_percent is not None:
         found[ALL_FITTED] = document.fitted_error_percent
-    return [(label, [error.total, *(at(error.per_joint, j) for j in joints)]) for label, error in found.items()]
+    return [
+        (label, [error.total, *(item_or_none(error.per_joint, j) for j in joints)]) for label, error in found.items()
+    ]

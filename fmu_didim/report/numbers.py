@@ -1,4 +1,4 @@
-"""Numbers and words as both reports show them.
+"""Numbers and words as all reports show them.
 
 A standard deviation is rounded to two significant digits and its value to the same decimal place
 (JCGM 100:2008, 7.2.6).
@@ -17,26 +17,26 @@ from fmu_didim.results.result import ParameterResult, ResultDocument
 T = TypeVar("T")
 MISSING = "–"
 SIGNIFICANT_DIGITS = 10
-"""A value is never shown with more, however small its standard deviation (data without noise)."""
+"""[digits] Most digits of a value, however small its standard deviation (data without noise)."""
 SMALL, LARGE = 1e-4, 1e7
-"""Outside of this range a power of ten is set apart."""
+"""Outside this range a number is written with a power of ten."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
 class Rounding:
-    """Where the digits of a value, its standard deviation and its interval end.
+    """The last digit of a value, its standard deviation and its interval.
 
     Attributes:
-        place: the last digit counts 10**place; None shows six significant digits.
-        exponent: power of ten that is set apart.
+        place: the last digit has the weight 10**place; None shows six significant digits.
+        exponent: of the power of ten behind the number.
     """
 
     place: int | None
     exponent: int = 0
 
     def text(self, number: float) -> str:
-        """The number with its digits."""
+        """The number, rounded."""
         if self.place is None or not math.isfinite(number):
             return f"{number:.6g}"
         decimals = max(self.exponent - self.place, 0)
@@ -58,7 +58,7 @@ def _exponent(number: float, digits: int) -> int:
 
 
 def rounding(value: float, std: float) -> Rounding:
-    """Two significant digits of the standard deviation decide; six of the value if there is none."""
+    """Two significant digits of the standard deviation; without one, six of the value."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0):
         return Rounding(None)
     place = _exponent(std, 2) - 1
@@ -70,7 +70,7 @@ def rounding(value: float, std: float) -> Rounding:
 
 @dataclass(frozen=True)
 class ParameterText:
-    """One parameter, ready to be shown; ``insignificant``: its interval holds zero."""
+    """The texts of a parameter; ``insignificant``: its interval contains zero."""
 
     name: str
     value: str
@@ -107,7 +107,7 @@ def parameter_text(name: str, parameter: ParameterResult, unit: str) -> Paramete
 
 
 def percent_std(percent: float | None) -> str:
-    """A relative standard deviation in percent; beyond 999 its digits say nothing."""
+    """A relative standard deviation in percent; above 999 the digits have no meaning."""
     return ">999" if percent is not None and percent > 999 else significant(percent, 2)
 
 
@@ -129,19 +129,19 @@ def percentage(number: float | None) -> str:
     return MISSING if number is None else f"{significant(number)} %"
 
 
-def at(values: Sequence[T], index: int) -> T | None:
-    """The value at a place, None beyond the end."""
+def item_or_none(values: Sequence[T], index: int) -> T | None:
+    """The value at an index, None beyond the end."""
     return values[index] if index < len(values) else None
 
 
 def capitalised(text: str) -> str:
-    """A text with a capital letter at its beginning, the others as they are."""
+    """A text with a capital first letter and the rest unchanged."""
     return text[:1].upper() + text[1:]
 
 
 def joint_unit(units: Sequence[str], joint: int) -> str:
-    """The unit of torque of a joint, from 0, for reading; empty if there is none."""
-    return pretty_unit(at(units, joint) or "")
+    """The unit of torque of a joint, counted from 0, for reading; empty if unknown."""
+    return pretty_unit(item_or_none(units, joint) or "")
 
 
 def noise_text(stds: Sequence[float | None], units: Sequence[str]) -> str:
@@ -151,7 +151,7 @@ def noise_text(stds: Sequence[float | None], units: Sequence[str]) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """An FMI unit for reading: ``kg.m2`` becomes kg·m²; the unit one is left out."""
+    """An FMI unit for reading: ``kg.m2`` becomes kg·m²; empty for the unit 1."""
     if unit in ("", "1"):
         return ""
     return re.sub(r"(?<=[A-Za-z])-?\d+", lambda m: m.group().translate(_SUPERSCRIPT), unit).replace(".", "·")
@@ -173,7 +173,7 @@ def iteration_count(document: ResultDocument) -> str:
 
 
 def consistency_line(document: ResultDocument) -> str:
-    """Whether the plant agrees with the robot description, in words; empty where one is built from the other."""
+    """Whether the plant agrees with the robot description, in words; empty if one is built from the other."""
     found = document.consistency
     if found is None:
         return ""
@@ -186,7 +186,7 @@ def consistency_line(document: ResultDocument) -> str:
 
 
 def component_words(described: Mapping[str, Any]) -> list[str]:
-    """A component of a loop in a few words each: its source, what it is, how it is run."""
+    """Source, kind and way of execution of a component of a loop."""
     source = next((str(described[key]) for key in ("source", "origin", "file", "name") if described.get(key)), "")
     law = f" ({described['law']})" if described.get("law") else ""
     kinds = {"control": "python-control", "model": "CasADi model"}
@@ -207,7 +207,7 @@ def component_line(name: str, described: Mapping[str, Any]) -> str:
 
 
 def loop_lines(loop: Mapping[str, Any]) -> list[str]:
-    """A described loop in words, a line a component in their order, one for rate, order and delay; empty if unknown."""
+    """A loop in words: a line a component in the order of execution, and one for rate, order and delay."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []

@@ -21,11 +21,11 @@ HEADS: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Banner:
-    """What stands at the top of a page and at the end of a table.
+    """The verdict, as the page and the terminal show it.
 
     Attributes:
-        grade: ``good``, ``doubtful`` or ``refused``; head: the verdict in a word or two; text: what it is about.
-        reasons: why it is not valid, the weightiest first.
+        grade: ``good``, ``doubtful`` or ``refused``; head: the verdict in a word or two; text: its explanation.
+        reasons: why it is not valid, the most important first.
     """
 
     grade: str
@@ -53,7 +53,7 @@ def reason_text(reason: DiagnosticResult) -> str:
 
 
 def _errors(document: ResultDocument) -> list[tuple[str, float]]:
-    """Where the torque was compared, and the relative errors: several fitted experiments count as one."""
+    """Experiments with their relative torque errors; several fitted experiments count as one."""
     errors = {label: error.total for label, error in document.relative_error_percent.items()}
     experiments = document.experiments
     fitted = [label for label in errors if label in experiments and experiments[label].role == "estimation"]

@@ -26,10 +26,10 @@ from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.report.experiments import titled
-from fmu_didim.report.identification.expected_accuracy import prospect_lines
-from fmu_didim.report.identification.table import wrapped
+from fmu_didim.report.experiments import with_role
+from fmu_didim.report.identification.expected_accuracy import expected_accuracy_lines
 from fmu_didim.report.numbers import loop_lines, significant
+from fmu_didim.report.terminal import wrapped
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.output.loop import described_loop
 
@@ -103,7 +103,7 @@ class Checked:
         entries = [
             ("Parameters", f"{len(self.parameters)}: {', '.join(self.parameters)}"),
             *(
-                ("Experiment", f"{titled(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
+                ("Experiment", f"{with_role(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
                 for label, e in self.experiments.items()
             ),
             *(("Loop", line) for line in self.loop),
@@ -116,7 +116,7 @@ class Checked:
             entries.append(("Plant", f"it agrees with the robot description to {worst}"))
         lines = [*wrapped(self.name), "", *(line for head, text in entries for line in _entry(head, text)), ""]
         if self.prospect is not None:
-            lines += [f"Predicted from {self.start}, before any fit:", *prospect_lines(self.prospect), ""]
+            lines += [f"Predicted from {self.start}, before any fit:", *expected_accuracy_lines(self.prospect), ""]
         for diagnostic in self.diagnostics:
             lines += _message(diagnostic)
         return "\n".join([*lines, self._verdict()]) + "\n"

@@ -115,7 +115,7 @@ def discover(
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``discover``."""
-    from fmu_didim.report.discovery.page import DISCOVERY_FILE
+    from fmu_didim.report.discovery.sections import DISCOVERY_FILE
 
     fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
     patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "*.fmu", "reference_next.csv")
@@ -174,7 +174,7 @@ class _Run:
 
     def _written(self, found: Found, new: Path, home: Path) -> FindingsDocument:
         """Everything written to a folder whose files will lie in ``home``, and the document that names it."""
-        from fmu_didim.report.discovery.page import write_discovery_report
+        from fmu_didim.report.discovery.sections import write_discovery_report
 
         files = write_signals(found, new)
         notes = list(found.document.notes)

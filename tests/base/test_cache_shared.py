@@ -432,8 +432,8 @@ def test_a_group_shares_a_cache(shared: Path, umask: str) -> None:
     write = "with cache.cache_file(Path(root) / 'probes' / 'x') as t: t.write_text('{}')"
     for user in (FIRST, SECOND):
         run_as(shared, user, write, umask=umask)
-        seat = "with fmu_didim.campaigns.running.fmu_slots.seats({Path('a.fmu'): 1}, lambda: False): print('sits')"
-        assert run_as(shared, user, seat, umask=umask) == "sits\n"
+        slot = "with fmu_didim.campaigns.running.fmu_slots.fmu_slots({Path('a.fmu'): 1}, lambda: False): print('held')"
+        assert run_as(shared, user, slot, umask=umask) == "held\n"
     assert "entries removed" in run_as(shared, SECOND, CLEAR) and not list((shared / "loop").iterdir())
     run_as(shared, SECOND, FILL, umask=umask)
     assert run_as(shared, FIRST, FOUND) == "content\n"

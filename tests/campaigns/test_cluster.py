@@ -94,7 +94,7 @@ def test_a_worker_killed_then_the_scheduler(local: pd.DataFrame, tmp_path: Path)
         os.killpg(scheduler.pid, signal.SIGKILL)
         said = runner.communicate(timeout=patience(200))[0].decode()
         assert runner.returncode == 1, said
-        assert "The cluster is gone" in said
+        assert "The cluster is lost" in said
         assert "not run again" in said
     stored = count(out)
     assert 0 < stored < 80
@@ -116,6 +116,6 @@ def test_no_scheduler_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     from fmu_didim.base.errors import InputError
     from fmu_didim.campaigns.running import cluster
 
-    monkeypatch.setattr(cluster.limits, "SCHEDULER_S", patience(2))
+    monkeypatch.setattr(cluster, "SCHEDULER_S", patience(2))
     with pytest.raises(InputError, match="No scheduler answers there"):
         campaign(CONTENT, tmp_path / "run").run(scheduler="tcp://127.0.0.1:9")

@@ -12,7 +12,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning import identity
-from fmu_didim.campaigns.planning.fields import changed, label
+from fmu_didim.campaigns.planning.fields import label, with_value
 from fmu_didim.campaigns.planning.plan import Plan
 from tests.campaigns.helpers import CASE, LAWS, plan_of
 from tests.cases import scara_case
@@ -32,7 +32,7 @@ from tests.cases import scara_case
 def test_a_field_by_its_path(path: str, value: Any, place: tuple[Any, ...], expected: Any) -> None:
     content = yaml.safe_load(CASE.read_text())
     before = yaml.safe_dump(content)
-    found: Any = changed(content, path, value, CASE.parent)
+    found: Any = with_value(content, path, value, CASE.parent)
     for part in place:
         found = found[part]
     assert found == expected
@@ -42,7 +42,7 @@ def test_a_field_by_its_path(path: str, value: Any, place: tuple[Any, ...], expe
 @pytest.mark.parametrize("path", ["train.reference.joints.7.cosine", "train.reference.joints.x", "name.below"])
 def test_a_path_that_leads_nowhere(path: str) -> None:
     with pytest.raises(InputError):
-        changed(yaml.safe_load(CASE.read_text()), path, 1, CASE.parent)
+        with_value(yaml.safe_load(CASE.read_text()), path, 1, CASE.parent)
 
 
 @pytest.mark.parametrize(

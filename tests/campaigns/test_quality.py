@@ -95,7 +95,7 @@ def test_how_many_failed_stands_beside_the_coverage(tmp_path: Path) -> None:
     assert "12 of 36 runs gave no answer that may be used (6 refused, 6 crashed)" in text
     assert "0.667" in text
     assert "4 answers are doubtful" in text
-    assert "4 of 40 runs are not run yet" in text
+    assert "4 of 40 runs have not run yet" in text
     assert "fewer than" not in text
 
 

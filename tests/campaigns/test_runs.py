@@ -80,7 +80,7 @@ def test_a_larger_campaign_runs_what_is_new(done: Campaign, tmp_path: Path) -> N
     results = larger.run(workers=1, progress=told.append)
     assert [p.count for p in told] == [1]
     assert results.status().elsewhere == 1
-    assert "of another plan, version or file; they are used nowhere" in "\n".join(results.remarks())
+    assert "further rows belong to another plan, version or file; they are ignored" in "\n".join(results.remarks())
     assert len(results.to_frame()) == 2
     both = frame(larger).merge(frame(done), on="id", suffixes=("", "_other"))
     assert (both["ZZ2"] == both["ZZ2_other"]).all()

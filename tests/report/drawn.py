@@ -1,4 +1,4 @@
-"""The charts of a page as they are written in it, decoded without the code that wrote them."""
+"""Charts as they are drawn: those of a page, decoded without the code that wrote them, and lines of Matplotlib."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import re
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from fmu_didim.data.signals import Array
 
@@ -32,3 +34,8 @@ def line(chart: Any, panel: int, name: str) -> tuple[Array, Array]:
     """Instants and values of a series of a panel."""
     found = next(series for series in chart["panels"][panel]["series"] if series["name"] == name)
     return values(chart["axes"][found["x"]]), values(found["y"])
+
+
+def plotted(axes: Axes) -> dict[str, Line2D]:
+    """Name of each line that belongs in a legend -> the line."""
+    return {str(found.get_label()): found for found in axes.lines if not str(found.get_label()).startswith("_")}

@@ -10,11 +10,11 @@ from scipy.signal import lfilter
 
 from fmu_didim.report.drawing.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
 from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
-from fmu_didim.report.drawing.figures import plotly_figure
-from fmu_didim.report.drawing.residual_charts import autocorrelation, colour_charts, longest_even, spectrum
+from fmu_didim.report.drawing.figures import COLOURS, matplotlib_figure
+from fmu_didim.report.drawing.residual_charts import autocorrelation, longest_even, spectrum, whiteness_charts
 from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
-from fmu_didim.report.identification.tables import matrix
-from tests.report.drawn import charts, line
+from fmu_didim.report.sections import matrix
+from tests.report.drawn import charts, line, plotted
 
 RANDOM = np.random.default_rng(3)
 
@@ -89,8 +89,11 @@ def test_what_needs_a_grid_takes_the_longest_even_stretch() -> None:
     time = np.delete(np.arange(200) / 50, [40, 41])
     assert longest_even(time) == slice(40, 198)
     residual = {"residual": ("residual", np.ones(198))}
-    assert [c.name for c in colour_charts("1", "a", time, [residual], ["N.m"])] == ["spectrum-1", "autocorrelation-1"]
-    assert colour_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
+    assert [c.name for c in whiteness_charts("1", "a", time, [residual], ["N.m"])] == [
+        "spectrum-1",
+        "autocorrelation-1",
+    ]
+    assert whiteness_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
 
 
 def test_torque_is_drawn_at_the_control_rate_within_the_log() -> None:
@@ -109,12 +112,35 @@ def test_torque_is_drawn_at_the_control_rate_within_the_log() -> None:
     np.testing.assert_allclose(shown.panels[1].series[0].y, 1.0)  # at the samples, not along the dense line
 
 
-def test_figure_for_notebooks_has_the_same_lines_and_no_button_that_sends() -> None:
-    shown = chart(Series("a", np.arange(3.0), np.arange(3.0), "base"), head="Joint 1")
-    figure = plotly_figure(shown)
-    assert figure.data[0].line.dash == "dash"
-    assert figure.layout.annotations[0].text == "<b>Joint 1</b>"
-    assert {"sendChartToCloud", "sendDataToCloud"} <= set(figure.layout.modebar.remove)
+def test_figure_for_notebooks_has_the_same_lines_and_shows_itself() -> None:
+    x, y = np.arange(3.0), np.array([1.0, 4.0, 2.0])
+    shown = chart(Series("a", x, y, "base"), Series("b", x, 2 * y, "measured", "points"), head="Joint 1", log=True)
+    figure = matplotlib_figure(shown)
+    (axes,) = figure.axes
+    drawn = plotted(axes)
+    np.testing.assert_allclose(drawn["a"].get_xydata(), np.column_stack([x, y]))
+    np.testing.assert_allclose(drawn["b"].get_ydata(), 2 * y)
+    assert (drawn["a"].get_linestyle(), drawn["a"].get_color()) == ("--", COLOURS["base"])
+    assert (drawn["b"].get_marker(), drawn["b"].get_linestyle()) == (".", "None")
+    assert (axes.get_title("left"), axes.get_xlabel(), axes.get_yscale()) == ("Joint 1", "x", "log")
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_figure_draws_errors_bands_stems_and_names_on_the_axis() -> None:
+    x, y = np.arange(4.0), np.ones(4)
+    shown = Chart("c", "A chart", [
+        Panel("y", [Series("bars", x, y, "final", error=0.5 * y), Series("area", x, y, "base", band=0.25 * y)]),
+        Panel("z", [Series("stem", x, y, "residual", "stems")], range=(-2.0, 2.0), levels=(0.5,)),
+    ], "x", ticks=[(0.0, "one"), (3.0, "four")])  # fmt: skip
+    above, below = matplotlib_figure(shown).axes
+    tops = [segment[1][1] for segment in above.containers[0].lines[2][0].get_segments()]
+    np.testing.assert_allclose(tops, 1.5)
+    band = above.collections[-1].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (0.75, 1.25)
+    assert [segment.tolist() for segment in below.collections[0].get_segments()][3] == [[3.0, 0.0], [3.0, 1.0]]
+    assert [text.get_text() for text in below.get_xticklabels()] == ["one", "four"]
+    assert below.patches and below.lines[0].get_ydata() == [0.5, 0.5]
 
 
 LOOP = {

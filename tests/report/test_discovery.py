@@ -12,11 +12,16 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.judgement import DiagnosticResult
 from fmu_didim.data.signals import Array, trajectory, write_csv
-from fmu_didim.report.discovery.page import DISCOVERY_FILE, gap_bars, write_discovery_report
 from fmu_didim.report.discovery.regions import strongest_regions
-from fmu_didim.report.discovery.table import discovery_table
-from fmu_didim.report.discovery.words import value_line, value_text
+from fmu_didim.report.discovery.sections import (
+    DISCOVERY_FILE,
+    discovery_report,
+    discovery_table,
+    write_discovery_report,
+)
+from fmu_didim.report.discovery.texts import value_line, value_text
 from fmu_didim.report.drawing.residual_charts import binned
+from fmu_didim.report.sections import Table
 from fmu_didim.results.findings import FindingsDocument, ValueFound, load_findings, save_findings
 from tests.report.drawn import charts, line
 
@@ -205,6 +210,15 @@ def page_of(folder: Path) -> str:
     return text[: text.index("</main>")]
 
 
+def gap_table(result: FindingsDocument) -> Table:
+    """Gaps by round and by joint."""
+    (table,) = [
+        b for s in discovery_report(result).sections for b in s.blocks if s.anchor == "gap" and b.kind == "table"
+    ]
+    assert isinstance(table, Table)
+    return table
+
+
 GOLDEN = """\
 NAMED: The missing effects are named. Joint 1: Stribeck friction (or one of 2 others that these data
   cannot tell from it); joint 2: Backlash. The gap on held-out data falls from 2.05 to 0.44 times
@@ -349,16 +363,15 @@ def test_page_holds_each_finding_with_its_numbers_and_no_network(tmp_path: Path)
 
 
 def test_bars_show_the_saved_gap(tmp_path: Path) -> None:
-    shown = {
-        title: [(bar.name, bar.style, bar.text, bar.length) for bar in bars] for title, bars in gap_bars(document())
-    }
-    assert shown["estimation"] == [
-        ("all joints", "base", "2.10", 85.8), ("all joints", "final", "0.38", 15.7), ("joint 1", "base", "2.45", 100.0),
-        ("joint 1", "final", "0.40", 16.4), ("joint 2", "base", "1.68", 68.7), ("joint 2", "final", "0.36", 14.9),
-    ]  # fmt: skip
-    assert [bar[2] for bar in shown["validation"]] == ["2.05", "0.44", "2.38", "0.45", "1.65", "0.42"]
+    names, estimation, validation, *_ = gap_table(document()).columns
+    assert [name.strip() for name in names.texts[2:]] == ["base → final model", "joint 1", "joint 2"]
+    assert estimation.texts[2:] == ["2.10 → 0.38", "2.45 → 0.40", "1.68 → 0.36"]
+    assert validation.texts[2:] == ["2.05 → 0.44", "2.38 → 0.45", "1.65 → 0.42"]
+    lengths = [(bar.former, bar.length) for bar in estimation.bars[2:] if bar is not None]
+    assert [tuple(round(v, 1) for v in pair) for pair in lengths] == [(85.8, 15.7), (100.0, 16.4), (68.7, 14.9)]
     page = page_of(saved(tmp_path, document(), count=300))
-    assert page.count('<i class="base"') == page.count('<i class="final"') == 6
+    assert page.count('<i class="base"') == page.count('<i class="final"') == 2 * len(names.texts)
+    assert '<i class="final" style="width:15.7%"></i><i class="base" style="width:70.2%"></i>' in page
 
 
 def test_charts_show_the_saved_torque_and_residual(tmp_path: Path) -> None:
@@ -407,9 +420,11 @@ def test_competition_of_each_round_with_the_best_first(tmp_path: Path) -> None:
         {"round": 2, "effect": "dead_zone", "joint": 2, "outcome": "left early", "delta_bic": 3.1},
     ]  # fmt: skip
     page = page_of(saved(tmp_path, document(candidates=tried), count=300))
-    rows = re.findall(r"<tr[^>]*>(.*?)</tr>", page[page.index('id="competition"') : page.index('id="refused"')], re.S)
-    texts = [[text.strip() for text in re.findall(r"<td[^>]*>(.*?)</td>", row)] for row in rows]
-    assert [row[:6] for row in texts if row] == [
+    rows = re.findall(
+        r"<tr[^>]*>(.*?)</tr>", page[page.index('id="competition"') : page.index("<h3>Not accepted")], re.S
+    )
+    texts = [re.findall(r"<t[dh][^>]*>\s*(.*?)\s*</t[dh]>", row) for row in rows]
+    assert [row[:6] for row in texts if row[0] != "candidate"] == [
         ["stribeck, joint 1", "added", "412", "0", "2", "62 %"],
         ["backlash, joint 2", "fitted", "120", "292", "2", "20 %"],
         ["dead zone, joint 2", "left early", "3.10", "0", "–", "–"],
@@ -478,7 +493,8 @@ def test_what_is_unknown_is_a_dash(tmp_path: Path) -> None:
     page = page_of(saved(tmp_path, result))
     for shown in (text, re.sub(r"<script.*?</script>", "", page, flags=re.S)):
         assert not re.search(r"\b(nan|inf|None|NaN)\b", shown)
-    assert [bar.text for _, bars in gap_bars(result) for bar in bars][7::2] == ["–", "–", "–"]
+    *_, final, joint1, joint2 = gap_table(result).columns[2].texts
+    assert (final, joint1, joint2) == ("2.00 → –", "2.40 → –", "1.60 → –")
 
 
 @pytest.mark.parametrize("joints", [1, 6])
@@ -488,7 +504,7 @@ def test_any_number_of_joints(tmp_path: Path, joints: int) -> None:
     assert sum(line.startswith("   joint ") for line in lines) == (joints if joints > 1 else 0)
     drawn = charts(page_of(saved(tmp_path, result, count=400)))
     assert len(drawn["torque-1"]["panels"]) == 2 * joints
-    assert len(gap_bars(result)[0][1]) == 2 * (joints + 1 if joints > 1 else 1)
+    assert len(gap_table(result).columns[0].texts) == 2 + (joints if joints > 1 else 0)
     assert drawn[f"binned-1-{joints}-position"]["label"] == ("position (m)" if joints > 1 else "position (rad)")
 
 

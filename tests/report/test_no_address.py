@@ -10,15 +10,10 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-import numpy as np
-import plotly.io
 import pytest
-from plotly.graph_objects import Figure
 
 from fmu_didim.report import write_report
-from fmu_didim.report.discovery.page import write_discovery_report
-from fmu_didim.report.drawing.figures import SENDS_DATA, plotly_figure
-from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+from fmu_didim.report.discovery.sections import write_discovery_report
 from tests.conftest import CHROMIUM, needs_chromium
 from tests.patience import patience
 from tests.report import test_discovery, test_report
@@ -52,16 +47,6 @@ def test_nothing_is_written_that_asks_for_an_address(tmp_path: Path) -> None:
         assert rules["default-src"] == rules["form-action"] == rules["base-uri"] == "'none'"
         assert not any(re.search(r"http|\*|'self'|//", rule) for rule in rules.values())
         assert page.index("Content-Security-Policy") < min(page.index("<style>"), page.index("<script"))
-
-
-def drawing() -> Figure:
-    """A figure as it is shown in a notebook."""
-    torque = np.zeros((3, 1))
-    return plotly_figure(torque_chart("t", "a", np.arange(3.0), torque, {"simulated": Simulated(torque)}, ["N.m"]))
-
-
-def test_no_button_of_a_figure_sends_its_data() -> None:
-    assert set(SENDS_DATA) <= set(drawing().layout.modebar.remove)
 
 
 @contextmanager
@@ -152,12 +137,3 @@ def test_the_policy_forbids_what_the_proxy_would_see(tmp_path: Path) -> None:
     leaks = {"image.example", "fetch.example", "form.example"}
     assert not leaks & in_browser(page, tmp_path, script=LEAKS)[1]
     assert leaks <= in_browser(POLICY.sub("", page), tmp_path, script=LEAKS)[1]
-
-
-@needs_chromium
-def test_a_figure_shown_elsewhere_has_no_button_that_sends(tmp_path: Path) -> None:
-    titles = """<script>setTimeout(() => { document.title = "done: " +
-        [...document.querySelectorAll(".modebar-btn")].map(b => b.dataset.title).join(", "); }, 1000);</script>"""
-    shown, _ = in_browser(plotly.io.to_html(drawing(), include_plotlyjs=True), tmp_path, script=titles)
-    assert "Download plot" in shown
-    assert "Share chart" not in shown.rpartition("</script>")[2] + shown[: shown.index("<script")]

@@ -14,7 +14,7 @@ from fmu_didim.checks.judgement import DiagnosticResult
 from fmu_didim.checks.validation import Validation
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.drawing.charts import decimated
-from fmu_didim.report.notebook import result_html
+from fmu_didim.report.identification.sections import result_html
 from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
 from fmu_didim.results.result import (
     ColumnResult,

@@ -60,7 +60,7 @@ def test_estimator(kind: str, tmp_path: Path) -> None:
 def test_frame_figure_and_page() -> None:
     found = identify(CASE)
     assert list(found.to_frame().index) == list(found.estimate.names)
-    assert [trace.name for trace in found.plot().data] == ["measured", "simulated", "residual"] * 2
+    assert len(found.plot().axes) == 4  # torque and residual of two joints
     assert "ZZ1R" in found._repr_html_()
 
 
@@ -69,4 +69,4 @@ def test_results_of_a_campaign(tmp_path: Path) -> None:
     found = study(case, out=tmp_path / "runs", name="smoke", vary=varied, noise={"relative": 0.05})
     results = found.run(workers=1)
     assert list(results.to_frame()["verdict"]) == ["valid"] * 2
-    assert results.plot().data
+    assert results.plot().axes[0].lines

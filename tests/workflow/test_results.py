@@ -27,7 +27,8 @@ from fmu_didim import (
 )
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.report import result_table
-from fmu_didim.report.discovery.table import discovery_table
+from fmu_didim.report.discovery.sections import discovery_table
+from tests.report.drawn import plotted
 from tests.workflow.three_experiments import PAYLOAD, three_experiments
 
 ARM = Path("examples/arm2r")
@@ -85,14 +86,15 @@ def test_frame_of_an_outcome(outcome: Result) -> None:
 
 def test_figure_of_each_experiment(outcome: Result) -> None:
     figure = outcome.plot("payload")
-    assert [trace.name for trace in figure.data] == ["measured", "simulated", "residual"] * 2
-    shown = outcome.validation("payload")
-    np.testing.assert_allclose(figure.data[0].y, shown.measured[:, 0], rtol=1e-6)
-    drawn = np.interp(shown.time, figure.data[1].x, figure.data[1].y)  # every control period, the samples among them
-    assert figure.data[1].x.size > 4 * shown.time.size
-    np.testing.assert_allclose(drawn, shown.simulated[:, 0], rtol=1e-6)
-    first = outcome.plot()
-    np.testing.assert_allclose(first.data[0].y, outcome.validation("light").measured[:, 0], rtol=1e-6)
+    panels = [plotted(axes) for axes in figure.axes]
+    assert [set(panel) for panel in panels] == [{"measured", "simulated"}, {"residual"}] * 2
+    shown, torque = outcome.validation("payload"), panels[0]
+    np.testing.assert_allclose(torque["measured"].get_ydata(), shown.measured[:, 0], rtol=1e-6)
+    time, simulated = torque["simulated"].get_data()  # every control period, the samples among them
+    assert np.size(time) > 4 * shown.time.size
+    np.testing.assert_allclose(np.interp(shown.time, time, simulated), shown.simulated[:, 0], rtol=1e-6)
+    first = plotted(outcome.plot().axes[0])["measured"].get_ydata()
+    np.testing.assert_allclose(first, outcome.validation("light").measured[:, 0], rtol=1e-6)
     with pytest.raises(UnknownNameError):
         outcome.plot("nowhere")
 
@@ -205,12 +207,13 @@ def test_discovered_as_frame_figure_and_notebook_cell(found: tuple[Discovered, P
     assert list(frame["parameter"]) == ["T_2"]
     assert frame.loc[0, "value"] == discovered.findings[0].parameters[0].value
     figure = discovered.plot("validation")
-    assert [trace.name for trace in figure.data if trace.showlegend] == ["measured", "base model", "final model"]
+    panel = plotted(figure.axes[0])
+    assert set(panel) == {"measured", "base model", "final model"}
     torque = discovered.model.torque(discovered.model.start, "validation")
-    final = next(trace for trace in figure.data if trace.name == "final model")
-    samples = figure.data[0].x
-    assert final.x.size > 3 * samples.size  # every control period
-    np.testing.assert_allclose(np.interp(samples, final.x, final.y), torque[:, 0], rtol=1e-5, atol=1e-5)
+    time, final = panel["final model"].get_data()
+    samples = panel["measured"].get_xdata()
+    assert np.size(time) > 3 * np.size(samples)  # every control period
+    np.testing.assert_allclose(np.interp(samples, time, final), torque[:, 0], rtol=1e-5, atol=1e-5)
     assert "Lag of the current loop, joint 2" in discovered._repr_html_()
     with pytest.raises(UnknownNameError):
         discovered.plot("nowhere")

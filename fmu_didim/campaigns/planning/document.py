@@ -10,13 +10,13 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from fmu_didim.base.documents import AlsoWritten, Positive, Strict
 
 TIME_LIMIT_S = 3600.0
-"""[s] For one run where the campaign states none: the longest discovery takes a third of it."""
+"""[s] Limit of one run where the campaign states none: three times the longest known discovery."""
 MEMORY_LIMIT_MB = 4096.0
-"""[MB] For one run where the campaign states none: four times the largest that is known."""
+"""[MB] Limit of one run where the campaign states none: four times the largest known run."""
 
 
 def _values(value: Any) -> Any:
-    """Lists, ranges and arrays as tuples of plain values; what is no choice is refused."""
+    """Lists, ranges and arrays as tuples of plain values; raises ValueError for anything else."""
     if isinstance(value, Mapping):
         return dict(value)
     if isinstance(value, str) or not isinstance(value, Iterable):
@@ -26,13 +26,9 @@ def _values(value: Any) -> Any:
 
 def _drawn(value: Any) -> Any:
     """A range, or choices."""
-    return (
-        value
-        if isinstance(value, Span)
-        else Span.model_validate(value)
-        if isinstance(value, Mapping)
-        else _values(value)
-    )
+    if isinstance(value, Span):
+        return value
+    return Span.model_validate(value) if isinstance(value, Mapping) else _values(value)
 
 
 Values = Annotated[Any, BeforeValidator(_values)]
@@ -58,7 +54,7 @@ class Span(Strict):
         if not self.low < self.high:
             raise ValueError("low must be less than high")
         if self.scale == "log" and self.low <= 0:
-            raise ValueError("a logarithmic range begins above 0")
+            raise ValueError("a logarithmic range starts above 0")
         return self
 
 
@@ -70,7 +66,7 @@ class Block(Strict):
         zip: path -> values, as many for each; the first ones together, the second ones, ...
         list: mappings from path to value, one a combination.
         random, latin_hypercube: path -> range or list of choices; ``count`` combinations are drawn with ``seed``.
-        count: how many combinations are drawn; seed: of the drawing, the same one draws the same.
+        count: how many combinations are drawn; seed: of the random numbers.
     """
 
     grid: Mapping[str, Values] | None = None
@@ -89,7 +85,7 @@ class Block(Strict):
         if not self.of(given[0]):
             raise ValueError(f"{given[0]} is empty")
         if (self.count is not None) != (given[0] in ("random", "latin_hypercube")):
-            raise ValueError("count belongs to random and latin_hypercube, which need it")
+            raise ValueError("random and latin_hypercube need count; the others have none")
         if given[0] == "list":
             return self
         if empty := [path for path, values in self.of(given[0]).items() if not isinstance(values, Span) and not values]:
@@ -100,7 +96,7 @@ class Block(Strict):
         return self
 
     def of(self, kind: str) -> Any:
-        """What stands under a kind."""
+        """The entry of a kind."""
         return getattr(self, "list_" if kind == "list" else kind)
 
     @property
@@ -139,12 +135,12 @@ class Noise(Strict):
 
 
 class Limits(Strict):
-    """What one run may take.
+    """Limits of one run.
 
     Attributes:
-        time_s: of the clock; memory_mb: of its process, where the system can limit it.
-        instances: FMU file, as the case names it -> most runs of one machine that use it at the same time, as a server
-            of licences may ask for.
+        time_s: wall-clock time; memory_mb: of its process, where the system can limit it.
+        instances: FMU file, as the case names it -> most runs of one machine that use it at the same time, for licence
+            servers.
     """
 
     time_s: Positive = TIME_LIMIT_S
@@ -153,7 +149,7 @@ class Limits(Strict):
 
 
 class Options(Strict):
-    """Options of ``discover``, as of the verb.
+    """Options of ``discover``.
 
     Attributes:
         forbid: effects that are never proposed; prefer: effects that are taken first where they fit.
@@ -166,18 +162,18 @@ class Options(Strict):
     rounds: Annotated[int, Field(ge=1)] = 5
 
 
-def _check_apart(paths: list[str]) -> None:
-    """Raise ValueError where of fields that are set together one is a part of another."""
+def _check_disjoint(paths: list[str]) -> None:
+    """Raise ValueError if one of the fields that are set together is part of another."""
     for path in paths:
         if within := [other for other in paths if other.startswith(f"{path}.")]:
-            raise ValueError(f"vary: {within[0]} is a part of {path}, which varies as a whole")
+            raise ValueError(f"vary: {within[0]} is part of {path}, which varies as a whole")
 
 
 class CampaignDocument(Strict):
     """A campaign file.
 
     Attributes:
-        name: of the campaign, shown on top of its results; description: what it is about.
+        name: of the campaign, shown above its results; description: its purpose.
         case: the base case: its file, relative to the campaign, or its content.
         verb: what is done with every case.
         vary: path of a field of the case (``train.torque.rate_hz``, ``controller.source``, ``estimator.start``) -> its
@@ -185,8 +181,8 @@ class CampaignDocument(Strict):
             YAML file (``robot.joints.0.parameters.Fv``) changes a copy of it. Other paths begin with ``case``,
             ``truth.``, ``noise.``, ``options.`` or ``label.`` (a remark, which changes nothing).
         seeds: how many noise seeds, or which.
-        truth: entries of the case in which the simulated machine differs from it; ``{}`` for none. Without ``truth``
-            and ``noise`` the data are those that the case names.
+        truth: entries in which the simulated machine differs from the case; ``{}`` for none. Without ``truth`` and
+            ``noise`` the data are those that the case names.
         noise: of the simulated data.
         options: of ``discover``; limits: of a run.
         keep: whether all result files of every run are kept, its page and the tables of its torque among them.
@@ -221,7 +217,7 @@ class CampaignDocument(Strict):
     @classmethod
     def _distinct(cls, value: tuple[int, ...]) -> tuple[int, ...]:
         if twice := sorted({seed for seed in value if value.count(seed) > 1}):
-            raise ValueError(f"{', '.join(map(str, twice))} stands there twice: the same noise would count twice")
+            raise ValueError(f"{', '.join(map(str, twice))} is there twice: the same noise would count twice")
         if not value or min(value) < 0:
             raise ValueError("seeds are whole numbers from 0, at least one")
         return value
@@ -234,7 +230,7 @@ class CampaignDocument(Strict):
         for i, block in enumerate(self.vary):
             beside = [path for k, other in enumerate(self.vary) if k != i for path in other.paths]
             for entry in block.list_ or [block.paths]:
-                _check_apart([*entry, *beside])
+                _check_disjoint([*entry, *beside])
         if self.case is None and "case" not in paths:
             raise ValueError("give case: (the base case), or vary it")
         if not self.is_simulated and len(self.seeds) > 1:

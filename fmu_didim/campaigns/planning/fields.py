@@ -1,4 +1,4 @@
-"""Fields of a case by their path, and descriptions that stand in a case instead of the name of their file."""
+"""Fields of a case by their path, and descriptions written into a case in place of their file name."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import located
 
 DESCRIPTIONS = (("robot",), ("plant", "source"), ("controller", "source"))
-"""Where a case names the file of a description."""
+"""Entries of a case that name the file of a description."""
 
 
-def changed(content: Any, path: str, value: Any, folder: Path) -> Any:
-    """The content with another value at a path; what is not on the path is shared with the old one.
+def with_value(content: Any, path: str, value: Any, folder: Path) -> Any:
+    """The content with another value at a path; all else is shared with the old content.
 
-    Names of mappings and indices of lists, joined by dots. Below the name of a YAML file the path goes on in its
-    content, which then stands there itself. None takes an entry out.
+    Names of mappings and indices of lists, joined by dots. Below the name of a YAML file the path continues in its
+    content, which then replaces the name. None removes an entry.
 
     Raises:
-        InputError: there is no such element of a list, or a value where the path goes on.
+        InputError: there is no such element of a list, or a value where the path continues.
     """
     head, _, rest = path.partition(".")
     if isinstance(content, str) and content.endswith((".yaml", ".yml")):
@@ -35,15 +35,15 @@ def changed(content: Any, path: str, value: Any, folder: Path) -> Any:
         if value is None and not rest:
             new.pop(head, None)
         else:
-            new[head] = changed(new.get(head), rest, value, folder) if rest else value
+            new[head] = with_value(new.get(head), rest, value, folder) if rest else value
         return new
     if isinstance(content, Sequence) and not isinstance(content, str):
         new = list(content)
         if not head.isdigit() or int(head) >= len(new):
             raise InputError("The list has no such element.", where=path, got=head, valid=f"0 to {len(new) - 1}")
-        new[int(head)] = changed(new[int(head)], rest, value, folder) if rest else value
+        new[int(head)] = with_value(new[int(head)], rest, value, folder) if rest else value
         return new
-    raise InputError("The path goes on below a value.", where=path, got=repr(content)[:60])
+    raise InputError("The path continues below a value.", where=path, got=repr(content)[:60])
 
 
 def _description(path: Path) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def _description(path: Path) -> dict[str, Any]:
     try:
         known = path.stat()
     except OSError:
-        return _read(path, 0, 0)  # says what is wrong
+        return _read(path, 0, 0)  # raises the error
     return _read(path, known.st_mtime_ns, known.st_size)
 
 
@@ -66,8 +66,8 @@ def _read(path: Path, changed_ns: int, size: int) -> dict[str, Any]:
     return content
 
 
-def written(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The case with its inline descriptions written as files of a folder, by names that follow from their content."""
+def with_written_descriptions(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The case with its inline descriptions written to files of a folder, named by digests of their content."""
     from hashlib import sha256
 
     result = dict(content)
@@ -85,7 +85,7 @@ def written(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def label(value: Any) -> str | float | int | bool:
-    """A value as it is shown in tables: numbers and truths as they are, files by their name, all else as short YAML."""
+    """A value as tables show it: numbers and booleans unchanged, files by name, all else as short YAML."""
     if isinstance(value, bool | int | float):
         return value
     if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""What a run is: the digest of all that its result follows from."""
+"""The identity of a run: a digest of everything that its result depends on."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ REMARKS = ("description", "obtain")
 
 
 def digest(value: Any) -> str:
-    """The digest of a canonical value, 16 hexadecimal digits: of a million runs two are alike by chance of 3e-8."""
+    """The digest of a canonical value, 16 hexadecimal digits: two of a million collide with probability 3e-8."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @cache
 def code_digest() -> str:
-    """The digest of the source of this package and of the versions of those that it computes with."""
+    """The digest of the source of this package and of the versions of the packages that it computes with."""
     state = hashlib.sha256(json.dumps({name: version(name) for name in PACKAGES[1:]}).encode())
     for path in sorted(PACKAGE.rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
@@ -48,7 +48,7 @@ class References:
     """The digests of files that cases name; each file is read once, so all runs of a plan see the same."""
 
     def __init__(self) -> None:
-        # Names of files that canonical() came across and that do not exist -> how to get them, in ``absent``.
+        # In ``absent``: names of missing files that canonical() met -> how to get them.
         self._known: dict[tuple[str, Path], Any] = {}
         self._missing: dict[tuple[str, Path], str] = {}
         self.absent: dict[str, str] = {}
@@ -58,7 +58,7 @@ class References:
 
         Args:
             folder: to which names of files are relative; key: under which the value stands.
-            of_case: not so of a description, whose ``source`` may be a book.
+            of_case: False in a description, whose ``source`` may be a book.
         """
         if isinstance(value, Mapping):
             kept = ((str(k), v) for k, v in value.items() if k not in REMARKS)
@@ -98,7 +98,7 @@ def imported(path: Path) -> list[Path]:
     installed = {Path(place).resolve() for place in sysconfig.get_paths().values()}
     own = [place for place in sys.path if not any(Path(place).resolve().is_relative_to(there) for there in installed)]
     finder = ModuleFinder(own, excludes=[PACKAGE.name])
-    with suppress(SyntaxError, ValueError, OSError):  # which loading the file tells better
+    with suppress(SyntaxError, ValueError, OSError):  # loading the file reports these better
         finder.run_script(str(path))
     files = (getattr(module, "__file__", None) for name, module in sorted(finder.modules.items()) if name != "__main__")
     return [Path(file) for file in files if file]

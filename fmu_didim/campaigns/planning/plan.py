@@ -15,15 +15,15 @@ from scipy.stats import qmc
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Block, CampaignDocument, Span
-from fmu_didim.campaigns.planning.fields import changed, label
+from fmu_didim.campaigns.planning.fields import label, with_value
 from fmu_didim.campaigns.planning.identity import References, code_digest, digest
 from fmu_didim.case.changes import merged
 from fmu_didim.data.signals import Array
 
 SECTIONS = ("case", "truth", "noise", "options", "label")
-"""First words of paths that are no fields of the case."""
+"""First words of paths that are not fields of the case."""
 DATA_ROOTS = ("robot", "plant", "controller", "system", "loop", "experiments", "train", "validation")
-"""Entries of a case that simulated data follow from."""
+"""Entries of a case that simulated data depend on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Setting:
     """One value of a field; equal only to itself, so that thousands of runs share it.
 
     Attributes:
-        path: of the field; value: None takes the entry out; label: as tables show it.
-        drawn: whether the value is one of a range, so that hardly another run has it.
+        path: of the field; value: None removes the entry; label: as tables show it.
+        drawn: whether the value was drawn from a range, so that hardly another run has it.
     """
 
     path: str
@@ -48,13 +48,13 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class PlannedRun:
     """One run of a campaign.
 
     Attributes:
         id: digest of case, files, truth, noise, seed and code; design: the same without the seed.
-        data: digest of what the data follow from; runs with the same one have the same data, and the noise of simulated
-            ones is drawn from it.
+        data: digest of what the data depend on; runs with the same digest have the same data, and it seeds the noise of
+            simulated data.
         seed: number of the noise seed; settings: what varies.
     """
 
@@ -72,7 +72,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Content:
-    """What a run is made of, ready to be sent: plain values.
+    """The content of a run as plain values, ready to be sent.
 
     Attributes:
         case: content of the case; truth: that of the simulated machine, None where data are measured.
@@ -105,9 +105,9 @@ class Plan:
         return code_digest()
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
-        """All runs, those of one case beside each other; equal ones are there once."""
-        found: dict[str, Run] = {}
+    def runs(self) -> tuple[PlannedRun, ...]:
+        """All runs, those of one case next to each other; equal ones occur once."""
+        found: dict[str, PlannedRun] = {}
         for settings in self.combinations():
             for run in self.identities.runs(settings):
                 found.setdefault(run.id, run)
@@ -115,11 +115,11 @@ class Plan:
 
     @cached_property
     def identities(self) -> Identities:
-        """What the runs are identified by."""
+        """Computes the identity of each run."""
         return Identities(self)
 
     @cached_property
-    def by_id(self) -> dict[str, Run]:
+    def by_id(self) -> dict[str, PlannedRun]:
         """The runs by their id."""
         return {run.id: run for run in self.runs}
 
@@ -130,7 +130,7 @@ class Plan:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The fields that vary, without the seed; of a block with labels these, which stand for all else."""
+        """The fields that vary, without the seed; of a block with labels only these, which name the combinations."""
         found: list[str] = []
         for block in self.document.vary:
             labels = [path for path in block.paths if path.startswith("label.")]
@@ -149,28 +149,28 @@ class Plan:
 
     def variants(self) -> Iterator[tuple[Setting, ...]]:
         """Cases in which each value of each block occurs, the other blocks at their first combination."""
-        begin = [block[0] for block in self.blocks]
-        yield tuple(setting for part in begin for setting in part)
+        first = [block[0] for block in self.blocks]
+        yield tuple(setting for part in first for setting in part)
         for i, block in enumerate(self.blocks):
-            seen = {id(setting) for setting in begin[i]}
+            seen = {id(setting) for setting in first[i]}
             for part in block:
                 if not {id(setting) for setting in part} <= seen:
                     seen |= {id(setting) for setting in part}
-                    yield tuple(setting for p in (*begin[:i], part, *begin[i + 1 :]) for setting in p)
+                    yield tuple(setting for p in (*first[:i], part, *first[i + 1 :]) for setting in p)
 
     def content(self, settings: Sequence[Setting], *, skipped: list[str] | None = None) -> Content:
-        """What a case of the plan is made of.
+        """The content of a case of the plan.
 
         Args:
-            skipped: takes what is said of paths that lead nowhere, which are then left out.
+            skipped: receives the messages about paths that do not exist, which are then left out.
 
         Raises:
-            InputError: a file cannot be read, or a path leads nowhere.
+            InputError: a file cannot be read, or a path does not exist.
         """
 
-        def put(content: dict[str, Any], path: str, setting: Setting) -> dict[str, Any]:
+        def set_value(content: dict[str, Any], path: str, setting: Setting) -> dict[str, Any]:
             try:
-                return dict(changed(content, path, setting.value, folder))
+                return dict(with_value(content, path, setting.value, folder))
             except InputError as error:
                 if skipped is None:
                     raise
@@ -184,14 +184,14 @@ class Plan:
         for setting in settings:
             head, _, rest = setting.path.partition(".")
             if head in ("noise", "options"):
-                own[head] = put(own[head], rest, setting)
+                own[head] = set_value(own[head], rest, setting)
             elif head not in SECTIONS:
-                case = put(case, setting.path, setting)
+                case = set_value(case, setting.path, setting)
         if self.document.is_simulated:
             truth = merged(case, self.document.truth or {})
             for setting in settings:
                 if setting.path.startswith("truth."):
-                    truth = put(truth, setting.path.removeprefix("truth."), setting)
+                    truth = set_value(truth, setting.path.removeprefix("truth."), setting)
         return Content(case, truth or None, own["noise"], own["options"], str(folder))
 
     def base(self, settings: Sequence[Setting]) -> tuple[dict[str, Any], Path]:
@@ -209,7 +209,7 @@ class Plan:
         return {}
 
     def sections(self) -> dict[str, Any]:
-        """Noise and options as the campaign says them."""
+        """Noise and options of the campaign."""
         noise = self.document.noise
         return {
             "noise": noise.model_dump(exclude_unset=True) if noise is not None else {},
@@ -218,22 +218,24 @@ class Plan:
 
 
 class Identities:
-    """The identity of run after run; what they share is digested once.
+    """The identities of many runs; what they share is digested once.
 
-    A digest is taken of each entry of a case; it is kept by the settings that touch the entry. Values that are drawn
-    from a range stand beside that of the entry without them: among thousands of those nothing could be kept.
+    Each entry of a case has a digest, which is cached by the settings that change the entry. Values that are drawn from
+    a range are digested apart from the rest of the entry: thousands of them would fill the cache.
     """
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._kept: dict[tuple[Any, ...], tuple[str, Sequence[Setting]]] = {}  # with what the ids in the key stand for
+        self._digests: dict[
+            tuple[Any, ...], tuple[str, Sequence[Setting]]
+        ] = {}  # and the settings, whose ids in the key stay unique as long as they live
         self._code, self._verb = plan.code, plan.document.verb
         self._seeds = plan.document.seeds
         self._truth_roots = set(plan.document.truth or {})
         varied = (path for block in plan.document.vary for path in block.paths)
         self._truth_roots |= {path.split(".")[1] for path in varied if path.startswith("truth.")}
 
-    def runs(self, settings: tuple[Setting, ...]) -> Iterator[Run]:
+    def runs(self, settings: tuple[Setting, ...]) -> Iterator[PlannedRun]:
         """The runs of one case, one a seed."""
         plan, simulated = self._plan, self._plan.document.is_simulated
         touching: dict[str, list[Setting]] = {}
@@ -256,7 +258,7 @@ class Identities:
         design = digest([self._verb, case, truth, extra["noise"] if simulated else "", extra["options"], self._code])
         for seed in self._seeds:
             data = digest([source, extra["noise"], seed] if simulated else source)
-            yield Run(digest([design, seed]), design, data, seed, settings)
+            yield PlannedRun(digest([design, seed]), design, data, seed, settings)
 
     def _of(self, kind: tuple[str, ...], root: str, parts: Sequence[Setting]) -> str:
         drawn = [part for part in parts if part.drawn]
@@ -264,14 +266,14 @@ class Identities:
             fixed = self._of(kind, root, [part for part in parts if not part.drawn])
             return digest([fixed, [(part.path, part.value) for part in drawn]])
         key = (*kind, *map(id, parts))
-        if key not in self._kept:
+        if key not in self._digests:
             content = self._plan.content(parts)
             entries: dict[str, Any] = {"case": content.case, "truth": content.truth or {}}
             value = entries[kind[0]].get(root) if kind[0] in entries else getattr(content, kind[0])
             if self._plan.document.is_simulated:
                 value = _without_logs(value, root)
-            self._kept[key] = digest(self._plan.references.canonical(value, Path(content.folder), root)), parts
-        return self._kept[key][0]
+            self._digests[key] = digest(self._plan.references.canonical(value, Path(content.folder), root)), parts
+        return self._digests[key][0]
 
 
 _LOGS = ("experiments", "train", "validation")
@@ -314,7 +316,7 @@ def _combinations(block: Block) -> Iterator[tuple[Setting, ...]]:
 
 
 def _axis(path: str, values: Any) -> list[Setting]:
-    """The values of one field; where two would be shown alike, they are shown in full."""
+    """The values of one field; labels that would be equal are written in full."""
     named = isinstance(values, Mapping)
     pairs = list(values.items()) if named else [(label(value), value) for value in values]
     shown = [name for name, _ in pairs]
@@ -322,7 +324,7 @@ def _axis(path: str, values: Any) -> list[Setting]:
 
 
 def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
-    """Samples of ranges and choices; SciPy's Latin hypercube fills every slice of each field evenly."""
+    """Samples of ranges and choices; a Latin hypercube fills the range of each field evenly."""
     fields = block.of(block.kind)
     assert block.count is not None
     if block.kind == "random":

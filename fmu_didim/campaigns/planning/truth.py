@@ -1,4 +1,4 @@
-"""Simulated data: a machine whose values are known, run along the references of a case, with noise on its logs.
+"""Simulated data: a machine with known values follows the references of a case; noise is added to its logs.
 
 torque = sampled torque of the true loop + s_j e,   e = sqrt(1 - c) white + sqrt(c) AR(1),   unit variance
 """
@@ -28,16 +28,16 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
 
 SPIN_UP = 20
-"""Memories of coloured noise before the log begins."""
+"""[memories] Coloured noise is simulated this long before the log starts, so that it is stationary."""
 
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """What is logged of one experiment, without noise.
+    """The log of one experiment without noise.
 
     Attributes:
         stamps: (N,) instants in the log; torque: (N, n).
-        positions: ``q<j>`` at the control rate, where the case has some.
+        positions: ``q<j>`` at the control rate, where the case has positions.
     """
 
     stamps: Array
@@ -50,7 +50,7 @@ class Truth:
     """A simulated machine.
 
     Attributes:
-        logs: label -> log; values: name of what is free -> true value, with what is regrouped into it.
+        logs: label -> log; values: name of a free parameter -> its true value, and what is regrouped into it.
         robot: its description, where it has one.
     """
 
@@ -106,15 +106,15 @@ def regrouped(parameters: Parameters) -> dict[str, str]:
 
 
 def _experiment(case: Case, label: str) -> Experiment:
-    """The instants at which a log is written, and how it follows from the command; no torque yet."""
+    """An experiment without torque: the instants of the log, and how it is sampled from the command."""
     reference = case.reference(label)
     source = case.document.runs[label].torque or TorqueFile(file="")
     start, step = float(reference.time[0]), case.step_size
-    times = reference.time[reference.time > -0.5 * step]  # what lies before is the warm-up
+    times = reference.time[reference.time > -0.5 * step]  # without the warm-up
     if source.rate_hz is not None:
         if source.rate_hz > (1 + 1e-9) / step:
             raise InputError(
-                "Torque is simulated at the control rate at most.", where=f"{label}: torque.rate_hz",
+                "Simulated torque cannot be logged faster than the control rate.", where=f"{label}: torque.rate_hz",
                 got=f"{source.rate_hz:g} Hz", valid=f"up to {1 / step:g} Hz",
             )  # fmt: skip
         times = decimated_times(times, source.rate_hz, source.phase_s)
@@ -137,7 +137,7 @@ def noise_deviation(noise: Noise, log: SimulatedLog) -> Array:
 
 
 def unit_noise(rng: np.random.Generator, time: Array, joints: int, *, coloured: float, memory_s: float) -> Array:
-    """(N, n) noise of variance one, a part of its power a first-order autoregression with this memory."""
+    """(N, n) noise of variance one, part of whose power is a first-order autoregression with this memory."""
     if not coloured or time.size < 2:
         return np.asarray(rng.normal(size=(time.size, joints)))
     step = float(time[-1] - time[0]) / (time.size - 1)
@@ -150,7 +150,7 @@ def unit_noise(rng: np.random.Generator, time: Array, joints: int, *, coloured: 
 
 
 def noisy_logs(truth: Truth, noise: Noise, data: str) -> dict[str, Trajectory]:
-    """File in the case -> log with noise that follows from the digest of the data alone."""
+    """File in the case -> log with noise; the digest of the data seeds it."""
     found: dict[str, Trajectory] = {}
     for label, log in truth.logs.items():
         rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
@@ -175,11 +175,11 @@ def positions_file(label: str) -> str:
     return f"positions_{label}.csv"
 
 
-def on_simulated(content: Mapping[str, Any]) -> dict[str, Any]:
+def with_simulated_logs(content: Mapping[str, Any]) -> dict[str, Any]:
     """The content of a case that reads the simulated logs instead of its own.
 
-    They are written at the rate of the case already, as torque; what the case believes of their clock and of the way of
-    sampling stays.
+    They already have the rate of the case and the unit of torque; what the case assumes about their clock and sampling
+    stays.
     """
     result = dict(content)
     runs = dict(result.get("experiments") or {})
@@ -189,15 +189,15 @@ def on_simulated(content: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(place.get(name), Mapping):
             continue
         run = dict(place[name])
-        believed = {k: v for k, v in (run.get("torque") or {}).items() if k in _BELIEVED}
-        run["torque"] = {**believed, "file": torque_file(label)}
+        assumed = {k: v for k, v in (run.get("torque") or {}).items() if k in _ASSUMED}
+        run["torque"] = {**assumed, "file": torque_file(label)}
         if run.get("positions") is not None:
             run["positions"] = {"file": positions_file(label)}
         place[name] = run
     return {**result, "experiments": runs} if runs else result
 
 
-_BELIEVED = ("sampling", "window", "window_s", "offset_s", "log_shift_s")
+_ASSUMED = ("sampling", "window", "window_s", "offset_s", "log_shift_s")
 
 
 def hidden_effects(truth: RobotDescription | None, model: RobotDescription | None) -> str:
@@ -209,5 +209,5 @@ def hidden_effects(truth: RobotDescription | None, model: RobotDescription | Non
 
 
 def validated_noise(content: Mapping[str, Any]) -> Noise:
-    """The noise of a run; raises InputError with all that is wrong."""
+    """The noise of a run; raises InputError with all errors."""
     return validate(Noise, dict(content), where="noise")

@@ -1,1 +1,1 @@
-"""What a campaign gave: tables, quality, charts, page."""
+"""Results of a campaign: tables, quality, charts, page."""

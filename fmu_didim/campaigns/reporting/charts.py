@@ -1,4 +1,4 @@
-"""The figures of a campaign: how sure and how true each parameter is over a field that varies."""
+"""The charts of a campaign: sigma and bias of each parameter over a field that varies."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.campaigns.reporting.texts import shown
+from fmu_didim.campaigns.reporting.sections import shown
 from fmu_didim.report.drawing.charts import SERIES, Chart, Panel, Series
-from fmu_didim.report.identification.tables import Matrix, matrix
+from fmu_didim.report.sections import Matrix, matrix
 
 PANEL_HEIGHT = 220
 PANELS = (("Standard deviation σ", "sigma"), ("Bias, without its sign", "bias"))
@@ -46,7 +46,7 @@ def field_chart(quality: pd.DataFrame, path: str, name: str = "field") -> Chart:
     columns = [column for _, column in PANELS if not quality.empty and quality[column].notna().any()]
     if not columns:
         raise InputError(
-            "There is neither scatter nor bias to draw: each group has one answer at most, and no true value is known.",
+            "There is neither scatter nor bias to draw: each group has at most one answer, and no true value is known.",
             next_step="remarks() says what is missing; to_frame() has the values.",
         )  # fmt: skip
     quality = quality.assign(size=np.abs(quality["true"].fillna(quality["value"])).replace(0.0, 1.0) / 100)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -16,15 +14,15 @@ from pyarrow.parquet import write_table
 
 from fmu_didim.base.files import whole_file
 from fmu_didim.campaigns.reporting.charts import page_figures
-from fmu_didim.campaigns.reporting.notebook import banner
-from fmu_didim.campaigns.reporting.quality import USED
+from fmu_didim.campaigns.reporting.quality import USABLE
 from fmu_didim.campaigns.reporting.results import Results
-from fmu_didim.campaigns.reporting.texts import shown
+from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section, shown
 from fmu_didim.campaigns.running.store import FILES, unwritable
-from fmu_didim.report.html.templates import write_page
-from fmu_didim.report.identification.page import REPORT_FILE
-from fmu_didim.report.identification.tables import Table, table
+from fmu_didim.report.discovery.sections import DISCOVERY_FILE
+from fmu_didim.report.identification.sections import REPORT_FILE
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
+from fmu_didim.report.page import write_page
+from fmu_didim.report.sections import Block, Charts, Column, Folded, Link, Report, Section, Table, note, words
 from fmu_didim.workflow.case_files import shell_line
 
 ROWS_OPEN = 48
@@ -33,17 +31,8 @@ ROWS_SHOWN = 5000
 """[rows] Most runs that the page lists one by one; files hold all of them."""
 CELL_RUNS = 25
 """[runs] Most runs that a group of the page links to, those without answer first."""
-
-TEMPLATE = "campaign.html.j2"
-DISCOVERY_REPORT = "discovery.html"
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A group of runs on the page: its texts, and the runs that it links to."""
-
-    texts: tuple[str, ...]
-    runs: tuple[tuple[str, str], ...]
+VALUES_SHOWN = 500
+"""[rows] Most values of a field whose groups the page lists by this field alone."""
 
 
 def write_campaign_report(results: Results) -> list[Path]:
@@ -68,7 +57,7 @@ def write_campaign_report(results: Results) -> list[Path]:
                 written.append(path)
         page = results.folder / REPORT_FILE
         with whole_file(page) as temporary:
-            _write_page(results, tables["groups"], tables["by_parameter"], temporary)
+            write_page(campaign_report(results, tables["groups"], tables["by_parameter"]), temporary)
     except OSError as error:
         raise unwritable(results.folder, error) from error
     return [page, *written]
@@ -78,43 +67,39 @@ def _text(value: Any) -> Any:
     return value if value is None or isinstance(value, str) else None if value != value else str(value)
 
 
-def _write_page(results: Results, summary: pd.DataFrame, quality: pd.DataFrame, path: Path) -> None:
-    status = results.status()
-    head = results.head
-    campaign = head["campaign"]
+def campaign_report(results: Results, groups: pd.DataFrame, quality: pd.DataFrame) -> Report:
+    """All that is shown of a campaign, from its groups and the quality of each parameter in each of them."""
+    status, campaign = results.status(), results.head["campaign"]
     runs = results.to_frame(parameters=False)
-    figures = page_figures({path: results.by_parameter(path) for path in results.paths})
-    confusion = results.confusion()
-    provenance: dict[str, Any] = {"campaign": {k: v for k, v in campaign.items() if k != "case"}}
-    provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
+    order = runs["verdict"].isin(USABLE).astype(int)
+    runs = runs.assign(order=order).sort_values("order", kind="stable")  # those without answer first
+    sections = [
+        groups_section(groups, results.paths, _links(results, groups, runs)),
+        *_by_field(results),
+        *_figures(results),
+        _parameters(results, quality),
+        confusion_section(results.confusion()),
+        _runs(results, runs),
+    ]
+    return brief_report(
+        status, sections, results.remarks(), description=campaign.get("description", ""),
+        cards=_cards(groups, status.planned - status.open, status.planned), provenance=_provenance(results),
+    )  # fmt: skip
+
+
+def _provenance(results: Results) -> dict[str, Any]:
+    head = results.head
+    found: dict[str, Any] = {"campaign": {k: v for k, v in head["campaign"].items() if k != "case"}}
+    found |= {name: head[name] for name in ("version", "code", "planned", "folder")}
     if head.get("file"):
-        words = ["fmu-didim", "campaign", "run", head["file"], "--out", str(results.folder.resolve())]
-        provenance["command"] = shell_line(words)
-    write_page(
-        path,
-        TEMPLATE,
-        document=SimpleNamespace(name=campaign["name"], provenance=provenance),
-        verdict=banner(status),
-        description=campaign.get("description", ""),
-        cards=_cards(summary, status.planned - status.open, status.planned),
-        remarks=results.remarks(),
-        heads=_group_heads(results, summary),
-        groups=_groups(results, summary, runs),
-        axes=_axes(results),
-        parameters=_parameters(results, quality),
-        rows_open=ROWS_OPEN,
-        figures=figures,
-        confusion=None if confusion.empty else _confusion(confusion),
-        rows=_rows(results, runs),
-        row_heads=("run", *results.paths, "seed", "verdict", "torque error %", "iterations", "s", "message"),
-        left_out=max(len(runs) - ROWS_SHOWN, 0),
-        show=shell_line(["fmu-didim", "campaign", "show", str(results.folder)]),
-    )
+        command = ["fmu-didim", "campaign", "run", head["file"], "--out", str(results.folder.resolve())]
+        found["command"] = shell_line(command)
+    return found
 
 
 def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, str]]:
     cards = [("runs", f"{done} of {planned}")]
-    for name in (*USED, "not_settled", "refused", "failed"):
+    for name in (*USABLE, "not_settled", "refused", "failed"):
         if summary[name].sum():
             cards.append((name.replace("_", " "), str(summary[name].sum())))
     if "coverage" in summary and summary["coverage"].notna().any():
@@ -125,115 +110,87 @@ def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, st
     return cards
 
 
-def _counts(summary: pd.DataFrame) -> list[str]:
-    """The counts of groups that say something: none that is zero everywhere, no data where each run has its own."""
-    told = [name for name in ("doubtful", "not_settled", "refused", "failed", "open") if summary[name].any()]
-    data = ["data"] if (summary["data"] != summary["runs"]).any() else []
-    return ["runs", *data, "valid", *told]
-
-
-def _group_heads(results: Results, summary: pd.DataFrame) -> tuple[str, ...]:
-    found = [
-        *results.paths,
-        *(name.replace("_", " ") for name in _counts(summary)),
-        "iterations",
-        "torque error %",
-        "s",
-    ]
-    return (
-        *found,
-        *(("coverage", "95 % interval", "with misses", "largest bias / σ") if "coverage" in summary else ()),
-    )
-
-
-def _groups(results: Results, summary: pd.DataFrame, runs: pd.DataFrame) -> list[Cell]:
-    """The rows of all groups, each with links to its runs, those without answer first."""
-    order = runs["verdict"].isin(USED).astype(int)
-    runs = runs.assign(order=order).sort_values("order", kind="stable")
+def _links(results: Results, groups: pd.DataFrame, runs: pd.DataFrame) -> list[list[Link]]:
+    """Of each group the first of its runs, as far as the page lists them."""
     grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
     members = {_key(key): group for key, group in grouped}
     listed = set(runs.head(ROWS_SHOWN)["id"])
-    counts = _counts(summary)
-    cells = []
-    for row in summary.to_dict("records"):
-        texts = [shown(row[path]) for path in results.paths]
-        texts += [str(row[name]) for name in counts]
-        texts += [shown(row["iterations"]), significant(row["error_percent"]), significant(row["seconds"], 2)]
-        if "coverage" in row:
-            low, high = row["coverage_low"], _percent(row["coverage_high"])
-            interval = f"{100 * low:.1f} to {high}" if low == low else MISSING
-            texts += [_percent(row["coverage"]), interval, _percent(row["coverage_least"])]
-            texts.append(significant(row["largest_bias_in_sigma"], 2))
+    found = []
+    for row in groups.to_dict("records"):
         group = members[_key(tuple(row[path] for path in results.paths))].head(CELL_RUNS)
-        links = [
-            (id_, _word(verdict, status))
-            for id_, verdict, status in zip(group["id"], group["verdict"], group["status"], strict=True)
-            if id_ in listed
-        ]
-        cells.append(Cell(tuple(texts), tuple(links)))
-    return cells
+        each = zip(group["id"], group["verdict"], group["status"], strict=True)
+        found.append([_link(id_, _word(verdict, status)) for id_, verdict, status in each if id_ in listed])
+    return found
 
 
-def _axes(results: Results) -> list[tuple[str, Table]]:
+def _link(id_: str, word: str) -> Link:
+    return Link(id_[:8] + ("" if word == "valid" else f" ({word})"), f"#run-{id_}", word)
+
+
+def _by_field(results: Results) -> list[Section]:
     """For each field that varies, the groups by it alone."""
-    found = []
+    found = [Section("By field", [], anchor="axes")]
     for path in results.paths if len(results.paths) > 1 else []:
-        summary = results.groups(path)
-        names = _counts(summary)
-        heads = [path, *(name.replace("_", " ") for name in names), "iterations"]
-        if "coverage" in summary:
-            heads += ["coverage", "with misses", "largest bias / σ"]
-        rows = []
-        for r in summary.to_dict("records"):
-            rows.append([shown(r[path]), *(str(r[n]) for n in names), shown(r["iterations"])])
-            if "coverage" in summary:
-                rows[-1] += [_percent(r["coverage"]), _percent(r["coverage_least"])]
-                rows[-1].append(significant(r["largest_bias_in_sigma"], 2))
-        made = table(heads, rows, (0,), is_aligned=False)
-        if made is not None and len(rows) <= ROWS_SHOWN // 10:
-            found.append((path, made))
+        groups = results.groups(path)
+        if len(groups) <= VALUES_SHOWN:
+            found.append(Section(path, [Table(group_columns(groups, [path]))]))
     return found
 
 
-def _parameters(results: Results, quality: pd.DataFrame) -> Table | None:
+def _figures(results: Results) -> list[Section]:
+    """Bias and sigma over each field that varies."""
+    found = [Section("Bias and σ", [], anchor="figures")]
+    for path, chart, drawn in page_figures({path: results.by_parameter(path) for path in results.paths}):
+        if chart is not None:
+            text = "In percent of the true value, where it is not known of the mean."
+            found.append(Section(path, [note(text), Charts([chart])]))
+        elif drawn is not None:
+            found.append(Section(path, [note("Bias in units of σ; orange: positive, blue: negative."), drawn]))
+    return found
+
+
+def _parameters(results: Results, quality: pd.DataFrame) -> Section:
     """Bias, sigma and coverage of each parameter in each group."""
+    rows = quality.head(ROWS_SHOWN).to_dict("records")
     figures = {"mean": "value", "true": "true", "bias": "bias", "σ": "sigma", "σ stated": "stated"}
-    heads = [*results.paths, "parameter", "unit", *figures, "bias / σ", "coverage", "answers of runs"]
-    rows = [
-        [*(shown(r[path]) for path in results.paths), r["parameter"], pretty_unit(r["unit"]),
-         *(significant(r[name]) for name in figures.values()), significant(r["bias_in_sigma"], 2),
-         _percent(r["coverage"]), f"{r['used']} of {r['ran']}"]
-        for r in quality.head(ROWS_SHOWN).to_dict("records")
-    ]  # fmt: skip
-    words = tuple(range(len(results.paths) + 2))
-    return table(heads, rows, words, is_aligned=False) if rows else None
+    columns = [words(path, [shown(r[path]) for r in rows]) for path in results.paths]
+    columns.append(words("parameter", [r["parameter"] for r in rows]))
+    columns.append(words("unit", [pretty_unit(r["unit"]) for r in rows]))
+    columns += [Column(head, [significant(r[name]) for r in rows]) for head, name in figures.items()]
+    columns.append(Column("bias / σ", [significant(r["bias_in_sigma"], 2) for r in rows]))
+    columns.append(Column("coverage", [_percent(r["coverage"]) for r in rows]))
+    columns.append(Column("answers of runs", [f"{r['used']} of {r['ran']}" for r in rows]))
+    text = "σ: standard deviation of the answers of a group; σ stated: root of the mean of their variances."
+    folded = Folded("All of them", Table(columns), is_open=len(rows) <= ROWS_OPEN)
+    return Section("Parameters", [note(text), folded], anchor="parameters")
 
 
-def _confusion(counts: pd.DataFrame) -> Table:
-    rows = [
-        [str(hidden), *(str(n) if n else "" for n in row)]
-        for hidden, row in zip(counts.index, counts.to_numpy(), strict=True)
+def _runs(results: Results, runs: pd.DataFrame) -> Section:
+    """The runs one by one."""
+    rows = runs.head(ROWS_SHOWN).to_dict("records")
+    ids = [r["id"] for r in rows]
+    links = [[Link(id_, _page_of(results.folder, id_))] for id_ in ids]
+    columns = [
+        words("run", ids, links=links),
+        *(words(path, [shown(r[path]) for r in rows]) for path in results.paths),
+        Column("seed", [str(r["seed"]) for r in rows]),
+        words("verdict", [_word(r["verdict"], r["status"]) for r in rows]),
+        Column("torque error %", [significant(r["error_percent"]) for r in rows]),
+        Column("iterations", [shown(r["iterations"]) for r in rows]),
+        Column("s", [significant(r["seconds"], 2) for r in rows]),
+        words("message", [_first_line(r["message"]) for r in rows]),
     ]
-    return Table(("hidden \\ named", *map(str, counts.columns)), tuple(map(tuple, rows)))
+    left = len(runs) - len(rows)
+    command = shell_line(["fmu-didim", "campaign", "show", str(results.folder)])
+    text = f"One of them in full: {command} ID" + (f"; {left} more are in runs.csv" if left else "")
+    blocks: Sequence[Block] = [note(text), Table(columns, anchors=[f"run-{id_}" for id_ in ids])]
+    return Section("Runs", blocks, anchor="runs")
 
 
-def _rows(results: Results, runs: pd.DataFrame) -> list[tuple[str, str | None, tuple[str, ...]]]:
-    """Id, page and texts of the runs that are listed: those without answer first."""
-    order = runs["verdict"].isin(USED).astype(int)
-    kept = runs.assign(order=order).sort_values("order", kind="stable").head(ROWS_SHOWN)
-    found = []
-    for row in kept.to_dict("records"):
-        texts = [*(shown(row[path]) for path in results.paths), str(row["seed"]), _word(row["verdict"], row["status"])]
-        texts += [significant(row["error_percent"]), shown(row["iterations"]), significant(row["seconds"], 2)]
-        texts.append(_first_line(row["message"]))
-        found.append((row["id"], _page_of(results.folder, row["id"]), tuple(texts)))
-    return found
-
-
-def _page_of(folder: Path, id_: str) -> str | None:
-    """The page of a run whose files were kept."""
-    names = (f"{FILES}/{id_}/{name}" for name in (REPORT_FILE, DISCOVERY_REPORT))
-    return next((name for name in names if (folder / name).is_file()), None)
+def _page_of(folder: Path, id_: str) -> str:
+    """The page of a run whose files were kept; empty without one."""
+    names = (f"{FILES}/{id_}/{name}" for name in (REPORT_FILE, DISCOVERY_FILE))
+    return next((name for name in names if (folder / name).is_file()), "")
 
 
 def _first_line(text: Any) -> str:

@@ -3,9 +3,9 @@
     bias      mean(value - true)                         sigma     standard deviation of the values of a group
     stated    sqrt(mean(std^2))                          coverage  part of the 95 % intervals that hold the true value
 
-Only valid and doubtful answers count for these; how many others there were stands beside them, and so does the coverage
-with each of those as a miss. The interval of a coverage is Clopper and Pearson's (Biometrika 26, 1934), of as many
-trials as there are different data: runs on the same data are no further evidence.
+Only valid and doubtful answers count. Beside these figures are the number of the other runs, and the coverage with each
+of them as a miss. The interval of a coverage is that of Clopper and Pearson (Biometrika 26, 1934) for as many trials as
+there are different data: runs on the same data are no further evidence.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from scipy.special import betaincinv
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.statistics import CONFIDENCE
 
-USED = ("valid", "doubtful")
-"""Verdicts of answers that may be used, which alone count for bias, sigma and coverage."""
+USABLE = ("valid", "doubtful")
+"""Verdicts of answers that may be used; only these count for bias, sigma and coverage."""
 
 
 def by_parameter(runs: pd.DataFrame, parameters: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """One row a group and parameter; ``names``: the columns that make a group."""
-    used = parameters[parameters["verdict"].isin(USED)]
+    used = parameters[parameters["verdict"].isin(USABLE)]
     if used.empty:
         return pd.DataFrame()
     inside = ((used["low"] <= used["true"]) & (used["true"] <= used["high"])).where(used["true"].notna(), False)
@@ -75,9 +75,9 @@ def of_all_parameters(table: pd.DataFrame, names: list[str]) -> dict[tuple[objec
 
 
 def proportion_interval(share: Any, count: Any) -> tuple[Array, Array]:
-    """95 % interval of probabilities, of which ``share`` of ``count`` trials came true (Clopper and Pearson 1934).
+    """95 % interval of probabilities, when ``share`` of ``count`` trials succeed (Clopper and Pearson 1934).
 
-    With k of n it ends at the quantiles 0.025 of Beta(k, n - k + 1) and 0.975 of Beta(k + 1, n - k); without trials it
+    For k of n its ends are the quantiles 0.025 of Beta(k, n - k + 1) and 0.975 of Beta(k + 1, n - k); without trials it
     is everything. Both arguments may be arrays.
     """
     share, count = np.asarray(share, dtype=float), np.asarray(count, dtype=float)

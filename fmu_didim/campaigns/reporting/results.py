@@ -1,4 +1,4 @@
-"""What a campaign gave: tables of its runs, parameters and groups, and what to have in mind with them."""
+"""The results of a campaign: tables of its runs, parameters and groups, and remarks on them."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ import numpy as np
 import pandas as pd
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.campaigns.reporting.quality import USED, by_parameter, of_all_parameters, plain
+from fmu_didim.campaigns.reporting.quality import USABLE, by_parameter, of_all_parameters, plain
+from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section
 from fmu_didim.campaigns.reporting.status import VERDICTS, Status, status_of
-from fmu_didim.campaigns.reporting.texts import groups_text
 from fmu_didim.campaigns.running.store import FAILURES, Store
-from fmu_didim.report.identification.table import wrapped
+from fmu_didim.report.sections import Table
+from fmu_didim.report.terminal import section_lines, table_lines, wrapped
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+    from matplotlib.figure import Figure
 
 FEW_RUNS = 20
 """[runs] Data sets of a group below which its coverage says little: 19 of 20 inside leave 75 % to 99.9 %."""
 GROUPS_PRINTED = 12
-"""[groups] Most groups that are printed; else those by each field alone."""
+"""[groups] Most groups that are printed; otherwise the groups by each single field."""
 
 
 class Results:
-    """The results of a campaign in its folder: those of the runs that are planned now, no others."""
+    """The results of a campaign in its folder; only those of the runs that are planned now."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
@@ -39,7 +40,7 @@ class Results:
 
     @property
     def folder(self) -> Path:
-        """Where they are."""
+        """The folder of the results."""
         return self.store.folder
 
     @property
@@ -56,7 +57,7 @@ class Results:
         return table
 
     def status(self) -> Status:
-        """How far it is; quick, as it reads few columns."""
+        """The progress of the campaign; quick, as it reads few columns."""
         return status_of(self.store)
 
     @cached_property
@@ -68,7 +69,7 @@ class Results:
         )
 
     def to_frame(self, *, parameters: bool = True) -> pd.DataFrame:
-        """One row a planned run: what varies, status (``open`` where it was not run), verdict, message, figures.
+        """One row a planned run: the fields that vary, status (``open`` if not run yet), verdict, message, figures.
 
         Args:
             parameters: a column for the value of each parameter too, ``<name>.std`` and ``<name>.true`` beside it.
@@ -80,7 +81,7 @@ class Results:
         return self._runs.merge(wide, left_on="id", right_index=True, how="left")
 
     def parameters(self) -> pd.DataFrame:
-        """One row a parameter of each run that has answered: value, std, low, high, true, and what varies."""
+        """One row a parameter of each answered run: value, std, low, high, true, and the fields that vary."""
         return self._parameters.copy()
 
     @cached_property
@@ -96,16 +97,16 @@ class Results:
         return self._runs[shown].merge(found, on="id")
 
     def summary(self) -> str:
-        """What the terminal shows: groups, what was named of hidden effects, what to have in mind with the figures."""
+        """What the terminal shows: groups, hidden effects against named ones, remarks."""
         whole, paths = self.groups(), self.paths
-        apart = len(whole) > GROUPS_PRINTED and len(paths) > 1
-        blocks = [groups_text(self.groups(path), [path]) for path in paths] if apart else [groups_text(whole, paths)]
-        confusion = self.confusion()
-        if not confusion.empty:
-            blocks.append("hidden effects (rows) against named ones, in runs\n" + confusion.to_string())
-        if remarks := self.remarks():
-            blocks.append("\n".join(line for remark in remarks for line in wrapped(remark, "- ", "  ")))
-        return "\n\n".join(["\n".join(self.status().lines()[:2]), *blocks])
+        is_long = len(whole) > GROUPS_PRINTED and len(paths) > 1
+        tables = (
+            [group_columns(self.groups(path), [path]) for path in paths] if is_long else [group_columns(whole, paths)]
+        )
+        blocks = [table_lines(Table(columns), width=None) for columns in tables]
+        blocks.append(section_lines(confusion_section(self.confusion())))
+        blocks.append([line for remark in self.remarks() for line in wrapped(remark, "- ", "  ")])
+        return "\n\n".join("\n".join(block) for block in (self.status().lines()[:2], *blocks) if block)
 
     def full_id(self, begin: str) -> str:
         """The id of the planned run that begins so; raises UnknownNameError where there is none, or more than one."""
@@ -116,7 +117,7 @@ class Results:
         return str(found[0])
 
     def describe(self, begin: str) -> list[str]:
-        """All that is known of a run, a line each; ``begin``: the first digits of its id."""
+        """All that is known of a run, line by line; ``begin``: the first digits of its id."""
         row = self._runs[self._runs["id"] == self.full_id(begin)].iloc[0].to_dict()
         named = {**{path: row[path] for path in self.paths}, "seed": row["seed"]}
         lines = [f"run {row['id']}", *(f"  {path} = {value}" for path, value in named.items()), ""]
@@ -128,7 +129,7 @@ class Results:
         return [*lines, "", f"again: fmu-didim campaign retry {self.folder} --only {row['id']}"]
 
     def groups(self, *by: str) -> pd.DataFrame:
-        """One row a group: how many runs came to what, iterations, errors, and how good their answers are.
+        """One row a group: number of runs by verdict, iterations, errors, and the quality of the answers.
 
         Args:
             by: fields that vary; by default all of them, without the seed.
@@ -148,7 +149,7 @@ class Results:
             row |= {"failed": int(status.isin(FAILURES).sum()), "open": int((status == "open").sum())}
             row["data"] = int(group.loc[status != "open", "data"].nunique())
             row["iterations"] = group["iterations"].median()
-            row["error_percent"] = group.loc[verdict.isin(USED), "error_percent"].median()
+            row["error_percent"] = group.loc[verdict.isin(USABLE), "error_percent"].median()
             row["seconds"] = group["seconds"].median()
             rows.append(row | quality.get(plain(key), {}))
         return pd.DataFrame(rows)
@@ -178,16 +179,16 @@ class Results:
         return {}
 
     def plot(self, field: str | None = None) -> Figure:
-        """A plotly figure: sigma and, where true values are known, bias of each parameter over a field that varies.
+        """A Matplotlib figure: sigma and, where true values are known, bias of each parameter over a field that varies.
 
         Args:
             field: its path, the first one by default.
 
         Raises:
-            UnknownNameError: nothing of this name varies; InputError: nothing varies, or there is nothing to draw.
+            UnknownNameError: nothing of this name varies; InputError: no field varies, or there is nothing to draw.
         """
         from fmu_didim.campaigns.reporting.charts import field_chart
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
 
         if field is None and not self.paths:
             raise InputError(
@@ -195,16 +196,16 @@ class Results:
                 next_step="by_parameter() has bias, sigma and coverage; or let the campaign vary a field.",
             )  # fmt: skip
         path = field or self.paths[0]
-        return plotly_figure(field_chart(self.by_parameter(path), path))
+        return matplotlib_figure(field_chart(self.by_parameter(path), path))
 
     def _repr_html_(self) -> str:
-        """For notebooks: how far it is, the groups, and what to have in mind with their figures."""
-        from fmu_didim.campaigns.reporting.notebook import results_html
+        """For notebooks: progress, groups and remarks."""
+        from fmu_didim.report.page import notebook_html
 
-        return results_html(self.status(), self.groups(), self.paths, self.remarks())
+        return notebook_html(brief_report(self.status(), [groups_section(self.groups(), self.paths)], self.remarks()))
 
     def confusion(self) -> pd.DataFrame:
-        """Of discoveries: hidden effects by what was named, in runs; empty for identifications."""
+        """Of discoveries: number of runs by hidden and by named effects; empty for identifications."""
         runs = self._runs[self._runs["answer"].notna()]
         if runs.empty:
             return pd.DataFrame()
@@ -212,23 +213,23 @@ class Results:
         return pd.crosstab(hidden.rename("hidden"), runs["named"].replace("", "nothing").rename("named"))
 
     def remarks(self) -> list[str]:
-        """What to have in mind with these figures."""
+        """What to keep in mind when reading these figures."""
         status, runs, found = self.status(), self._runs, list[str]()
         ran = runs[runs["status"] != "open"]
-        without = int((~ran["verdict"].isin(USED)).sum())
+        without = int((~ran["verdict"].isin(USABLE)).sum())
         if without:
-            parts = {**{v: status.verdicts[v] for v in VERDICTS if v not in USED}, **status.failures}
+            parts = {**{v: status.verdicts[v] for v in VERDICTS if v not in USABLE}, **status.failures}
             counted = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in parts.items() if n)
             found.append(
                 f"{without} of {len(ran)} runs gave no answer that may be used ({counted}): bias, sigma and coverage "
-                f"are of the other {len(ran) - without} alone; 'with misses' counts those as intervals that miss."
+                f"are those of the other {len(ran) - without}; 'with misses' counts the former as intervals that miss."
             )
         if status.verdicts["doubtful"]:
             found.append(
-                f"{status.verdicts['doubtful']} answers are doubtful; they count, as their values may be used."
+                f"{status.verdicts['doubtful']} answers are doubtful; they count, because their values may be used."
             )
         if status.open:
-            found.append(f"{status.open} of {status.planned} runs are not run yet.")
+            found.append(f"{status.open} of {status.planned} runs have not run yet.")
         if not self._parameters.empty and self._parameters["true"].notna().any():
             found += self._remarks_on_coverage(ran)
         return found + status.lines()[-1:] if status.elsewhere else found
@@ -238,7 +239,7 @@ class Results:
         data = int(ran["data"].nunique())
         if data < len(ran):
             found.append(
-                f"{len(ran)} runs are on {data} different data: runs with the same data err together, and intervals of "
+                f"{len(ran)} runs are on {data} different data: runs on the same data err together, so intervals of "
                 "coverage count the data."
             )
         table = self.by_parameter()

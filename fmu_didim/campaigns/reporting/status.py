@@ -1,4 +1,4 @@
-"""How far a campaign is; read quickly, without what the tables need."""
+"""The progress of a campaign; quick to read, as it needs no tables."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ VERDICTS = ("valid", "doubtful", "not_settled", "refused")
 
 @dataclass(frozen=True)
 class Status:
-    """How far a campaign is.
+    """The progress of a campaign.
 
     Attributes:
-        planned: runs; verdicts: verdict -> runs; failures: status -> runs; open: not run yet.
+        planned: number of runs; verdicts: verdict -> runs; failures: status -> runs; open: runs to do.
         elsewhere: rows in the folder that belong to another plan, to other files or to another version of the code.
     """
 
@@ -35,12 +35,12 @@ class Status:
         if self.open:
             lines.append(f"{self.open} open" + (f", running: {', '.join(self.others)}" if self.others else ""))
         if self.elsewhere:
-            lines.append(f"{self.elsewhere} further rows are of another plan, version or file; they are used nowhere")
+            lines.append(f"{self.elsewhere} further rows belong to another plan, version or file; they are ignored")
         return lines
 
 
 def status_of(store: Store) -> Status:
-    """How far the campaign of a folder is; raises InputError where there is none."""
+    """The progress of the campaign of a folder; raises InputError where there is none."""
     name = store.head()["campaign"]["name"]
     planned = set(store.planned()["id"].to_pylist())
     rows = store.rows(())
@@ -51,5 +51,5 @@ def status_of(store: Store) -> Status:
         name=name, planned=len(planned),
         verdicts={v: sum(n for (_, verdict), n in own.items() if verdict == v) for v in VERDICTS},
         failures={s: sum(n for (status, _), n in own.items() if status == s) for s in FAILURES},
-        open=len(planned) - done, elsewhere=len(rows) - done, others=store.others(),
+        open=len(planned) - done, elsewhere=len(rows) - done, others=store.other_runners(),
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """A Dask cluster as the engine of a campaign.
 
-Dask is disposable here: what is done stands in the folder of the campaign, which all workers share. A scheduler that is
-lost costs what was in flight.
+Dask holds no results: finished runs are in the folder of the campaign, which all workers share. A lost scheduler costs
+only the runs in progress.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from pathlib import Path
 from fmu_didim.base.errors import InputError, loading
 
 SCHEDULER_S = 30.0
-"""[s] For a scheduler to answer, or to write its file."""
+"""[s] Time for a scheduler to answer, or to write its file."""
 WORKERS_S = 60.0
-"""[s] For the first worker of a cluster to appear: a queue may take longer."""
+"""[s] Time for the first worker of a cluster to start."""
 
 
 @contextmanager
 def cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """An executor on a cluster, and how many chunks it works on at once.
+    """An executor on a cluster, and how many chunks it runs at once.
 
     Args:
         address: ``tcp://host:port``, or the scheduler file.

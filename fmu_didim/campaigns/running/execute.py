@@ -1,4 +1,4 @@
-"""One run, from its content to its row: what goes on in the process of a worker."""
+"""One run, from its content to its row, in the process of a worker."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from typing import Any
 
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.base.errors import FmuDidimError, FmuError, IdentificationError, SimulationError
-from fmu_didim.campaigns.planning.fields import written
+from fmu_didim.campaigns.planning.fields import with_written_descriptions
 from fmu_didim.campaigns.planning.plan import Content
 from fmu_didim.campaigns.planning.truth import (
     Truth,
     hidden_effects,
     noisy_logs,
-    on_simulated,
     regrouped,
     simulated_truth,
     validated_noise,
+    with_simulated_logs,
 )
 from fmu_didim.campaigns.running.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
 from fmu_didim.case import Case, load_case
@@ -37,10 +37,10 @@ from fmu_didim.results.result import ResultDocument
 from fmu_didim.workflow import discover, identify
 
 PREPARED = 4
-"""[cases] Loaded cases that a worker keeps; runs of one case follow each other."""
+"""[cases] Loaded cases that a worker caches; runs of one case follow each other."""
 
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
-"""Of every worker: there are as many of them as cores."""
+"""Of every worker process: one thread each, as there are as many workers as cores."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Task:
     """A run as it is sent to a worker.
 
     Attributes:
-        id, design, data, seed: as of the run; verb: what is done; content: with what.
+        id, design, data, seed: as of the run; verb: ``identify`` or ``discover``; content: of the case.
         files: folder for all result files; empty for none.
     """
 
@@ -63,15 +63,15 @@ class Task:
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of a case that was tried: what is wrong with it, or why its runs may fail; empty where it is good."""
+    """The outcome of loading a case: its error, or why its runs may fail; both empty where it is good."""
 
     problem: str = ""
     doubt: str = ""
 
 
 @dataclass
-class Kept:
-    """What a worker keeps between runs.
+class WorkerState:
+    """What a worker process holds between runs.
 
     Attributes:
         scratch: folder of this process; prepared: the last cases with their truth, by design.
@@ -81,9 +81,9 @@ class Kept:
     prepared: OrderedDict[str, tuple[Case, Truth | None]] = field(default_factory=OrderedDict)
 
 
-def begin(there: Any, memory_mb: float) -> None:
-    """Ready a worker; its memory is limited where the system can do that."""
-    there.kept = Kept()
+def start_worker(process: Any, memory_mb: float) -> None:
+    """Initialise a worker process and limit its memory, where the system can do that."""
+    process.state = WorkerState()
     if sys.platform == "linux":
         import resource
 
@@ -91,15 +91,15 @@ def begin(there: Any, memory_mb: float) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (bytes_, bytes_))
 
 
-def execute(there: Any, task: Task) -> dict[str, Any]:
-    """The row of a run; whatever goes wrong stands in it."""
+def execute(process: Any, task: Task) -> dict[str, Any]:
+    """The row of a run, with its error if it fails."""
     begun, begun_cpu = time.perf_counter(), time.process_time()
     row: dict[str, Any] = {
         "id": task.id, "design": task.design, "data": task.data, "seed": task.seed, "status": ANSWERED,
         "host": socket.gethostname(), "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
     }  # fmt: skip
     try:
-        row |= _answer(there.kept, task)
+        row |= _answer(process.state, task)
     except DiagnosedError as error:
         row |= refusal(error, [d.code.name for d in error.found])
     except IdentificationError as error:
@@ -107,7 +107,7 @@ def execute(there: Any, task: Task) -> dict[str, Any]:
     except FmuDidimError as error:
         row |= {"status": FAILED, "message": str(error)}
     except MemoryError as error:
-        row |= {"status": MEMORY_LIMIT, "message": f"The run asked for more memory than it may have. {error}".strip()}
+        row |= {"status": MEMORY_LIMIT, "message": f"The run needs more memory than its limit. {error}".strip()}
     except Exception as error:  # noqa: BLE001 - one bad run must not end the others; its row says so
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}, line {last.lineno}"
@@ -116,12 +116,12 @@ def execute(there: Any, task: Task) -> dict[str, Any]:
 
 
 def refusal(error: FmuDidimError, codes: list[str]) -> dict[str, Any]:
-    """What the row of a refused run says."""
+    """Entries of the row of a refused run."""
     return {"status": REFUSED, "verdict": "refused", "message": str(error), "reasons": codes}
 
 
-def _answer(kept: Kept, task: Task) -> dict[str, Any]:
-    case, truth = prepared(kept, task)
+def _answer(state: WorkerState, task: Task) -> dict[str, Any]:
+    case, truth = prepared(state, task)
     out = Path(task.files) if task.files else None
     if task.verb == "discover":
         options = task.content.options
@@ -130,15 +130,15 @@ def _answer(kept: Kept, task: Task) -> dict[str, Any]:
     return _result(identify(case, out).document, case, truth)
 
 
-def prepared(kept: Kept, task: Task) -> tuple[Case, Truth | None]:
-    """The case of a run with its data; what runs of one design share is loaded once."""
+def prepared(state: WorkerState, task: Task) -> tuple[Case, Truth | None]:
+    """The case of a run with its data; runs of one design share the loaded case."""
     content = task.content
-    if task.design not in kept.prepared:
-        kept.prepared[task.design] = _loaded(Path(kept.scratch.name), task)
-        while len(kept.prepared) > PREPARED:
-            kept.prepared.popitem(last=False)
-    kept.prepared.move_to_end(task.design)
-    case, truth = kept.prepared[task.design]
+    if task.design not in state.prepared:
+        state.prepared[task.design] = _loaded(Path(state.scratch.name), task)
+        while len(state.prepared) > PREPARED:
+            state.prepared.popitem(last=False)
+    state.prepared.move_to_end(task.design)
+    case, truth = state.prepared[task.design]
     if truth is None:
         return case, None
     return case.with_signals(noisy_logs(truth, validated_noise(content.noise), task.data)), truth
@@ -146,25 +146,25 @@ def prepared(kept: Kept, task: Task) -> tuple[Case, Truth | None]:
 
 def _loaded(scratch: Path, task: Task) -> tuple[Case, Truth | None]:
     content, folder = task.content, Path(task.content.folder)
-    case = written(content.case, scratch)
+    case = with_written_descriptions(content.case, scratch)
     if content.truth is None:
         return load_case(case, folder=folder), None
-    truth = simulated_truth(written(content.truth, scratch), folder)
+    truth = simulated_truth(with_written_descriptions(content.truth, scratch), folder)
     logs = noisy_logs(truth, validated_noise({}), task.data)
-    return load_case(on_simulated(case), folder=folder, signals=logs), truth
+    return load_case(with_simulated_logs(case), folder=folder, signals=logs), truth
 
 
-def try_case(there: Any, task: Task) -> Trial:
-    """What hinders a case, before any run of it: it is loaded, its machine simulated, its start looked at."""
+def try_case(process: Any, task: Task) -> Trial:
+    """Load a case before any of its runs, simulate its machine and check its start values."""
     try:
-        case, _ = prepared(there.kept, task)
+        case, _ = prepared(process.state, task)
         start = getattr(case.estimator, "start", None)
         if isinstance(start, Mapping):
             start_values(case.model, start)
         for component in case.model.systems[case.model.first].components.values():
             component.instantiate().close()
-    except (SimulationError, FmuError) as error:  # at this value a loop may diverge, or an FMU fail in a step
-        return Trial(doubt=str(error)) if _can_be_loaded(there.kept, task.content) else Trial(str(error))
+    except (SimulationError, FmuError) as error:  # the loop may diverge at this value, or an FMU fail in a step
+        return Trial(doubt=str(error)) if _can_be_loaded(process.state, task.content) else Trial(str(error))
     except FmuDidimError as error:
         return Trial(str(error))
     except Exception as error:  # noqa: BLE001 - such as the code of a controller of the user
@@ -172,10 +172,14 @@ def try_case(there: Any, task: Task) -> Trial:
     return Trial()
 
 
-def _can_be_loaded(kept: Kept, content: Content) -> bool:
-    """Whether a case only fails when it runs: its rows say so then, and the others go on."""
+def _can_be_loaded(state: WorkerState, content: Content) -> bool:
+    """Whether a case fails only when it runs: its rows then say so, and the other runs go on."""
     try:
-        load_case(written(content.case, Path(kept.scratch.name)), folder=content.folder, require_torque=False)
+        load_case(
+            with_written_descriptions(content.case, Path(state.scratch.name)),
+            folder=content.folder,
+            require_torque=False,
+        )
     except FmuDidimError:
         return False
     return True
@@ -206,7 +210,7 @@ def _result(document: ResultDocument, case: Case, truth: Truth | None) -> dict[s
 
 
 def _true(truth: Truth | None, own: Mapping[str, str], name: str) -> float | None:
-    """The true value of a parameter, if it means the same in both models: the same is regrouped into it."""
+    """The true value of a parameter, if the same parameters are regrouped into it in both models."""
     if truth is None or name not in truth.values:
         return None
     value, with_it = truth.values[name]
@@ -214,7 +218,7 @@ def _true(truth: Truth | None, own: Mapping[str, str], name: str) -> float | Non
 
 
 _OF_FINDINGS = {"answer", "findings", "gap", "ratio_interval", "error_percent"}
-"""Entries of ``findings.json`` that a row keeps, as JSON."""
+"""Entries of ``findings.json`` that a row holds, as JSON."""
 
 
 def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> dict[str, Any]:
@@ -235,7 +239,7 @@ def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> di
     }  # fmt: skip
 
 
-def close(there: Any) -> None:
-    """Remove what a worker has written for itself."""
+def close_worker(process: Any) -> None:
+    """Remove the scratch folder of a worker process."""
     with suppress(OSError):
-        there.kept.scratch.cleanup()
+        process.state.scratch.cleanup()

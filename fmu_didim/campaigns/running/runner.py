@@ -1,8 +1,8 @@
-"""Runs what is not run yet: chunks of runs go to an engine, and each run to a process that may fail alone.
+"""Runs all planned runs that are not in the store yet, in chunks; a run that crashes ends only its own process.
 
 The engine is any ``concurrent.futures`` executor: threads of this process, or Dask's workers. Each of its threads
-drives one child process, which runs one case after the other: what kills it, stops it or fills it is the case that it
-was on. In a pool of processes that share a queue it could be any of them, and one crash would end them all.
+drives one child process, which runs one case after the other, so that a crash, a time-out or a full memory belongs to
+a known run. In a pool of processes with a shared queue one crash would end them all.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any
 
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.campaigns.planning.document import Limits
-from fmu_didim.campaigns.planning.plan import Plan, Run
-from fmu_didim.campaigns.running.execute import ENVIRONMENT, Task, Trial, begin, close, execute, try_case
-from fmu_didim.campaigns.running.fmu_slots import seats, sources_of
+from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
+from fmu_didim.campaigns.running.execute import ENVIRONMENT, Task, Trial, close_worker, execute, start_worker, try_case
+from fmu_didim.campaigns.running.fmu_slots import fmu_slots, sources_of
 from fmu_didim.campaigns.running.store import (
     ALIVE_S,
     CRASHED,
@@ -37,25 +37,26 @@ from fmu_didim.campaigns.running.store import (
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, ProcessEndedError, Worker
 
 CHUNK_S = 4.0
-"""[s] Work that is handed over at once: a hundred times what an engine takes for it, and little to lose."""
+"""[s] Work in one chunk: a hundred times the overhead of an engine, and little to lose."""
 CHUNK_RUNS = 200
-"""[runs] Most runs of a chunk, however short: failures are told soon."""
+"""[runs] Most runs of a chunk, however short: failures are reported soon."""
 CHUNKS_AHEAD = 2
-"""[chunks] Handed over for each worker: one it works on and one so that it never waits."""
+"""[chunks] Submitted for each worker: the one that it works on, and one so that it never waits."""
 KILLS = 2
-"""[times] A run whose process is killed from outside so often has failed; once may be mere chance."""
+"""[times] A run whose process is killed from outside this often has failed; once may be chance."""
 
-Told = Callable[["Progress"], None]
-RowHead = tuple[str, str, str | None, str, float]
-"""Id, status, verdict, message and seconds of a run: what an engine brings back."""
+ProgressCallback = Callable[["Progress"], None]
+RunSummary = tuple[str, str, str | None, str, float]
+"""Id, status, verdict, message and seconds of a run, as an engine returns them."""
 
 
 @dataclass
 class Progress:
-    """How far a campaign is.
+    """The progress of a campaign.
 
     Attributes:
-        count: runs to do now; done: of them; known: runs that were there before; failed: of those done now.
+        count: runs to do now; done: finished ones of these; failed: failed ones of these.
+        known: runs that were in the store before.
         last: the runs that have just ended; elapsed, left: s; left is None until the first have ended.
     """
 
@@ -63,38 +64,38 @@ class Progress:
     known: int
     done: int = 0
     failed: int = 0
-    last: list[RowHead] = field(default_factory=list)
+    last: list[RunSummary] = field(default_factory=list)
     elapsed: float = 0.0
 
     @property
     def left(self) -> float | None:
-        """Seconds that the rest will take."""
+        """[s] Estimated time for the rest."""
         return self.elapsed * (self.count - self.done) / self.done if self.done else None
 
 
-class Lane:
-    """A child process for runs, one after the other, and the journal of their rows."""
+class RunWorker:
+    """A child process that executes runs one after the other, and the journal of their rows."""
 
     def __init__(self, folder: Path, allowed: Limits) -> None:
         self._allowed, self.journal = allowed, Journal(folder)
-        self._worker: Worker | None = None
+        self._process: Worker | None = None
         self.stopped = False
 
     def ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function in the process, which is started if there is none."""
-        if self._worker is None:
-            self._worker = Worker("the run", self._allowed.time_s, subject="The run", environment=ENVIRONMENT)
-            self._worker.request("the start", begin, self._allowed.memory_mb, limit=START_LIMIT)
-        return self._worker.request("the run", function, *arguments)
+        """Call a function in the process, which is started if necessary."""
+        if self._process is None:
+            self._process = Worker("the run", self._allowed.time_s, subject="The run", environment=ENVIRONMENT)
+            self._process.request("the start", start_worker, self._allowed.memory_mb, limit=START_LIMIT)
+        return self._process.request("the run", function, *arguments)
 
     def run(self, task: Task, attempt: int = 1) -> dict[str, Any]:
-        """The row of a run; a process that ends is part of it."""
+        """The row of a run, also where its process ends."""
         for kills in range(1, KILLS + 1):
             started, clock = datetime.now(UTC).isoformat(timespec="milliseconds"), time.perf_counter()
             try:
                 row: dict[str, Any] = self.ask(execute, task)
                 if row["status"] == MEMORY_LIMIT:
-                    self.close()  # what is left of it is not to be trusted
+                    self.close()  # its state is unreliable now
                 break
             except FmuDidimError as error:
                 self.close()
@@ -108,131 +109,133 @@ class Lane:
     def stop(self) -> None:
         """End the process at once, from another thread; the run that it is on leaves no row."""
         self.stopped = True
-        if self._worker is not None:
-            self._worker.kill()
+        if self._process is not None:
+            self._process.kill()
 
     def close(self) -> None:
         """End the process."""
-        if self._worker is not None:
+        if self._process is not None:
             with suppress(FmuDidimError):
-                self._worker.request("the end", close, limit=5.0)
-            self._worker.close()
-            self._worker = None
+                self._process.request("the end", close_worker, limit=5.0)
+            self._process.close()
+            self._process = None
 
 
 def _ended(error: FmuDidimError) -> dict[str, str]:
-    """What the row of a run says that gave none itself."""
+    """Status and message of a run whose process gave no row."""
     if not isinstance(error, ProcessEndedError):
         return {"status": FAILED, "message": str(error)}
     if error.expired:
-        advice = "Something loops or waits in it; raise limits: {time_s: ...} if it is only slow."
+        advice = "It waits or loops for ever; raise limits: {time_s: ...} if it is only slow."
     elif error.killed:
-        advice = "It may have filled the memory of the machine: take fewer workers, or a lower memory_mb."
+        advice = "It may have used up the memory of the machine: take fewer workers, or a lower memory_mb."
     else:
-        advice = "An FMU or a Python object of the case is faulty: isolated: true beside an FMU tells which, and where."
+        advice = "An FMU or a Python object of the case crashes: isolated: true at an FMU shows which, and where."
     message = f"{error.what}\n  got:   {error.got}\n  next:  {advice}"
     return {"status": TIME_LIMIT if error.expired else CRASHED, "message": message}
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Runs that are handed over at once; all that a worker needs, picklable."""
+    """Runs that are submitted together; picklable, with all that a worker needs."""
 
     folder: str
     tasks: tuple[tuple[Task, int], ...]
     allowed: Limits
 
 
-_lanes = threading.local()
-_all_lanes: list[Lane] = []
+_local = threading.local()
+_all_workers: list[RunWorker] = []
 _lock = threading.Lock()
 
 
-def lane_of_thread(folder: str, allowed: Limits) -> Lane:
-    """The lane of this thread for a campaign."""
+def worker_of_thread(folder: str, allowed: Limits) -> RunWorker:
+    """The worker of this thread for a campaign."""
     key = (folder, allowed.model_dump_json())
-    if getattr(_lanes, "key", None) != key:
-        if getattr(_lanes, "lane", None) is not None:
-            _lanes.lane.close()
-            _lanes.lane.journal.close()
-        _lanes.key, _lanes.lane = key, Lane(Path(folder), allowed)
+    if getattr(_local, "key", None) != key:
+        if getattr(_local, "worker", None) is not None:
+            _local.worker.close()
+            _local.worker.journal.close()
+        _local.key, _local.worker = key, RunWorker(Path(folder), allowed)
         with _lock:
-            _all_lanes.append(_lanes.lane)
-    lane: Lane = _lanes.lane
-    return lane
+            _all_workers.append(_local.worker)
+    worker: RunWorker = _local.worker
+    return worker
 
 
-def run_chunk(chunk: Chunk) -> list[RowHead]:
-    """Run a chunk in this thread; returns what is to be told of it, the rows are in the store."""
-    lane, heads = lane_of_thread(chunk.folder, chunk.allowed), []
-    with _seats(lane, [task for task, _ in chunk.tasks], chunk.allowed):
+def run_chunk(chunk: Chunk) -> list[RunSummary]:
+    """Run a chunk in this thread; returns summaries, the rows are in the store."""
+    worker, summaries = worker_of_thread(chunk.folder, chunk.allowed), []
+    with _fmu_slots(worker, [task for task, _ in chunk.tasks], chunk.allowed):
         for task, attempt in chunk.tasks:
-            if lane.stopped:
+            if worker.stopped:
                 break
-            row = lane.run(task, attempt)
-            if lane.stopped:  # it was ended from here, not by itself
+            row = worker.run(task, attempt)
+            if worker.stopped:  # this process ended it
                 break
-            lane.journal.write(row)
+            worker.journal.write(row)
             message, seconds = row.get("message") or "", row.get("seconds") or 0.0
-            heads.append((task.id, row["status"], row.get("verdict"), message, seconds))
-        lane.journal.end_chunk()
-    return heads
+            summaries.append((task.id, row["status"], row.get("verdict"), message, seconds))
+        worker.journal.end_chunk()
+    return summaries
 
 
 def try_tasks(folder: str, allowed: Limits, tasks: Sequence[Task]) -> list[Trial]:
-    """What hinders each of some cases, tried in this thread before any run."""
-    lane, found = lane_of_thread(folder, allowed), []
-    with _seats(lane, tasks, allowed):
+    """Load each of some cases in this thread, before any run."""
+    worker, found = worker_of_thread(folder, allowed), []
+    with _fmu_slots(worker, tasks, allowed):
         for task in tasks:
             try:
-                found.append(lane.ask(try_case, task))
+                found.append(worker.ask(try_case, task))
             except FmuDidimError as error:  # it ended its process
-                lane.close()
+                worker.close()
                 found.append(Trial(doubt=str(error)))
     return found
 
 
-def stop_lanes() -> None:
-    """End the processes of this one at once; the runs that they are on leave no row."""
+def stop_workers() -> None:
+    """End all child processes at once; the runs that they are on leave no row."""
     with _lock:
-        for lane in _all_lanes:
-            lane.stop()
+        for worker in _all_workers:
+            worker.stop()
 
 
-def end_lanes() -> None:
-    """End the processes of this one and their journals, when no run is in flight."""
+def close_workers() -> None:
+    """End all child processes and their journals, when no run is in progress."""
     with _lock:
-        lanes, _all_lanes[:] = list(_all_lanes), []
-    for lane in lanes:
-        lane.close()
-        lane.journal.close() if lane.stopped else lane.journal.seal()
+        workers, _all_workers[:] = list(_all_workers), []
+    for worker in workers:
+        worker.close()
+        worker.journal.close() if worker.stopped else worker.journal.seal()
 
 
 @contextmanager
-def _seats(lane: Lane, tasks: Sequence[Task], allowed: Limits) -> Iterator[None]:
-    """Held while a chunk runs; before they are given back the process ends, and with it what it keeps of the FMUs."""
+def _fmu_slots(worker: RunWorker, tasks: Sequence[Task], allowed: Limits) -> Iterator[None]:
+    """Hold the slots of a chunk while it runs; its process ends before they are released, and with it its FMUs."""
     files = {
         Path(task.content.folder, name): allowed.instances[name]
         for task in tasks for case in (task.content.case, task.content.truth or {})
         for name in sources_of(case) & set(allowed.instances)
     }  # fmt: skip
-    with seats(files, lambda: lane.stopped):
+    with fmu_slots(files, lambda: worker.stopped):
         yield
         if files:
-            lane.close()
+            worker.close()
 
 
-def task_of(plan: Plan, run: Run, files: Path | None = None) -> Task:
-    """A run as it is sent."""
+def task_of(plan: Plan, run: PlannedRun, files: Path | None = None) -> Task:
+    """A run as it is sent to a worker."""
     where = str(files / run.id) if files is not None and plan.document.keep else ""
     return Task(run.id, run.design, run.data, run.seed, plan.document.verb, plan.content(run.settings), where)
 
 
-def chunks(plan: Plan, store: Store, todo: Sequence[tuple[Run, int]], size: Callable[[], int]) -> Iterator[Chunk]:
+def chunks(
+    plan: Plan, store: Store, todo: Sequence[tuple[PlannedRun, int]], size: Callable[[], int]
+) -> Iterator[Chunk]:
     """The runs in chunks, runs of one case together as far as they fit."""
     files = (store.folder / FILES).resolve()
     folder, allowed = str(store.folder.resolve()), plan.document.limits
-    held: list[tuple[Run, int]] = []
+    held: list[tuple[PlannedRun, int]] = []
     for item in todo:
         another = bool(held) and item[0].design != held[-1][0].design and len(held) >= max(size() // 2, 1)
         if another or len(held) >= size():
@@ -244,16 +247,16 @@ def chunks(plan: Plan, store: Store, todo: Sequence[tuple[Run, int]], size: Call
 
 
 def run_all(
-    plan: Plan, store: Store, todo: Sequence[tuple[Run, int]], engine: Executor, workers: int,
-    known: int, told: Told,
+    plan: Plan, store: Store, todo: Sequence[tuple[PlannedRun, int]], engine: Executor, workers: int,
+    known: int, report: ProgressCallback,
 ) -> Progress:  # fmt: skip
-    """Run ``todo`` (run, attempt) and tell how far it is.
+    """Run ``todo`` (run, attempt) and report the progress.
 
     Raises:
-        InputError: results could not be written, or the engine is gone; what was done is in the store.
+        InputError: results could not be written, or the engine is lost; finished runs are in the store.
     """
     progress, begun = Progress(len(todo), known), time.monotonic()
-    sign = store.sign()
+    announced = store.announce()
     spent = [0.0]
 
     def size() -> int:
@@ -262,31 +265,31 @@ def run_all(
         return max(1, min(int(CHUNK_S / max(each, 1e-3)), CHUNK_RUNS, most))
 
     waiting = chunks(plan, store, todo, size)
-    flying: set[Future[list[RowHead]]] = set()
+    running: set[Future[list[RunSummary]]] = set()
     try:
         while True:
-            while len(flying) < CHUNKS_AHEAD * workers and (chunk := next(waiting, None)) is not None:
-                flying.add(engine.submit(run_chunk, chunk))
-            if not flying:
+            while len(running) < CHUNKS_AHEAD * workers and (chunk := next(waiting, None)) is not None:
+                running.add(engine.submit(run_chunk, chunk))
+            if not running:
                 return progress
-            done, flying = wait(flying, timeout=ALIVE_S / 4, return_when=FIRST_COMPLETED)
-            store.sign()
+            done, running = wait(running, timeout=ALIVE_S / 4, return_when=FIRST_COMPLETED)
+            store.announce()
             for future in done:
-                heads = future.result()
-                spent[0] += sum(head[4] for head in heads)
-                progress.done += len(heads)
-                progress.failed += sum(head[1] in FAILURES for head in heads)
-                progress.last, progress.elapsed = heads, time.monotonic() - begun
-                told(progress)
+                summaries = future.result()
+                spent[0] += sum(summary[4] for summary in summaries)
+                progress.done += len(summaries)
+                progress.failed += sum(summary[1] in FAILURES for summary in summaries)
+                progress.last, progress.elapsed = summaries, time.monotonic() - begun
+                report(progress)
     except OSError as error:
         raise unwritable(store.folder, error) from error
     except CancelledError as error:
         raise InputError(
-            "The cluster is gone: its scheduler does not answer.", where=str(store.folder),
-            got=f"{progress.done} of {progress.count} runs were told to be done",
-            next_step="Start it again and run the same command: what is in the folder is not run again.",
+            "The cluster is lost: its scheduler does not answer.", where=str(store.folder),
+            got=f"{progress.done} of {progress.count} runs were reported as done",
+            next_step="Start it again and run the same command: finished runs are not run again.",
         ) from error  # fmt: skip
     finally:
-        for future in flying:
+        for future in running:
             future.cancel()
-        sign.unlink(missing_ok=True)
+        announced.unlink(missing_ok=True)

@@ -1,9 +1,8 @@
-"""The folder of a campaign: what was planned, and the rows of what was run.
+"""The folder of a campaign: the plan, and the rows of the finished runs.
 
-Each worker appends to a journal of its own, one JSON line a run, so that nothing that was finished is lost, whatever
-ends the worker. When a journal is long it becomes a Parquet file, which appears as a whole or not at all. A line that
-was cut off is skipped, and its run is run again; a row that is there twice counts once. So several runners may work on
-one folder, on one machine or many.
+Each worker appends to its own journal, one JSON line a run, so that no finished run is lost, whatever ends the worker.
+A long journal becomes a Parquet file, which is written atomically. A truncated line is skipped and its run repeated; a
+row that occurs twice counts once. Several runners may therefore work on one folder, on one machine or many.
 """
 
 from __future__ import annotations
@@ -31,10 +30,9 @@ if TYPE_CHECKING:
     from fmu_didim.campaigns.planning.plan import Plan
 
 PART_ROWS = 1000
-"""[rows] Rows of a journal from which they become a Parquet file: 100 000 runs are then a hundred files, read in a
-second."""
+"""[rows] A journal with this many rows becomes a Parquet file: 100 000 runs are a hundred files, read in a second."""
 ALIVE_S = 60.0
-"""[s] After its last sign a runner on the same folder counts as ended."""
+"""[s] A runner that did not announce itself for this long counts as ended."""
 
 _OF_PARAMETER = ("value", "std", "low", "high", "true", "didim_value", "didim_std", "paper_std")
 _PARAMETER = pa.struct([
@@ -75,18 +73,18 @@ JOURNALS, PARTS, FILES, RUNNERS = "journal", "parts", "runs", "runners"
 ANSWERED, REFUSED, FAILED = "answered", "refused", "failed"
 CRASHED, TIME_LIMIT, MEMORY_LIMIT = "crashed", "time limit", "memory limit"
 FAILURES = (FAILED, CRASHED, TIME_LIMIT, MEMORY_LIMIT)
-"""Statuses of runs that came to no answer and to no refusal either."""
+"""Statuses of runs with neither an answer nor a refusal."""
 _log = logging.getLogger(__name__)
 
 
 class Store:
-    """The folder of a campaign; made when the first thing is written."""
+    """The folder of a campaign; created at the first write."""
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
 
     def begin(self, plan: Plan) -> None:
-        """Write down what is planned, in the place of an earlier plan of the same campaign.
+        """Save the plan in place of an earlier plan of the same campaign.
 
         Raises:
             InputError: the folder holds another campaign, or cannot be written to.
@@ -119,7 +117,7 @@ class Store:
             raise unwritable(self.folder, error) from error
 
     def head(self) -> dict[str, Any]:
-        """What was planned, and by which code; raises InputError where there is no campaign."""
+        """The campaign, and the code that planned it; raises InputError where there is no campaign."""
         try:
             content = json.loads((self.folder / PLAN_FILE).read_text(encoding="utf-8"))
             return dict(content)
@@ -135,21 +133,21 @@ class Store:
         return parquet.read_table(self.folder / RUNS_FILE)
 
     def rows(self, columns: Iterable[str] | None = None) -> pa.Table:
-        """One row a run that was run, of all plans and versions; the better and later one where there are several."""
+        """One row a finished run, of all plans and versions; of several rows the best and latest."""
         names = list(ROW.names if columns is None else dict.fromkeys((*BRIEF, *columns)))
         schema = pa.schema([ROW.field(name) for name in names])
-        # Journals first: one that meanwhile becomes a part is found there.
+        # Journals first: one that becomes a part meanwhile is then found among the parts.
         journalled = [{name: row.get(name) for name in names} for row in self._lines()]
         tables = [pa.Table.from_pylist(journalled, schema=schema), *self._parts(names)]
         table = pa.concat_tables([t.select(names).cast(schema) for t in tables])
-        return _once(table)
+        return _best_rows(table)
 
     def _parts(self, names: list[str]) -> Iterator[pa.Table]:
         for path in sorted((self.folder / PARTS).glob("*.parquet")):
             try:
                 yield parquet.read_table(path, columns=names)
             except (OSError, pa.ArrowException) as error:
-                _log.warning("%s cannot be read (%s); its runs count as not run", path, error)
+                _log.warning("%s cannot be read (%s); its runs count as not done", path, error)
 
     def _lines(self) -> Iterator[dict[str, Any]]:
         for path in sorted((self.folder / JOURNALS).glob("*.jsonl")):
@@ -157,13 +155,13 @@ class Store:
                 yield from patiently(partial(_all_lines, path))
             except FileNotFoundError:
                 continue  # it has just become a part
-            except PermissionError:  # it has, too: Windows removes it when its last reader has closed it
+            except PermissionError:  # the same: Windows removes it when its last reader has closed it
                 if not _part(self.folder, path).is_file():
                     raise
 
-    def others(self) -> list[str]:
+    def other_runners(self) -> list[str]:
         """Other runners that work on the folder now."""
-        now, own = time.time(), _runner_name()
+        now, own = time.time(), _own_runner()
         found = []
         for path in (self.folder / RUNNERS).glob("*"):
             with suppress(OSError):
@@ -171,20 +169,20 @@ class Store:
                     found.append(path.name)
         return found
 
-    def sign(self) -> Path:
-        """Tell other runners that this one works on the folder; returns the file, to be removed in the end."""
-        path = self.folder / RUNNERS / _runner_name()
+    def announce(self) -> Path:
+        """Show other runners that this one works on the folder; returns the file to be removed at the end."""
+        path = self.folder / RUNNERS / _own_runner()
         with suppress(OSError):
             path.touch()
         return path
 
 
-def _runner_name() -> str:
+def _own_runner() -> str:
     return f"{socket.gethostname()}-{os.getpid()}"
 
 
-def _once(table: pa.Table) -> pa.Table:
-    """One row for each id: one that is no failure before one that is, then the last attempt."""
+def _best_rows(table: pa.Table) -> pa.Table:
+    """One row for each id: answers and refusals before failures, then the last attempt."""
     best: dict[str, tuple[tuple[bool, int, str], int]] = {}
     columns = (table[name].to_pylist() for name in ("id", "status", "attempt", "started"))
     for i, (id_, status, attempt, started) in enumerate(zip(*columns, strict=True)):
@@ -195,10 +193,10 @@ def _once(table: pa.Table) -> pa.Table:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """The whole lines of a journal."""
+    """The complete lines of a journal."""
     with path.open(encoding="utf-8", errors="replace") as stream:
         for line in stream:
-            with suppress(ValueError):  # cut off, when the worker or the machine was stopped
+            with suppress(ValueError):  # truncated when the worker or the machine was stopped
                 row = json.loads(line)
                 if line.endswith("\n") and isinstance(row, dict) and "id" in row and "status" in row:
                     yield row
@@ -214,10 +212,10 @@ def _part(folder: Path, journal: Path) -> Path:
 
 
 class Journal:
-    """What one worker writes."""
+    """The rows that one worker writes."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._name = folder, f"{_runner_name()}-{uuid.uuid4().hex[:12]}"
+        self._folder, self._name = folder, f"{_own_runner()}-{uuid.uuid4().hex[:12]}"
         self._count = self._number = 0
         self._stream: IO[bytes] | None = None
 
@@ -226,17 +224,17 @@ class Journal:
         return self._folder / JOURNALS / f"{self._name}-{self._number}.jsonl"
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Append a row; it survives the end of this process, not yet that of the machine."""
+        """Append a row; it survives a crash of this process, not yet of the machine."""
         if self._stream is None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = self._path.open("ab", buffering=0)
         line = json.dumps({name: value for name, value in row.items() if value is not None}).encode() + b"\n"
         if self._stream.write(line) != len(line):
-            raise OSError("the disk is full: a line was cut off")
+            raise OSError("the disk is full: a line was truncated")
         self._count += 1
 
     def end_chunk(self) -> None:
-        """Bring what was written to the disk; a long journal becomes a Parquet file."""
+        """Flush the rows to the disk; a long journal becomes a Parquet file."""
         if self._stream is not None:
             os.fsync(self._stream.fileno())
         if self._count >= PART_ROWS:
@@ -259,14 +257,14 @@ class Journal:
         with whole_file(target) as temporary:
             parquet.write_table(pa.Table.from_pylist(rows, schema=ROW), temporary)
         sync(target.parent)
-        with suppress(PermissionError):  # Windows, where another reads it: its rows are there twice and count once
+        with suppress(PermissionError):  # Windows, while another process reads it: its rows occur twice and count once
             patiently(self._path.unlink)
         self._count, self._number = 0, self._number + 1
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
-    """What is said where the folder cannot be written to."""
-    step = "Make room and run the campaign again: what is in the folder is whole, and is not run again."
+    """The error of a folder that cannot be written to."""
+    step = "Free some space and run the campaign again: finished runs are kept and not run again."
     return InputError(
         "The results cannot be written.", where=str(folder), got=str(error), next_step=advice(error, step)
     )

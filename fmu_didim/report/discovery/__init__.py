@@ -1,1 +1,1 @@
-"""The page and the table of a discovery."""
+"""The report of a discovery."""

@@ -1,4 +1,4 @@
-"""The charts of a discovery: torque and residual of base and final model, over time and over what they depend on."""
+"""The charts of a discovery: torque and residual of base and final model, over time and over the motion."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import read_trajectory
-from fmu_didim.report.discovery import words
+from fmu_didim.report.discovery import texts
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
-from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, against_chart, colour_charts
+from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, against_chart, whiteness_charts
 from fmu_didim.report.drawing.torque_charts import SHOWN, Simulated, samples_text, torque_chart
-from fmu_didim.report.identification.page import Experiment
+from fmu_didim.report.identification.charts import ExperimentCharts
 from fmu_didim.report.numbers import joint_unit, pretty_unit
 from fmu_didim.results.findings import FindingsDocument, FrictionResult
 
@@ -23,13 +23,13 @@ PANELS = 2
 FRICTION_HEIGHT = 240
 
 
-def drawn_experiments(document: FindingsDocument, folder: Path) -> list[Experiment]:
+def saved_charts(document: FindingsDocument, folder: Path) -> list[ExperimentCharts]:
     """The charts of each experiment whose torques were saved."""
-    found: list[Experiment] = []
+    found: list[ExperimentCharts] = []
     for key, name in document.files.items():
-        if key.startswith(words.SIGNALS):
-            label = key.removeprefix(words.SIGNALS)
-            every = document.files.get(f"{words.SIMULATED}{label}")
+        if key.startswith(texts.SIGNALS):
+            label = key.removeprefix(texts.SIGNALS)
+            every = document.files.get(f"{texts.SIMULATED}{label}")
             dense = read_trajectory(folder / every) if every is not None else None
             part = _experiment(document, label, len(found) + 1, read_trajectory(folder / name), dense)
             found += [part] if part is not None else []
@@ -38,7 +38,7 @@ def drawn_experiments(document: FindingsDocument, folder: Path) -> list[Experime
 
 def _experiment(
     document: FindingsDocument, label: str, number: int, signals: Trajectory, dense: Trajectory | None
-) -> Experiment | None:
+) -> ExperimentCharts | None:
     units, joints = document.torque_unit, range(1, len(document.torque_unit) + 1)
     models = _models(signals, len(units))
     if not models:
@@ -49,7 +49,7 @@ def _experiment(
         names = [f"{column}{j}" for j in joints]
         every = (None, None) if dense is None else (dense.time, dense.select(names))
         simulated[model] = Simulated(signals.select(names), *every)
-    title = words.experiment_name(document, label)
+    title = texts.experiment_name(document, label)
     torque = torque_chart(
         f"torque-{number}", f"Torque, {title}", signals.time, measured, simulated, units, noise=document.noise.std
     )
@@ -59,15 +59,15 @@ def _experiment(
             f"binned-{number}-{j}-{quantity}", j, quantity, units[j - 1],
             signals.column(f"{QUANTITIES[quantity].column}{j}"), residuals[j - 1],
         )
-        for j in (joints if number == 1 else ())  # once, for the data in which the regions were found
+        for j in (joints if number == 1 else ())  # only for the data in which the regions were found
         for quantity in panel_quantities(document, signals, j)
     ]  # fmt: skip
-    colour = colour_charts(str(number), title, signals.time, residuals, units)
-    return Experiment(title, samples_text(signals.time), torque, against, colour)
+    whiteness = whiteness_charts(str(number), title, signals.time, residuals, units)
+    return ExperimentCharts(title, samples_text(signals.time), torque, against, whiteness)
 
 
 def _models(signals: Trajectory, joints: int) -> dict[str, str]:
-    """The models whose torque the table holds; one of two that are the same."""
+    """The models whose torque the table holds; of two equal ones the first."""
     names = set(signals.names)
     found = {
         m: c for m, c in MODELS.items() if {f"{s}{j}" for j in range(1, joints + 1) for s in (c, "measured")} <= names
@@ -85,7 +85,7 @@ def _residuals(signals: Trajectory, models: dict[str, str], joint: int) -> Resid
 
 
 def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int) -> list[str]:
-    """The quantities that a joint is drawn against: of its strongest regions first, then velocity and position."""
+    """The quantities of the charts of a joint: those of its strongest regions, then velocity and position."""
     ranked = sorted((r for r in document.regions if r.joint == joint), key=lambda r: -r.share_of_gap)
     wanted = dict.fromkeys([*(r.quantity for r in ranked if r.quantity in QUANTITIES), "velocity", "position"])
     return [name for name in wanted if f"{QUANTITIES[name].column}{joint}" in signals.names][:PANELS]

@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fmu_didim.report.discovery.words import share_text
+from fmu_didim.report.discovery.texts import share_text
 from fmu_didim.report.numbers import joint_unit, pretty_unit, significant
 from fmu_didim.results.findings import FindingsDocument, RegionResult
 
 PEAK_PART = 0.5
-"""Bins whose mean reaches this fraction of the largest one of their quantity belong to the region that is named."""
+"""[1] Bins whose mean reaches this fraction of the largest mean of their quantity form the region."""
 NEAR_ZERO = 0.25
-"""A region begins at zero when its inner end is below this fraction of its outer end."""
+"""[1] A region starts at zero if its inner end is below this fraction of its outer end."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class _Piece:
     bins: int
 
     def mirrors(self, other: _Piece) -> bool:
-        """Whether the other one is the same range with the opposite sign."""
-        apart = abs(self.low + other.high) + abs(self.high + other.low)
-        return apart <= 0.5 * (self.high - self.low + other.high - other.low)
+        """Whether the other piece is the same range with the opposite sign."""
+        distance = abs(self.low + other.high) + abs(self.high + other.low)
+        return distance <= 0.5 * (self.high - self.low + other.high - other.low)
 
 
 def strongest_regions(document: FindingsDocument, *, joint: int | None = None, count: int = 3) -> list[str]:
-    """Where the base model disagrees, a line a quantity, the quantity that explains most first.
+    """Where the base model disagrees, a line a quantity, in order of the share that it explains.
 
     Args:
         joint: of this joint only, from 1; count: lines at most.
@@ -46,7 +46,7 @@ def strongest_regions(document: FindingsDocument, *, joint: int | None = None, c
 
 
 def regions_by_joint(document: FindingsDocument) -> list[str]:
-    """The strongest ones of each joint."""
+    """The strongest regions of each joint."""
     joints = sorted({region.joint for region in document.regions})
     return [line for j in joints for line in strongest_regions(document, joint=j)]
 
@@ -57,12 +57,12 @@ def _region_line(group: Sequence[RegionResult], units: Sequence[str]) -> str:
     unit = joint_unit(units, first.joint - 1)
     mean = f"{sign[:1]}{significant(abs(pieces[0].mean), 2)} {unit}".rstrip()
     share = share_text(max(r.share_of_gap for r in group))
-    worth = f"{share} of the gap goes with the {first.quantity}"
-    return f"joint {first.joint}: {where}, mean residual {mean}{sign[1:]}; {worth}"
+    explained = f"{share} of the gap goes with the {first.quantity}"
+    return f"joint {first.joint}: {where}, mean residual {mean}{sign[1:]}; {explained}"
 
 
 def _pieces(group: Sequence[RegionResult]) -> list[_Piece]:
-    """The strong bins joined to ranges, the strongest first."""
+    """The strong bins, joined to ranges, in order of strength."""
     peak = max(abs(r.mean) for r in group)
     pieces: list[_Piece] = []
     for r in sorted((r for r in group if abs(r.mean) >= PEAK_PART * peak), key=lambda r: r.low):
@@ -76,7 +76,7 @@ def _pieces(group: Sequence[RegionResult]) -> list[_Piece]:
 
 
 def _where(quantity: str, unit: str, pieces: Sequence[_Piece]) -> tuple[str, str]:
-    """The range in words, and the sign of the mean with what it follows: its first letter is the sign."""
+    """The range in words; and the sign of the mean, followed by what it depends on."""
     top = pieces[0]
     sign = "+" if top.mean > 0 else "-"
     twin = next((p for p in pieces[1:] if top.mirrors(p)), None) if quantity in _SIGNED else None

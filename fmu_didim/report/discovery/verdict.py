@@ -1,11 +1,11 @@
-"""The verdict of a discovery: what the model lacks, and what adding it is worth."""
+"""The verdict of a discovery: what the model lacks, and how much adding it improves the model."""
 
 from __future__ import annotations
 
 from math import inf
 
 from fmu_didim.report.discovery.regions import strongest_regions
-from fmu_didim.report.discovery.words import gap_text, located
+from fmu_didim.report.discovery.texts import gap_text, location
 from fmu_didim.report.numbers import capitalised
 from fmu_didim.report.verdict import Banner
 from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
@@ -19,11 +19,11 @@ HEADS = {
     "unfinished": ("doubtful", "NOT FINISHED"),
 }
 DOUBTED = {"nothing": "NOTHING FOUND", "named": "NAMED, WITH DOUBTS"}
-"""Heads of answers that are good unless the verdict doubts them."""
+"""Heads of good answers that the verdict doubts."""
 
 
 def verdict_of(document: FindingsDocument) -> Banner:
-    """The verdict as a sentence for the one who runs the drive."""
+    """The verdict in sentences."""
     grade, head = HEADS[document.answer]
     if document.verdict != "valid" and document.answer in DOUBTED:
         grade, head = "doubtful", DOUBTED[document.answer]
@@ -45,7 +45,7 @@ def verdict_of(document: FindingsDocument) -> Banner:
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:
-    where = located(finding.effect, finding.joint)
+    where = location(finding.effect, finding.joint)
     text = f"{capitalised(where) if first else where}: {finding.title}"
     if count := len(finding.ambiguous):
         others = "another one" if count == 1 else f"one of {count} others"
@@ -59,7 +59,7 @@ def _experiments(document: FindingsDocument, role: str) -> list[str]:
 
 
 def _data(document: FindingsDocument, label: str) -> str:
-    """What the data of an experiment are called; of several the one that is meant."""
+    """The name of the data of an experiment, with its label if there are several of the role."""
     role = document.roles[label]
     data = "held-out data" if role == "validation" else "estimation data"
     several = _experiments(document, role)
@@ -82,7 +82,7 @@ def _change(pair: GapPair, data: str, changed: bool) -> str:
 
 
 def _remainder(document: FindingsDocument) -> list[str]:
-    """Where most of what is left lies."""
+    """The joint with the largest remaining gap."""
     fitted = _experiments(document, "estimation")
     left = {
         (label, j): v

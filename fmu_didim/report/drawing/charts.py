@@ -1,7 +1,7 @@
-"""Figures as data: a page draws them by ``chart.js``, a paper by Matplotlib, a notebook by Plotly.
+"""Figures as data: ``chart.js`` draws them on a page, Matplotlib in a paper or a notebook.
 
 A chart is a column of panels over one horizontal axis, so that the torques of all joints move together when one is
-zoomed. What a line is, and not which colour it has, is said here; each of the three knows its colours.
+zoomed. A series states its meaning; each renderer chooses the colour.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from fmu_didim.data.signals import Array
 
 Kind = Literal["line", "points", "stems"]
 STYLES = ("measured", "simulated", "residual", "base", "final", "failed", "faint")
-"""What a line is; ``series0`` to ``series7`` for lines that are only told apart."""
+"""Meanings of series; ``series0`` to ``series7`` have none but differ in colour."""
 SERIES = 8
 POINTS_PER_TRACE = 30_000
 POINTS_PER_PAGE = 200_000
-"""Four bytes of text a point: 0.8 MB of the 2 MB that a page may have."""
+"""[points] At four bytes of text a point 0.8 MB of the 2 MB that a page may have."""
 LEVELS = 65_534
-"""Steps in which a drawn value is rounded over its range: a fiftieth of a pixel."""
+"""[steps] Resolution of a value over its range: a fiftieth of a pixel."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """What is drawn in a panel.
+    """A line, points or stems of a panel.
 
     Attributes:
-        x, y: (N,); NaN leaves a gap. Along a line and for what a pointer reads, x rises.
-        style: one of STYLES; error: (N,) half of an interval around y, or empty; band: the same, drawn as an area.
-        legend: whether it has an entry there; one of its name is enough for all panels.
+        x, y: (N,); NaN leaves a gap; x increases along a line.
+        style: one of STYLES; error: (N,) half-width of an interval around y, or empty; band: the same as an area.
+        legend: whether it has an entry; series of one name share it.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Panel:
 
     Attributes:
         head: above it, or empty; label: of its vertical axis, with the unit; height: px.
-        range: (low, high) of an area in the background, such as two standard deviations of the noise; or nothing.
+        range: (low, high) of a grey area in the background, such as two standard deviations of the noise; or None.
         levels: heights of dotted lines; log: whether its axis is logarithmic.
     """
 
@@ -73,8 +73,8 @@ class Chart:
     """Panels below each other over one axis.
 
     Attributes:
-        name: letters, digits and hyphens: its place on the page, its file in a paper; title: what it shows.
-        label: of the horizontal axis; log: whether that is logarithmic; ticks: (place, text) where it is no scale.
+        name: letters, digits and hyphens; part of its id on the page and of its file name; title: what it shows.
+        label: of the horizontal axis; log: whether that is logarithmic; ticks: (place, text) for an axis of names.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Chart:
 
 
 def decimated(time: Array, values: Array, limit: int) -> tuple[Array, Array]:
-    """At most about ``limit`` points: the smallest and the largest value of each stretch, in their order.
+    """At most about ``limit`` points: the smallest and the largest value of each segment, in their order.
 
     Time and values are (N,); first and last point are kept.
     """
@@ -116,7 +116,7 @@ def limited(chart: Chart, limit: int) -> Chart:
 
 
 def points_per_trace(charts: Sequence[Chart]) -> int:
-    """How many points a line may have so that the page of these charts stays small."""
+    """Most points of a line so that the page of these charts stays small."""
     lines = sum(len(panel.series) for chart in charts for panel in chart.panels)
     return max(min(POINTS_PER_TRACE, POINTS_PER_PAGE // max(lines, 1)), 200)
 
@@ -163,9 +163,9 @@ def _axis(x: Array) -> dict[str, Any]:
 
 
 def _rounded(y: Array) -> dict[str, Any]:
-    """Values (N,) in 16 bits each, over their range; what is not finite becomes a gap.
+    """Values (N,) in 16 bits each, over their range; values that are not finite become gaps.
 
-    Spread over many decades they are written as floats: the smallest must keep their digits on a logarithmic axis.
+    Values over many decades are written as floats, so that the smallest keep their digits on a logarithmic axis.
     """
     y = np.asarray(y, dtype=float)
     finite = np.abs(y[np.isfinite(y)])

@@ -42,12 +42,12 @@ class Wire:
 
     @property
     def text(self) -> str:
-        """Both."""
+        """Signals and gain."""
         return f"{self.signal_text} {self.gain_text}".strip()
 
 
 def wires(connections: Sequence[object]) -> list[Wire]:
-    """The wires between components, of connections as a result describes them."""
+    """The wires between components from the connections of a result."""
     found: dict[tuple[str, str], tuple[dict[str, None], dict[float, None]]] = {}
     for connection in connections:
         match = _WIRE.match(str(connection))
@@ -89,7 +89,7 @@ def loop_diagram(loop: Mapping[str, Any]) -> Markup | None:
 
 
 def _texts(name: str, place: int, loop: Mapping[str, Any]) -> list[str]:
-    """What stands in a box: what the component is, its rate, and its place in a step."""
+    """The texts of a box: the component, its rate, and its place in a step."""
     step = loop.get("step_size_s")
     if name == REFERENCE:
         return [f"a row every {1e3 * step:.6g} ms"] if isinstance(step, int | float) else []
@@ -129,7 +129,7 @@ def _straight(wire: Wire, left: Mapping[str, int], top: int, loop: Mapping[str, 
 
 
 def _around(wire: Wire, left: Mapping[str, int], edge: int, away: int) -> str:
-    """A wire that leaves and enters on one side of the boxes, so far away from them."""
+    """A wire that leaves and enters the boxes on one side, at a distance ``away``."""
     shift = 16 if away > 0 else -16
     begin, end = left[wire.source] + BOX_WIDTH // 2 + shift, left[wire.target] + BOX_WIDTH // 2 - shift
     y = edge + away
@@ -141,6 +141,6 @@ def _around(wire: Wire, left: Mapping[str, int], edge: int, away: int) -> str:
 
 
 def _tip(x: int, y: int, way: str) -> str:
-    """The head of an arrow that ends there."""
+    """The head of an arrow that ends at (x, y)."""
     shape = {"right": "l-9 -5v10Z", "up": "l-5 9h10Z", "down": "l-5 -9h10Z"}[way]
     return f'<path class="tip" d="M{x} {y}{shape}"/>'

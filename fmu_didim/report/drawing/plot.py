@@ -12,7 +12,7 @@ WIDTH, HEIGHT = 60, 13
 
 
 def text_plot(x: Array, curves: Mapping[str, Array], *, x_name: str, y_name: str) -> list[str]:
-    """Curves y(x) as lines of text, with the ends of both axes; where curves meet, the last one is seen.
+    """Curves y(x) as lines of text, with the ends of both axes; where curves meet, the last one is shown.
 
     Args:
         x: (N,); curves: a character -> (N,) values.

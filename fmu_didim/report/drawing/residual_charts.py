@@ -1,4 +1,4 @@
-"""Charts of what a model leaves: against velocity and position, its spectrum, its autocorrelation.
+"""Charts of the residual: against velocity and position, its spectrum, its autocorrelation.
 
 For noise alone of N samples the spectrum is flat within the bounds of a chi-square distribution, and all but one in
 twenty autocorrelations lie within 1.96 / sqrt(N). Sources: Welch, IEEE Trans. AU-15 (1967); Box, Jenkins, Time Series
@@ -20,22 +20,22 @@ from fmu_didim.report.numbers import pretty_unit
 PANEL_HEIGHT = 140
 BINS = 24
 SMALLEST_BIN = 5
-"""Samples; with fewer the standard error says little."""
+"""[samples] With fewer in a bin the standard error is unreliable."""
 MOST_POINTS = 2000
-"""With more samples the cloud of single ones is left out."""
+"""[samples] Above this number single samples are not drawn."""
 SEGMENTS = 8
-"""Of a spectrum, half overlapping; fewer where a segment would be shorter than SHORTEST_SEGMENT samples."""
+"""[segments] Of a spectrum, overlapping by half; fewer if a segment had less than SHORTEST_SEGMENT samples."""
 SHORTEST_SEGMENT = 32
 LAGS = 40
-"""Autocorrelations that are drawn."""
+"""[lags] Autocorrelations that are drawn."""
 CONFIDENCE = 0.95
 STEP_TOLERANCE = 0.01
-"""Part of a step by which stamps may differ and still count as equally spaced."""
+"""[1] Part of a step by which equally spaced stamps may differ."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a residual can be drawn against: its column without the joint number, and how its axis is called."""
+    """A quantity on the horizontal axis: its column without the joint number, title and units."""
 
     column: str
     title: str
@@ -52,9 +52,9 @@ QUANTITIES = {
     "position": Quantity("q", "position", "m", "rad"),
     "torque": Quantity("base", "simulated torque", "N", "N.m"),
 }
-"""By their names in the regions of a discovery; those whose column a table of signals has."""
+"""By their names in the regions of a discovery."""
 Residuals = Mapping[str, tuple[str, Array]]
-"""Name of each model -> how it is drawn, and measured - simulated torque (N,) of one joint."""
+"""Name of each model -> style of its series, and measured - simulated torque (N,) of one joint."""
 
 
 def against_chart(name: str, joint: int, quantity: str, torque_unit: str, at: Array, residuals: Residuals) -> Chart:
@@ -92,7 +92,7 @@ def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array,
 
 
 def longest_even(time: Array) -> slice:
-    """The longest stretch of (N,) instants that are equally spaced, for what needs a grid."""
+    """The longest part of (N,) instants that is equally spaced."""
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 1.0
     breaks = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
@@ -123,13 +123,13 @@ def autocorrelation(values: Array, lags: int) -> Array:
     return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
 
 
-def colour_charts(
+def whiteness_charts(
     name: str, title: str, time: Array, residuals: Sequence[Residuals], units: Sequence[str]
 ) -> list[Chart]:
-    """Spectrum and autocorrelation of the residuals of all joints with what noise alone would keep to.
+    """Spectrum and autocorrelation of the residuals of all joints with the bounds of white noise.
 
     Args:
-        time: (N,) s; residuals: of each joint, the last model of each is the one whose bounds are drawn.
+        time: (N,) s; residuals: of each joint; the bounds are those of the last model.
     """
     even = longest_even(time)
     count = even.stop - even.start

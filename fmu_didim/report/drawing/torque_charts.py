@@ -9,17 +9,17 @@ import numpy as np
 
 from fmu_didim.data.signals import Array
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
-from fmu_didim.report.numbers import at, percentage, pretty_unit
+from fmu_didim.report.numbers import item_or_none, percentage, pretty_unit
 from fmu_didim.results.result import IterationResult
 
 TORQUE_HEIGHT, RESIDUAL_HEIGHT, HISTORY_HEIGHT = 190, 92, 150
 SHOWN = {"base model": "base", "final model": "final"}
-"""Name of each of two models -> how it is drawn; a model alone is ``simulated``."""
+"""Name of each of two models -> its style; a single model is ``simulated``."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """The torque of a model: at the samples of the log, and where it is known at every tick.
+    """The torque of a model at the samples of the log, and if known at every tick.
 
     Attributes:
         at_samples: (N, n); time, torque: (K,) s and (K, n) at the control rate, or None.
@@ -30,7 +30,7 @@ class Simulated:
     torque: Array | None = None
 
     def drawn(self, samples: Array, joint: int) -> tuple[Array, Array]:
-        """Instants and torques of a joint, counted from 0, as closely as they are known over the samples (N,)."""
+        """Instants and torques of a joint, counted from 0, at every tick if known, else at the samples (N,)."""
         if self.time is None or self.torque is None:
             return samples, self.at_samples[:, joint]
         inside = (self.time >= samples[0]) & (self.time <= samples[-1])
@@ -52,11 +52,11 @@ def torque_chart(
 
     Args:
         time: (N,) s; measured: (N, n); models: one or two, by name; units: (n,) FMI units of the joints.
-        percent, noise: relative error and standard deviation of each joint, as far as they are known.
+        percent, noise: relative error and standard deviation of each joint, if known.
     """
     panels = []
     for j, unit in enumerate(units):
-        error, band = at(percent, j), at(noise, j)
+        error, band = item_or_none(percent, j), item_or_none(noise, j)
         head = f"Joint {j + 1}" + (f", relative error {percentage(error)}" if error is not None else "")
         torques = [Series("measured", time, measured[:, j], "measured", "points")]
         residuals = []
@@ -95,5 +95,5 @@ def history_chart(history: Sequence[IterationResult]) -> Chart:
 
 
 def samples_text(time: Array) -> str:
-    """What is said of signals at (N,) instants."""
+    """Number and duration of (N,) samples."""
     return f"{time.size} samples over {time[-1] - time[0]:.6g} s"

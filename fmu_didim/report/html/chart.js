@@ -71,7 +71,7 @@ const extent = (panel, hidden, from, to) => {
   const room = (high - low) * 0.06 || Math.abs(high) * 0.1 || 1;
   return [low - room, high + room];
 };
-/* The points of a line that can be told apart: of each column of pixels the first, lowest, highest and last. */
+/* The visible points of a line: of each column of pixels the first, lowest, highest and last. */
 const linePath = (s, px, py, from, to) => {
   const begin = s.rises ? Math.max(after(s.x, from) - 1, 0) : 0, end = s.rises ? Math.min(after(s.x, to) + 1, s.x.length) : s.x.length;
   let path = "", pen = false, column = NaN, first = 0, low = 0, high = 0, last = 0;
@@ -201,7 +201,7 @@ class Chart {
     top += turned ? 62 : 22;
     drawn += `<text class="label" text-anchor="middle" x="${(left + this.width - right) / 2}" y="${top + 14}">${escape(figure.label)}</text>`;
     this.height = top + 20;
-    const parts = width ? begins : [0];  /* on paper a column of panels may go on the next page between two heads */
+    const parts = width ? begins : [0];  /* on paper a column of panels may be split between pages */
     this.canvas.innerHTML = parts.map((from, k) => `<svg viewBox="0 ${from} ${this.width} ${(parts[k + 1] || this.height) - from}" role="img" aria-label="${escape(figure.title)}">${drawn}<g class="cursor"></g></svg>`).join("");
     if (this.cursor !== null) this.point(this.cursor, this.panel);
   }

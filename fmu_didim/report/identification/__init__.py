@@ -1,1 +1,1 @@
-"""The page and the table of an identification."""
+"""The report of an identification."""

@@ -32,8 +32,8 @@ from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import findings_frame
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
-    from plotly.graph_objects import Figure
 
     from fmu_didim.report.drawing.torque_charts import Simulated
 
@@ -185,7 +185,7 @@ class Discovered:
 
     def summary(self) -> str:
         """The table that the terminal shows: verdict, findings and gaps, at most 100 columns."""
-        from fmu_didim.report.discovery.table import discovery_table
+        from fmu_didim.report.discovery.sections import discovery_table
 
         return discovery_table(self.document)
 
@@ -198,7 +198,7 @@ class Discovered:
         return findings_frame(self.document)
 
     def plot(self, experiment: str | None = None) -> Figure:
-        """A plotly figure of measured torque against that of base and final model, joint by joint.
+        """A Matplotlib figure of measured torque against that of base and final model, joint by joint.
 
         Args:
             experiment: label; the first one by default.
@@ -207,7 +207,7 @@ class Discovered:
             UnknownNameError: there is no such experiment; SimulationError: a model cannot be simulated on it;
                 InputError: it was loaded without its signals.
         """
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
         from fmu_didim.report.drawing.torque_charts import torque_chart
 
         label = experiment or next(iter(self.roles))
@@ -215,7 +215,7 @@ class Discovered:
             raise UnknownNameError("experiment", label, self.roles, where=self.document.name)
         names = {"base": "base model", **({"final": "final model"} if self.findings else {})}
         time, measured, models = (self._saved if self.fits is None else self._simulated)(label, names)
-        return plotly_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
+        return matplotlib_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
 
     def _simulated(self, label: str, names: Mapping[str, str]) -> Torques:
         from fmu_didim.report.drawing.torque_charts import Simulated
@@ -251,6 +251,6 @@ class Discovered:
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, findings and gaps."""
-        from fmu_didim.report.notebook import discovery_html
+        from fmu_didim.report.discovery.sections import discovery_html
 
         return discovery_html(self.document)

@@ -31,8 +31,8 @@ from fmu_didim.workflow.output.frames import matrix_frame, parameter_frame
 from fmu_didim.workflow.output.result_folder import ResultFolder
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
-    from plotly.graph_objects import Figure
 
 ROBOT_FILE = "robot_identified.yaml"
 OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
@@ -43,7 +43,7 @@ SHARED = ""
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
-    from fmu_didim.report.identification.page import REPORT_FILE
+    from fmu_didim.report.identification.sections import REPORT_FILE
 
     patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
     fixed = (REPORT_FILE, ROBOT_FILE)
@@ -254,7 +254,7 @@ class Result:
         return parameter_frame(self.document)
 
     def plot(self, experiment: str | None = None) -> Figure:
-        """A plotly figure of measured and simulated torque with the residual, joint by joint.
+        """A Matplotlib figure of measured and simulated torque with the residual, joint by joint.
 
         Args:
             experiment: label; the first one by default.
@@ -262,7 +262,7 @@ class Result:
         Raises:
             UnknownNameError: there is no such experiment; InputError: it was loaded without its torques.
         """
-        from fmu_didim.report.drawing.figures import plotly_figure
+        from fmu_didim.report.drawing.figures import matplotlib_figure
         from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
 
         shown = self.validation(experiment or next(iter(self.document.experiments)))
@@ -271,7 +271,7 @@ class Result:
         percent = [float(v) if np.isfinite(v) else None for v in shown.per_joint_percent]
         units = self.document.torque_unit
         chart = torque_chart("torque", shown.label, shown.time, shown.measured, models, units, percent=percent)
-        return plotly_figure(chart)
+        return matplotlib_figure(chart)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Result):
@@ -287,7 +287,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """For notebooks: verdict, parameters and experiments."""
-        from fmu_didim.report.notebook import result_html
+        from fmu_didim.report.identification.sections import result_html
 
         return result_html(self.document)
 

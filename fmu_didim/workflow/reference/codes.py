@@ -7,7 +7,7 @@ import pkgutil
 
 import fmu_didim.checks
 from fmu_didim.base.diagnostics import CATALOGUE, Code, Severity
-from fmu_didim.report.identification.table import wrapped
+from fmu_didim.report.terminal import wrapped
 
 
 def all_codes() -> list[Code]:

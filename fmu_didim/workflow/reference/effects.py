@@ -21,7 +21,7 @@ from fmu_didim.dynamics.effects import (
 )
 from fmu_didim.dynamics.robot.observed_states import states_along
 from fmu_didim.report.drawing.plot import text_plot
-from fmu_didim.report.identification.table import wrapped
+from fmu_didim.report.terminal import wrapped
 
 AMPLITUDE, FREQUENCY_HZ, POINTS, STEP = 0.5, 0.5, 800, 0.005
 """Motion along which effects are drawn: rad or m, Hz; samples of two periods and their distance in s."""

@@ -20,7 +20,7 @@ def eat(*_: Any) -> dict[str, Any]:
     return {"all": [np.ones(2**22) for _ in range(10_000)]}
 
 
-def faulty(there: Any, task: Task) -> dict[str, Any]:
+def faulty(process: Any, task: Task) -> dict[str, Any]:
     """The real run, but for seeds whose process ends, hangs, eats memory or is killed once from outside."""
     match task.seed:
         case 11:
@@ -36,4 +36,4 @@ def faulty(there: Any, task: Task) -> dict[str, Any]:
             os.kill(os.getpid(), signal.SIGKILL)
         case 16:
             sys.exit(3)
-    return execute(there, task)
+    return execute(process, task)

@@ -16,8 +16,8 @@ from fmu_didim.campaigns.campaign import Campaign, study
 from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.status import status_of
-from fmu_didim.campaigns.running.execute import Task, begin, prepared
-from fmu_didim.campaigns.running.runner import Lane, Progress, task_of
+from fmu_didim.campaigns.running.execute import Task, prepared, start_worker
+from fmu_didim.campaigns.running.runner import Progress, RunWorker, task_of
 from fmu_didim.campaigns.running.store import Journal, Store
 from fmu_didim.workflow import identify
 from tests.helpers import ROOT
@@ -37,10 +37,10 @@ def scara(out: Path, seeds: int) -> Campaign:
 
 def _bare(tasks: Sequence[Task]) -> float:
     """Seconds for the identifications alone, one after the other in this process; data and case are there before."""
-    there = SimpleNamespace()
-    begin(there, MEMORY_MB)
-    cases = [prepared(there.kept, task)[0] for task in tasks]
-    identify(prepared(there.kept, tasks[0])[0])
+    process = SimpleNamespace()
+    start_worker(process, MEMORY_MB)
+    cases = [prepared(process.state, task)[0] for task in tasks]
+    identify(prepared(process.state, tasks[0])[0])
     started = time.perf_counter()
     while cases:
         identify(cases.pop())  # what a case keeps of its runs goes with it, as in a worker
@@ -69,23 +69,23 @@ def _efficiency(count: int, bare: float, campaign: float) -> Figure:
 
 def _overhead(found: Campaign, folder: Path, count: int) -> Figure:
     """What a run costs beside ``identify``: its data, the way to the worker and back, the journal."""
-    lane, outside = Lane(folder / "overhead", found.plan.document.limits), []
-    there = SimpleNamespace()
-    begin(there, MEMORY_MB)
+    worker, outside = RunWorker(folder / "overhead", found.plan.document.limits), []
+    process = SimpleNamespace()
+    start_worker(process, MEMORY_MB)
     inside = []
     try:
         for run in found.plan.runs[:count]:
             task = task_of(found.plan, run)
             started = time.perf_counter()
-            row = lane.run(task)
-            lane.journal.write(row)
+            row = worker.run(task)
+            worker.journal.write(row)
             outside.append(time.perf_counter() - started - row["seconds"])
             started = time.perf_counter()
-            prepared(there.kept, task)
+            prepared(process.state, task)
             inside.append(time.perf_counter() - started)
     finally:
-        lane.close()
-        lane.journal.close()
+        worker.close()
+        worker.journal.close()
     way, data = 1e3 * statistics.median(outside), 1e3 * statistics.median(inside)
     medians = {"way_and_journal_ms": way, "data_ms": data}
     return Figure("a run beside its identification, ms", way + data, 5.0, "at most", medians)

@@ -1,4 +1,4 @@
-"""What was discovered, in words: shared by the terminal text and the page of a discovery."""
+"""The texts of a discovery."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from fmu_didim.dynamics.effects import EFFECTS
-from fmu_didim.report.experiments import titled
+from fmu_didim.report.experiments import with_role
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -35,12 +35,12 @@ FILES = {
 
 
 SIGNALS, SIMULATED = "signals_", "simulated_"
-"""How the keys of the files begin that hold the torques of an experiment at its samples, and the simulated ones at
-every control period; its label follows."""
+"""Prefixes of the keys of files, before the label of an experiment: torques at its samples, and simulated ones at every
+control period."""
 
 
 def file_title(key: str) -> str:
-    """What a file is."""
+    """The description of a file by its key."""
     for begin, title in ((SIGNALS, "torques"), (SIMULATED, "simulated torques, every control period")):
         if key.startswith(begin):
             return f"{title}, {key.removeprefix(begin)}"
@@ -49,18 +49,18 @@ def file_title(key: str) -> str:
 
 def experiment_name(document: FindingsDocument, label: str) -> str:
     """An experiment with its role, if its label does not say it."""
-    return titled(label, document.roles.get(label))
+    return with_role(label, document.roles.get(label))
 
 
 def gap_text(gap: float | None) -> str:
-    """A gap, two decimals as far as they mean something."""
+    """A gap with at most two decimals."""
     if gap is None or not math.isfinite(gap):
         return MISSING
     return f"{gap:.2f}" if gap < 99.5 else significant(gap)
 
 
 def step_text(pair: GapPair | None, *, changed: bool = True) -> str:
-    """Gap before and after; only one where nothing was changed."""
+    """Gap before and after; only one if the model was not changed."""
     if pair is None:
         return MISSING
     return f"{gap_text(pair.before)} → {gap_text(pair.after)}" if changed else gap_text(pair.before)
@@ -77,7 +77,7 @@ def interval_text(interval: tuple[float | None, float | None] | None) -> str:
 
 
 def value_text(found: ValueFound) -> ParameterText:
-    """The texts of a parameter; dashes where the data do not bound it."""
+    """The texts of a parameter; dashes if the data do not bound it."""
     std = math.nan if found.std is None else found.std
     digits = rounding(found.value, std)
     low, high = found.interval
@@ -105,28 +105,28 @@ def value_line(found: ValueFound) -> str:
 
 
 def rival_text(rival: Rival) -> str:
-    """An effect that may stand for the same gap."""
+    """An effect that may explain the same part of the gap."""
     why = "same class" if rival.bic_behind is None else f"BIC {significant(rival.bic_behind, 2)} behind"
-    return f"{rival.title}, {located(rival.effect, rival.joint)} ({why})"
+    return f"{rival.title}, {location(rival.effect, rival.joint)} ({why})"
 
 
-def located(effect: str, joint: int) -> str:
-    """Where an effect is: its joint, or the whole log."""
+def location(effect: str, joint: int) -> str:
+    """The location of an effect: its joint, or the whole log."""
     return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
 
 
-def named(finding: FindingResult) -> str:
-    """An effect that was found, and where it is."""
-    return f"{finding.title}, {located(finding.effect, finding.joint)}"
+def finding_title(finding: FindingResult) -> str:
+    """Title and location of an effect that was found."""
+    return f"{finding.title}, {location(finding.effect, finding.joint)}"
 
 
 def experiment_head(finding: FindingResult) -> str:
-    """What the proposed experiment is good for."""
+    """The purpose of the proposed experiment."""
     return "to split them" if finding.ambiguous else "to confirm it"
 
 
 def window_line(window: WindowResult, units: Sequence[str]) -> str:
-    """An interval of time with a torque of its own."""
+    """An interval of time with an additional torque."""
     size = f"{significant(window.torque, 2)} {joint_unit(units, window.joint - 1)}"
     times = f"{window.begin_s:.6g} s to {window.end_s:.6g} s"
     score = significant(window.score, 2)
@@ -134,23 +134,23 @@ def window_line(window: WindowResult, units: Sequence[str]) -> str:
 
 
 def noise_source(noise: NoiseResult) -> str:
-    """Where the noise is known from."""
+    """How the noise was estimated."""
     if noise.source == "periods" and noise.period_s is not None:
         return f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
     return {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
 
 
 def refused_line(refused: tuple[str, int, str]) -> str:
-    """A contender that was not accepted, and why."""
+    """A candidate that was not accepted, and why."""
     effect, joint, why = refused
-    return f"{placed(effect, joint)}: {why}"
+    return f"{candidate_title(effect, joint)}: {why}"
 
 
-def placed(effect: str, joint: int) -> str:
-    """An effect by its name in the catalogue, and where it is."""
-    return f"{effect.replace('_', ' ')}, {located(effect, joint)}"
+def candidate_title(effect: str, joint: int) -> str:
+    """Name and location of a candidate."""
+    return f"{effect.replace('_', ' ')}, {location(effect, joint)}"
 
 
 def error_text(before: float | None, after: float | None, *, changed: bool = True) -> str:
-    """Relative torque error before and after; only one where nothing was changed."""
+    """Relative torque error before and after; only one if the model was not changed."""
     return f"{percentage(before)} → {percentage(after)}" if changed else percentage(before)

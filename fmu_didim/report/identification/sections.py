@@ -1,0 +1,369 @@
+"""A saved identification as a report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from fmu_didim.report import experiments
+from fmu_didim.report.drawing.diagram import loop_diagram
+from fmu_didim.report.drawing.torque_charts import history_chart
+from fmu_didim.report.identification.charts import ExperimentCharts, residual_sections, saved_charts, torque_sections
+from fmu_didim.report.numbers import (
+    MISSING,
+    Rounding,
+    aligned_parameters,
+    capitalised,
+    consistency_line,
+    decimal_aligned,
+    item_or_none,
+    iteration_count,
+    loop_lines,
+    noise_text,
+    percentage,
+    pretty_unit,
+    rounding,
+    significant,
+)
+from fmu_didim.report.page import notebook_html, write_page
+from fmu_didim.report.sections import (
+    Bar,
+    Block,
+    Charts,
+    Column,
+    Drawing,
+    Fact,
+    Facts,
+    Folded,
+    Items,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tree,
+    matrix,
+    note,
+    numbers,
+    words,
+)
+from fmu_didim.report.terminal import report_text
+from fmu_didim.report.verdict import verdict
+from fmu_didim.results.result import ParameterResult, ResultDocument, read_result
+
+REPORT_FILE = "report.html"
+SHOWN_CORRELATIONS = 5
+LABEL = 24
+"""[characters] Of the name of an experiment that the terminal shows."""
+BAR_RANGE = (0.1, 100.0)
+"""[percent] Relative standard deviations that bars cover, logarithmically."""
+GRADES = ((10.0, "good"), (30.0, "doubtful"))
+"""[percent] Up to these relative standard deviations; beyond, the parameter is poorly known."""
+FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
+MAIN_SIGMA = {"didim": "σ, corrected formula"}
+
+
+def result_table(document: ResultDocument) -> str:
+    """The text shown after an identification; ends with the line that says whether it is valid."""
+    return report_text(result_report(document))
+
+
+def result_html(document: ResultDocument) -> str:
+    """Verdict, parameters and torque errors of an identification, for notebooks."""
+    return notebook_html(result_report(document))
+
+
+def write_report(directory: Path) -> Path:
+    """Write ``report.html`` beside the ``result.json`` of a directory and return its path.
+
+    Raises:
+        InputError: there is no result, or a table of torques that it names is missing.
+    """
+    document = read_result(directory)
+    return write_page(result_report(document, saved_charts(document, directory)), directory / REPORT_FILE)
+
+
+def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = ()) -> Report:
+    """All that is shown of a result, with the charts of its experiments."""
+    count = len(document.parameters)
+    kind = f"{document.estimator}, {count} parameters" if count else document.estimator
+    advice = "A shape says that the model lacks something; fmu-didim discover finds out what."
+    sections = [
+        _parameters(document),
+        _experiments(document),
+        _torque(document),
+        *torque_sections(parts),
+        *residual_sections([p for p in parts if p.against or p.whiteness], "What the model leaves", "", advice),
+        _model(document),
+        Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
+                has_title=True),
+        Section("Notes of the iterations", [Items(_notes(document), shown="terminal")], has_title=True),
+        _plant(document),
+        *_correlations(document),
+        _stages(document),
+        *_iterations(document),
+        _loop(document),
+    ]  # fmt: skip
+    return Report(
+        document.name, f"{document.name} ({kind})", verdict(document), sections, description=document.description,
+        subtitles=[f"Identified by {document.estimator}"], cards=_cards(document), remarks=document.remarks,
+        provenance=document.provenance,
+    )  # fmt: skip
+
+
+def _cards(document: ResultDocument) -> list[tuple[str, str]]:
+    shown = {label: values[0] for label, values in experiments.error_rows(document)}
+    if experiments.ALL_FITTED in shown:  # the cards have no room for each of them
+        fitted = [label for label, e in document.experiments.items() if e.role == "estimation"]
+        shown = {label: shown[label] for label in (experiments.ALL_FITTED, *shown) if label not in fitted}
+    titles = {label: experiments.experiment_title(document, label) for label in shown}
+    cards = [(f"torque error, {titles[label]}", percentage(error)) for label, error in shown.items()]
+    if document.parameters:
+        cards.append(("parameters", str(len(document.parameters))))
+        cards.append(("condition number", significant(document.condition_number)))
+    stages = ", main + finish" if document.finish_iterations else ""
+    cards.append((f"iterations{stages}", iteration_count(document)))
+    return cards
+
+
+def _parameters(document: ResultDocument) -> Section:
+    """The parameters; those of one experiment and those of the loop form groups."""
+    groups = experiments.parameter_groups(document)
+    listed = [(name, p) for group in groups for name, p in group.parameters.items()]
+    texts = [experiments.shown_parameter(name, p) for name, p in listed]
+    shown = aligned_parameters(texts)
+    marks = [" *" if text.insignificant else "" for text in texts]
+    bars = [_bar(p.rel_std_percent) for _, p in listed]
+    columns = [
+        words("parameter", [text.name for text in texts], marks=marks, shrinks=True),
+        Column("value", [text.value for text in shown]),
+        Column("σ", [text.std for text in shown]),
+        Column("%σ", [text.percent for text in shown], page_head="σ / |value| (%)"),
+        words("", [""] * len(texts), bars=bars, shown="page"),
+        words("unit", [text.unit or MISSING for text in texts]),
+        Column("95 % interval", ["  ".join(text.interval) for text in shown]),
+        *_further_values(document, listed),
+        words("carried by", [p.standard or p.of for _, p in listed], shown="page"),
+    ]
+    blocks: list[Block] = [Table(columns, [(group.head, len(group.parameters)) for group in groups])]
+    if any(marks):
+        blocks.append(Text("* not significantly different from zero"))
+    blocks += [Text(line) for line in experiments.delay_lines(document)]
+    blocks.append(note(
+        "σ: standard deviation, two significant digits. Bars: σ / |value| from 0.1 % to 100 %, logarithmic; full up to "
+        "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the final iterations began. By description: "
+        "the value of the robot description, from CAD for example, regrouped in the same way."
+    ))  # fmt: skip
+    return Section("Parameters", blocks, anchor="parameters", is_brief=True)
+
+
+def _further_values(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
+    """The start values of the final iterations, and the values of the robot description."""
+    columns: dict[str, dict[str, float | None]] = {}
+    begins = [k for k, it in enumerate(document.history) if k == 0 or document.history[k - 1].note]
+    if begins:
+        columns["start"] = dict(document.history[begins[-1]].parameters)
+    described = {name: p.described for name, p in document.parameters.items()}
+    if any(described.values()):
+        columns["by description"] = described
+    return [
+        numbers(head, [_value(p, values.get(name)) for name, p in listed], shown="page")
+        for head, values in columns.items()
+    ]
+
+
+def _value(parameter: ParameterResult, value: float | None) -> str:
+    """Another value of a parameter, rounded as the identified one."""
+    return MISSING if value is None else rounding(parameter.value, parameter.std).text(value)
+
+
+def _bar(percent: float | None) -> Bar | None:
+    if percent is None:
+        return None
+    low, high = BAR_RANGE
+    length = 100.0 * math.log(min(max(percent, low), high) / low) / math.log(high / low)
+    grade = next((grade for limit, grade in GRADES if percent <= limit), "refused")
+    return Bar(grade, round(max(length, 2.0), 1))
+
+
+def _experiments(document: ResultDocument) -> Section:
+    """The experiments: data, agreement with the others, and why one could not be simulated."""
+    found = document.experiments
+    each = list(found.values())
+    columns = [
+        words("Experiment", list(found), limit=LABEL),
+        words("role", [e.role for e in each]),
+        Column("samples", [str(e.samples) for e in each]),
+        numbers("Hz", [f"{e.rate_hz:.6g}" for e in each], page_head="rate (Hz)"),
+    ]
+    for j, unit in enumerate(document.torque_unit):
+        head = f"RMS residual, joint {j + 1} ({pretty_unit(unit)})"
+        columns.append(numbers(head, [significant(item_or_none(e.noise_std, j), 2) for e in each], shown="page"))
+    notes = ["Estimation: the parameters are fitted to it; validation: it only judges them. RMS residual: root mean "
+             "square of measured − simulated torque."]  # fmt: skip
+    if any(e.agreement is not None for e in each):
+        marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in each]
+        texts = [experiments.agreement_text(e.agreement) for e in each]
+        columns.append(numbers("agreement p", texts, marks=marks, page_head="p-value of its agreement"))
+        differences = [experiments.difference_text(e.agreement) for e in each]
+        columns.append(words("would differ most", differences, shown="page"))
+        notes.append("p-value: probability of as much disagreement with the other fitted experiments on shared "
+                     "parameters, by noise alone. !: too small to be chance.")  # fmt: skip
+    if any(e.own for e in each):
+        own = [", ".join(experiments.own_names(label, e)) for label, e in found.items()]
+        columns.append(words("own", own, shrinks=True, page_head="own parameters"))
+    if any(e.failure for e in each):
+        columns.append(words("failure", [e.failure or MISSING for e in each], shown="page"))
+    table = Table(columns, shown="page" if experiments.is_short_form(document) else "both")
+    return Section("Experiments", [table, *map(note, notes)], anchor="experiments")
+
+
+def _torque(document: ResultDocument) -> Section:
+    """Relative errors and noise: a line a joint in the short form, else a line an experiment."""
+    errors = experiments.error_rows(document)
+    heads = ["total", *(f"joint {j + 1}" for j in range(len(document.torque_unit)))]
+    noise = noise_text(document.noise_std, document.torque_unit)
+    blocks: list[Block] = []
+    if experiments.is_short_form(document):
+        columns = [numbers(f"{label} %", [significant(v) for v in values]) for label, values in errors]
+        if noise:
+            columns.append(_noise_column(document))
+        if columns:
+            blocks.append(Table([words("Torque", heads), *columns]))
+    elif errors:
+        columns = [words("Torque", [label for label, _ in errors], limit=LABEL)]
+        for j, head in enumerate(heads):
+            columns.append(numbers(f"{head} %", [significant(values[j]) for _, values in errors]))
+        blocks += [Table(columns), Text(f"noise σ: {noise}" if noise else "")]
+    blocks.append(note("Relative error 100 |measured − simulated| / |measured| in %. Noise σ of the fit: the standard "
+                       "deviation of its residual."))  # fmt: skip
+    return Section("Torque", blocks, anchor="torque")
+
+
+def _noise_column(document: ResultDocument) -> Column:
+    joints = range(len(document.torque_unit))
+    texts = decimal_aligned(["", *(significant(item_or_none(document.noise_std, j), 2) for j in joints)])
+    units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
+    width = max(map(len, units))
+    return Column("noise σ", [f"{text} {unit:{width}}" for text, unit in zip(texts, units, strict=True)])
+
+
+def _model(document: ResultDocument) -> Section:
+    """The figures of the fit, a line each."""
+    if document.status == "refused":
+        return Section("Model", [], anchor="model")
+    strong = document.correlations[:SHOWN_CORRELATIONS]
+    pairs = ", ".join(f"{a}-{b} {value:+.3f}" for a, b, value in strong)
+    hidden = len(document.correlations) - len(strong)
+    facts = [
+        Fact("Condition number", significant(document.condition_number)),
+        Fact("Iterations", iteration_count(document) + (" (main + finish)" if document.finish_iterations else "")),
+        Fact("Correlations > 0.9", (pairs or "none") + (f", {hidden} more in the report" if hidden else "")),
+    ]
+    notes = []
+    if document.integration_error is not None:
+        text = percentage(100 * document.integration_error) + " of the torque"
+        if document.integration_shift is not None:
+            text += f", {significant(document.integration_shift)} σ of a value"
+        if document.integration is not None:
+            text += f" ({document.integration.substeps} steps a tick)"
+        facts.append(Fact("Integration error", text))
+        method = f" Its method: {document.integration.method}." if document.integration is not None else ""
+        notes.append(note(f"Integration error: what halving the integration step of the plant changes.{method}"))
+    if document.consistency is not None:
+        facts.append(Fact("Plant's equations", consistency_line(document)))
+    return Section("Model", [Facts(facts), *notes], anchor="model")
+
+
+def _notes(document: ResultDocument) -> list[str]:
+    """Problems during the iterations, of interest when they did not end well; the page has them in its table."""
+    return (
+        []
+        if document.status == "converged"
+        else [f"{it.stage} {it.number}: {it.note}" for it in document.history if it.note]
+    )
+
+
+def _plant(document: ResultDocument) -> Section:
+    """How the plant differs from the robot description."""
+    found = document.consistency
+    if found is None:
+        return Section("", [])
+    columns = found.columns
+    each = list(columns.values())
+    table = Table([
+        words("parameter", list(columns)), Column("difference", [significant(c.difference, 2) for c in each]),
+        Column("cosine", [significant(c.cosine, 6) for c in each]),
+        Column("size in the plant", [significant(c.size, 4) for c in each]),
+        Column("joint", [str(c.joint) for c in each]),
+    ])  # fmt: skip
+    folded = Folded("Columns of the regressor, from the plant against from the description", table)
+    warned = [] if found.agrees else [Items(found.warnings, shown="page")]
+    said = Text(f"{capitalised(consistency_line(document))}.", shown="page")
+    return Section("Plant and robot description", [said, *warned, folded])
+
+
+def _correlations(document: ResultDocument) -> list[Section]:
+    names = list(document.parameters)
+    if len(document.correlation) != len(names) or len(names) < 2:
+        return []
+    drawn = matrix("Correlations", names, dict(zip(names, document.correlation, strict=True)), largest=1.0)
+    text = ("Near +1 only the difference of two parameters is known, near −1 only their sum. Orange: positive, blue: "
+            "negative.")  # fmt: skip
+    pairs = [words("pair", [f"{a} – {b}" for a, b, _ in document.correlations]),
+             Column("correlation", [f"{value:+.3f}" for *_, value in document.correlations])]  # fmt: skip
+    strong = Table(pairs, shown="page") if document.correlations else Items([], empty="None.", shown="page")
+    return [Section("Correlations", [note(text), drawn], anchor="correlations"), Section("Above 0.9", [strong])]
+
+
+def _stages(document: ResultDocument) -> Section:
+    """Value and standard deviations at the end of each stage."""
+    names = list(document.parameters)
+    columns = [words("parameter", names)]
+    for stage, content in document.stages.items():
+        digits = {name: rounding(v, content.std.get(name, 0.0)) for name, v in content.value.items()}
+        values = [digits[n].text(content.value[n]) if n in digits else MISSING for n in names]
+        columns.append(numbers(f"{stage}: value", values))
+        kinds = {MAIN_SIGMA.get(stage, "σ"): content.std}
+        kinds |= {FORMULAS.get(name, name): deviations for name, deviations in content.formulas.items()}
+        for head, deviations in kinds.items():
+            texts = [_deviation(digits.get(n), deviations.get(n)) for n in names]
+            columns.append(numbers(f"{stage}: {head}", texts))
+    columns.append(words("unit", [experiments.shown_unit(p) or MISSING for p in document.parameters.values()]))
+    text = ("Values and standard deviations at the end of each stage; the Cramér-Rao bound is the smallest that an "
+            "unbiased estimator can have.")  # fmt: skip
+    return Section("Stages", [note(text), Table(columns, shown="page")] if document.stages else [], anchor="stages")
+
+
+def _deviation(digits: Rounding | None, std: float | None) -> str:
+    return MISSING if digits is None or std is None else digits.deviation(std)
+
+
+def _iterations(document: ResultDocument) -> list[Section]:
+    """Errors, changes and notes of the iterations."""
+    history = document.history
+    if not history:
+        return []
+    labels = [f"{it.stage} {it.number}" for it in history]
+    table = Table([
+        words("iteration", labels),
+        numbers("torque error (%)", [significant(it.relative_error_percent, 5) for it in history]),
+        numbers("relative change", [significant(it.change, 2) for it in history]),
+        numbers("condition number", [significant(it.condition_number) for it in history]),
+        words("note", [it.note for it in history]),
+    ], shown="page")  # fmt: skip
+    names = list(dict.fromkeys(name for it in history for name in it.parameters))
+    columns = [words("parameter", names)]
+    for label, it in zip(labels, history, strict=True):
+        values = [it.parameters.get(name) for name in names]
+        columns.append(Column(label, [MISSING if v is None else f"{v:.6g}" for v in values]))
+    folded = Folded("Parameters simulated in each iteration", Table(columns))
+    return [Section("Iterations", [Charts([history_chart(history)]), table, folded], anchor="iterations")]
+
+
+def _loop(document: ResultDocument) -> Section:
+    blocks: list[Block] = [
+        Drawing(loop_diagram(document.loop)), Items(loop_lines(document.loop), shown="page"),
+        Folded("All of it", Tree(document.loop), is_printed=False),
+    ]  # fmt: skip
+    return Section("Loop", blocks, anchor="loop")
