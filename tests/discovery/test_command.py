@@ -358,8 +358,8 @@ def test_unknown_effect_is_told_with_the_valid_names(friction_case: Path, option
     [
         ("tests.discovery.helpers:NoSuch", "NoSuch"),
         ("no_such_module:Effect", "no_such_module"),
-        ("tests.discovery.helpers:TRUTH", "no effect"),
-        ("pathlib:Path", "no effect"),
+        ("tests.discovery.helpers:TRUTH", "not an effect"),
+        ("pathlib:Path", "not an effect"),
     ],
 )
 def test_wrong_further_effect_is_told(friction_case: Path, name: str, error: str) -> None:
@@ -369,7 +369,7 @@ def test_wrong_further_effect_is_told(friction_case: Path, name: str, error: str
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
-    [(["--forbid", "stribek"], "stribeck"), (["--effect", "pathlib:Path"], "no effect")],
+    [(["--forbid", "stribek"], "stribeck"), (["--effect", "pathlib:Path"], "not an effect")],
 )
 def test_command_ends_with_an_error_and_no_files(
     friction_case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
