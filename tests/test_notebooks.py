@@ -18,6 +18,8 @@ import pytest
 from tests.conftest import ROOT, package
 from tests.patience import patience
 
+pytestmark = pytest.mark.gate
+
 nbformat = package("nbformat")
 nbclient = package("nbclient")
 package("ipykernel")

@@ -49,7 +49,7 @@ KINDS = {
     "reruns": "how FMUs are run again",
     "probes": "how FMUs behave",
     "proofs": "which FMUs of other tools have run and ended well",
-    "seats": "which runs use an FMU at the same time",
+    "fmu_slots": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",
 }
 """Folder of the cache -> its content. The names of entries that belong to an FMU begin with its SHA-256."""

@@ -71,6 +71,7 @@ def test_nothing_is_run_twice(done: Campaign) -> None:
     assert list((done.out / "runners").iterdir()) == []
 
 
+@pytest.mark.gate
 def test_a_larger_campaign_runs_what_is_new(done: Campaign, tmp_path: Path) -> None:
     """Rows of another plan stand by, and take no part in any table."""
     out = tmp_path / "run"
@@ -192,6 +193,7 @@ def test_few_runs_use_an_fmu_at_the_same_time(
     assert set(rows["status"]) - {"answered"} == statuses
 
 
+@pytest.mark.gate
 def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write, written = Journal.write, []
 
@@ -216,6 +218,7 @@ def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeyp
     assert sorted(rows["id"].to_pylist()) == sorted(run.id for run in found.plan.runs)
 
 
+@pytest.mark.gate
 def test_the_page_of_a_campaign_file_says_what_repeats_it(tmp_path: Path) -> None:
     """A study has no file; a retry, which plans anew from what was saved, knows it still."""
     content = {"name": "one run", "case": str(CASE), "noise": {"relative": 0.05}}

@@ -286,7 +286,7 @@ def test_discovery_is_shown_and_the_answer_so_far_stays(tmp_path: Path, monkeypa
     def full(*arguments: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("fmu_didim.report.discovery.page.write_discovery_report", full)
+    monkeypatch.setattr("fmu_didim.report.discovery.sections.write_discovery_report", full)
     shown: list[str] = []
     with pytest.raises(InputError, match="No space left"):
         discover(case, out, time_limit=1e-3, show=lambda found: shown.append(found.summary()))

@@ -105,7 +105,7 @@ def test_notebook_view_is_self_contained_and_escaped(outcome: Result) -> None:
     assert "<script" not in text
     assert "http" not in text
     assert "own to payload" in text
-    assert "torque error, payload (estimation)" in text
+    assert "torque error, all fitted" in text and "torque error, check (validation)" in text
     evil = identify(three_experiments(name="<script>alert(1)</script>"))
     assert "<script>" not in evil._repr_html_()
 
@@ -126,8 +126,11 @@ def test_result_is_loaded_from_a_folder_or_its_file(outcome: Result, tmp_path: P
     assert loaded.summary() == outcome.summary()
     assert loaded.robot == outcome.robot
     assert loaded.robots == outcome.robots
-    for figure, expected in zip(loaded.plot("payload").data, outcome.plot("payload").data, strict=True):
-        np.testing.assert_array_equal(figure.y, expected.y)
+    for axes, expected in zip(loaded.plot("payload").axes, outcome.plot("payload").axes, strict=True):
+        drawn, wanted = plotted(axes), plotted(expected)
+        assert list(drawn) == list(wanted)
+        for name, line in drawn.items():
+            np.testing.assert_array_equal(line.get_ydata(), wanted[name].get_ydata())
     pd.testing.assert_frame_equal(loaded.covariance, outcome.covariance)
     assert (tmp_path / "report.html").is_file()
 
@@ -234,9 +237,11 @@ def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path])
         loaded = Discovered.load(path)
         assert loaded == discovered
         assert loaded.summary() == discovered.summary()
-        for drawn, expected in zip(loaded.plot("validation").data, discovered.plot("validation").data, strict=True):
-            assert drawn.name == expected.name
-            np.testing.assert_allclose(drawn.y, expected.y, rtol=1e-5, atol=1e-5)
+        for axes, expected in zip(loaded.plot("validation").axes, discovered.plot("validation").axes, strict=True):
+            drawn, wanted = plotted(axes), plotted(expected)
+            assert list(drawn) == list(wanted)
+            for name, line in drawn.items():
+                np.testing.assert_allclose(line.get_ydata(), wanted[name].get_ydata(), rtol=1e-5, atol=1e-5)
     with pytest.raises(InputError, match="holds no fits"):
         _ = loaded.model
     with pytest.raises(UnknownNameError):

@@ -65,6 +65,7 @@ def test_nothing_is_named_on_a_clean_plant(run: RunWithParameters) -> None:
     assert all(why for _, _, why in document.refused)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("effect", "seed"),
     [
