@@ -6,6 +6,7 @@
     python -m tests.tools.versions readme        # the first block of the README, in a clone with nothing beside it
     python -m tests.tools.versions constraints   # writes constraints.txt: the versions of this environment
     python -m tests.tools.versions wheels        # writes docs/figures/wheels.json: for which systems there are wheels
+    python -m tests.tools.versions sizes         # writes docs/figures/sizes.json: how large the packages are
 
 ``--record`` keeps what came out in docs/figures/platforms.json, which docs/platforms.md shows.
 """
@@ -21,7 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fmu_didim.base.version import __version__
-from tests.tools.versions import suite, wheels
+from tests.tools.versions import sizes, suite, wheels
 from tests.tools.versions.environments import CONSTRAINTS, MissingToolError, normal, with_lowest, with_newest
 
 COMMAND = "python -m tests.tools.versions constraints"
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.tools.versions", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("lowest", "newest", "here", "readme", "constraints", "wheels"))
+    parser.add_argument("what", choices=("lowest", "newest", "here", "readme", "constraints", "wheels", "sizes"))
     parser.add_argument("--record", action="store_true", help="keep what came out for docs/platforms.md")
     parser.add_argument("--versions", default="newest releases", help="with here: the versions in words")
     options, tests = parser.parse_known_args(arguments)
@@ -43,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return write_constraints()
         if options.what == "wheels":
             wheels.record()
+            return 0
+        if options.what == "sizes":
+            sizes.record()
             return 0
         row = _row(options.what, tests or suite.SMOKE, options.versions)
     except MissingToolError as error:

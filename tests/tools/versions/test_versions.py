@@ -20,7 +20,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from tests.conftest import ROOT
-from tests.tools.versions import suite, wheels
+from tests.tools.versions import sizes, suite, wheels
 from tests.tools.versions.__main__ import COMMAND, main, write_constraints
 from tests.tools.versions.environments import (
     MissingToolError,
@@ -231,3 +231,11 @@ def test_workflows_run_what_readme_and_gate_run() -> None:
 
 def test_names_of_packages_compare_in_all_spellings() -> None:
     assert normal("Types_PyYAML") == normal("types.pyyaml") == "types-pyyaml"
+
+
+def test_large_packages_are_listed_with_what_they_are_for(tmp_path: Path) -> None:
+    sizes.record(tmp_path / "sizes.json")
+    figures = json.loads((tmp_path / "sizes.json").read_text(encoding="utf-8"))["figures"]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in figures["table"]]
+    assert {"casadi", "ziglang", "scipy"} <= set(rows)
+    assert "pytest" not in sizes.needed()
