@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from fmu_didim.case.data import DATA_VARIABLE, data_folder
+from fmu_didim.case.files import DATA_VARIABLE, data_folder
 
 ROOT = Path(__file__).parent.parent
 

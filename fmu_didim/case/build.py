@@ -15,8 +15,8 @@ from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import is_file
 from fmu_didim.case.changes import CaseChanges, CaseObjects, merged
-from fmu_didim.case.data import read_experiment, read_reference
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
+from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters
 from fmu_didim.case.loop import (
     communication_step,
@@ -28,6 +28,7 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
+from fmu_didim.case.reference import read_reference
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE

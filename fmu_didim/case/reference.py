@@ -9,16 +9,22 @@ frequency response of the spline's derivative,
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.file_checks import unevenness
+from fmu_didim.case.files import NONE_GIVEN, found_in, read_signals
+from fmu_didim.case.sources import ReferenceFile
+from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.cosim import grid_places
+from fmu_didim.data.excitation import Excitation
 from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
+from fmu_didim.data.tables import Selected
 
 FEWEST_ROWS = 8
 """[rows] Of a reference that can be differentiated or resampled."""
@@ -34,6 +40,17 @@ STARTS_MOVING = 0.01
 it."""
 
 
+REFERENCE_RATE = CATALOGUE(
+    "reference-rate", PROBLEM, rank=0,
+    meaning="The reference is not sampled at the control rate: it must have one row a control period.",
+    next_step="Correct the rate of the loop or of the controller; where only the stamps are rounded: reference: {time: "
+    "{name: ..., rate_hz: ...}}; to interpolate between the rows: reference: {resample: true}.",
+)  # fmt: skip
+TIME_UNIT = CATALOGUE(
+    "time-unit", PROBLEM, rank=0,
+    meaning="The stamps of a file are in milliseconds or microseconds, not in seconds.",
+    next_step="Give its unit: time: {name: t, unit: ms}.",
+)  # fmt: skip
 REFERENCE_DERIVED = CATALOGUE(
     "reference-derived", REMARK, rank=93,
     meaning="The reference lacks velocities or accelerations; they were computed from its positions by a cubic spline.",
@@ -64,6 +81,105 @@ REFERENCE_COARSE = CATALOGUE(
 _WAVE = np.linspace(0.0, math.pi, 2001)
 _GAIN = 3 * np.sin(_WAVE) / (2 + np.cos(_WAVE))
 _NOISE_GAINS = {order: float(np.sqrt(np.mean(_GAIN ** (2 * order)))) for order in (1, 2)}
+
+SMALLER_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6}
+
+
+def read_reference(
+    source: Excitation | ReferenceFile,
+    folder: Path,
+    *,
+    step: float,
+    torque_units: tuple[str, ...],
+    needed: frozenset[str] = frozenset(),
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+) -> Selected:
+    """The reference, one row a control period; a warm-up starts before t = 0.
+
+    Velocities and accelerations that a file lacks and the loop needs are computed.
+
+    Args:
+        step: control period, s; torque_units: (n,) N.m or N of each joint; needed: columns that the loop takes.
+
+    Raises:
+        InputError: a file or column is missing, a unit is wrong, or the rows are not one control period apart.
+    """
+    joint_count = len(torque_units)
+    if isinstance(source, Excitation):
+        if source.joint_count != joint_count:
+            raise InputError(
+                "The reference has another number of joints than the robot.", where="reference",
+                got=source.joint_count, valid=str(joint_count),
+            )  # fmt: skip
+        return Selected(at_least_two_rows(source.trajectory(1.0 / step), "reference"))
+    read = read_signals(source, folder, signals, torque_units=torque_units)
+    found, told = at_least_two_rows(read.signals, source.file), [*read.told]
+    if source.resample:
+        found, of_rows = resampled(found, step)
+        told += found_in(of_rows, source.file)
+    check_reference_rate(found, step, source.file)
+    if source.warm_up_s > 0 and source.period_s is not None:
+        found = _with_warm_up(found, step, source.period_s, source.warm_up_s)
+    found, of_derivatives = with_derivatives(found, needed)
+    return Selected(found, (*told, *found_in(of_derivatives, source.file)))
+
+
+def at_least_two_rows(found: Trajectory, where: str) -> Trajectory:
+    """The signals, unless they are an instant and no motion."""
+    if found.time.size < 2:
+        raise InputError(
+            "One instant is no motion.", where=where, got=f"{found.time.size} rows", valid="two rows and more",
+            next_step="Give a longer one; look at its duration and at the rate of the loop.",
+        )  # fmt: skip
+    return found
+
+
+def _with_warm_up(found: Trajectory, step: float, period_s: float, warm_up_s: float) -> Trajectory:
+    period, count = round(period_s / step), round(warm_up_s / step)
+    if period > found.time.size:
+        raise InputError(
+            "The reference is shorter than its period.", where=found.source,
+            got=f"{found.time[-1] - found.time[0]:g} s", valid=f">= {period_s:g} s",
+        )  # fmt: skip
+    before = found.values[period - count : period].copy()
+    # Test signals added to the command are not part of the periodic motion.
+    motion = [v.name.rstrip("0123456789") in ("q", "dq", "ddq") for v in found.variables]
+    before[:, ~np.array(motion)] = 0.0
+    time = found.time[0] + np.arange(-count, 0) * step
+    return replace(found, time=np.concatenate([time, found.time]), values=np.vstack([before, found.values]))
+
+
+def check_reference_rate(reference: Trajectory, step: float, file: str) -> None:
+    """Raise DiagnosedError where the rows of a reference are not one control period (s) apart."""
+    if reference.time.size < 2 or reference.deviation(step) <= REFERENCE_STEP * step:
+        return
+    steps = np.diff(reference.time)
+    usual = float(np.median(steps))
+    for words, unit in SMALLER_UNITS.items():
+        if abs(usual * unit - step) <= REFERENCE_STEP * step:
+            text = (
+                f"The stamps of the reference seem to be in {words}: its rows are {usual:.6g} apart, a control period "
+                f"lasts {step:.6g} s."
+            )
+            raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, usual, step, "s")])
+    uneven = "unevenly, usually " if np.ptp(steps) > REFERENCE_STEP * usual else ""
+    text = (
+        f"The reference is not sampled at the control rate: its rows are {uneven}{usual:.6g} s apart "
+        f"({1 / usual:.6g} Hz), and the loop runs at {1 / step:.6g} Hz."
+    )
+    if uneven:
+        text += f" {unevenness(reference.time)}"
+    raise DiagnosedError([Diagnostic(REFERENCE_RATE, text, file, 1 / usual, 1 / step, "Hz")])
+
+
+def unevenness(time: Array) -> str:
+    """How far instants (N,) are from even ones, in a sentence: scatter of the clock, and rows that lack."""
+    places = grid_places(time)
+    step, start = np.polyfit(places, time, 1)
+    off = time - start - places * step
+    lacking = int(places[-1]) + 1 - time.size
+    text = f"They lie {1000 * float(np.std(off)):.3g} ms (largest {1000 * float(np.ptp(off)) / 2:.3g} ms) off even ones"
+    return text + (f", and {lacking} rows are missing." if lacking else ".")
 
 
 def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Trajectory, list[Diagnostic]]:

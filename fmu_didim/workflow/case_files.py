@@ -11,7 +11,7 @@ from pathlib import Path
 from fmu_didim.base.cache import file_digest
 from fmu_didim.base.imports import is_reference, located
 from fmu_didim.case import Case
-from fmu_didim.case.data import resolve
+from fmu_didim.case.files import resolve
 from fmu_didim.case.sources import SignalFile
 
 NO_OPTIONS: Mapping[str, object] = {}

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from fmu_didim.base.documents import TO_FILL_IN, load_yaml
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import load_case, read_case
-from fmu_didim.case.data import read_signals
+from fmu_didim.case.files import read_signals
 from fmu_didim.case.sources import ExperimentSource, SignalFile
 from fmu_didim.controllers import read_law
 from fmu_didim.dynamics.effects import UNITS

@@ -15,7 +15,7 @@ from fmu_didim.campaigns.campaign import campaign
 from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.validation import case_problems, read_campaign
-from fmu_didim.case.data import DATA_VARIABLE
+from fmu_didim.case.files import DATA_VARIABLE
 from tests.conftest import EMPS_FILES, needs_emps
 from tests.helpers import ROOT
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from fmu_didim.case.data import data_folder
+from fmu_didim.case.files import data_folder
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow.discover import discover

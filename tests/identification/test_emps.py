@@ -43,7 +43,7 @@ def emps_case(folder: Path, rate_hz: float | None, *, phase_s: float | None = No
 
 
 def _data() -> Path:
-    from fmu_didim.case.data import data_folder
+    from fmu_didim.case.files import data_folder
 
     return data_folder(Path(__file__).parent).resolve()
 

@@ -15,7 +15,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
-from fmu_didim.case.data import data_folder
+from fmu_didim.case.files import data_folder
 from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.workflow import identify

@@ -18,7 +18,7 @@ from typing import Any
 from fmu_didim.base.cache import file_digest
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.imports import is_reference, located
-from fmu_didim.case.data import DATA_PREFIX, data_folder, how_to_get
+from fmu_didim.case.files import DATA_PREFIX, data_folder, how_to_get
 from fmu_didim.results.provenance import PACKAGES
 
 NAMING = ("file", "source", "robot", "system")

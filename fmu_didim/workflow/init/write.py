@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fmu_didim.base.documents import TO_FILL_IN, Lines
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.data import DATA_PREFIX, data_folder
+from fmu_didim.case.files import DATA_PREFIX, data_folder
 from fmu_didim.controllers import LAWS
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings

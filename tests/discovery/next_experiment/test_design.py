@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.data import read_reference
 from fmu_didim.case.document import ExperimentSource
+from fmu_didim.case.reference import read_reference
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller

@@ -1,0 +1,54 @@
+"""From what a case says of one run to its experiment: reference, torque log, and how the log follows from the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from fmu_didim.case.files import NONE_GIVEN, read_signals
+from fmu_didim.case.reference import read_reference
+from fmu_didim.case.sources import ExperimentSource
+from fmu_didim.case.torque_log import read_torque_log
+from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.model.experiment import Experiment
+
+
+def read_experiment(
+    source: ExperimentSource,
+    folder: Path,
+    *,
+    step: float,
+    drive_gains: tuple[float, ...] | None,
+    torque_units: tuple[str, ...],
+    label: str,
+    needed: frozenset[str] = frozenset(),
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+) -> Experiment:
+    """The data of one run; signals in memory stand for the files of their names.
+
+    Raises:
+        InputError: a file or column is missing, or the log does not fit the reference.
+    """
+    motion = read_reference(
+        source.reference, folder, step=step, torque_units=torque_units, needed=needed, signals=signals
+    )
+    reference = motion.signals
+    log = read_torque_log(
+        source, folder, reference, step=step, drive_gains=drive_gains, torque_units=torque_units, label=label,
+        signals=signals,
+    )  # fmt: skip
+    assert source.torque is not None
+    operator = sample_operator(
+        log.times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
+        kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
+    ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
+    told, positions = [*motion.told, *log.told], None
+    if source.positions is not None:
+        measured = read_signals(source.positions, folder, signals, torque_units=torque_units)
+        positions = measured.signals
+        told += measured.told
+    return Experiment(
+        reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
+        told=tuple(dict.fromkeys(told)),
+    )  # fmt: skip

@@ -1,0 +1,86 @@
+"""Where the files of a case lie, and the signals in them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import InputError
+from fmu_didim.base.files import is_file
+from fmu_didim.case.memory import check_at_hand
+from fmu_didim.case.sources import SignalFile, TorqueFile
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables import Selected, SignalTable, TimeColumn, read_table, selected
+
+DATA_VARIABLE = "FMU_DIDIM_DATA"
+DATA_PREFIX = "data:"
+NONE_GIVEN: Mapping[str, Trajectory] = MappingProxyType({})
+TIME_IN_MEMORY = "time of signals in memory"
+
+
+def data_folder(folder: Path) -> Path:
+    """The folder of the environment variable ``FMU_DIDIM_DATA``, else ``../shared/data`` beside the project.
+
+    Args:
+        folder: that of the case file, from which the project's folder is looked for.
+    """
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        return Path(named)
+    for parent in (folder.resolve(), *folder.resolve().parents):
+        if (parent / "pyproject.toml").is_file():
+            return parent.parent / "shared" / "data"
+    return Path("../shared/data")
+
+
+def resolve(source: SignalFile, folder: Path) -> Path:
+    """The path of a file; raises InputError that says where to get it."""
+    check_at_hand(source.file)
+    is_data = source.file.startswith(DATA_PREFIX)
+    path = data_folder(folder) / source.file.removeprefix(DATA_PREFIX) if is_data else folder / source.file
+    if not is_file(path):
+        step = how_to_get(source.file, source.obtain)
+        raise InputError("A data file is absent.", where=str(path), next_step=step)
+    return path
+
+
+def how_to_get(file: str, obtain: str = "") -> str:
+    """What a user whose data file is absent does next.
+
+    Args:
+        file: as the case names it; obtain: what the case says of where to get it.
+    """
+    step = "Check the path in the case file; it is relative to the folder of that file."
+    if file.startswith(DATA_PREFIX):
+        step = f"Set {DATA_VARIABLE} to the folder that holds {file.removeprefix(DATA_PREFIX)}."
+    return f"{step} {obtain}".strip()
+
+
+def read_signals(
+    source: SignalFile,
+    folder: Path,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+    *,
+    torque_units: tuple[str, ...] = (),
+) -> Selected:
+    """The signals of a file, or those given under its name, under the names of the case and in SI units."""
+    given = signals.get(source.file)
+    table = read_table(resolve(source, folder), layout=source.csv) if given is None else _in_memory(given, source)
+    command = isinstance(source, TorqueFile) and source.quantity == "command"
+    time = source.time if given is None else TimeColumn(name=TIME_IN_MEMORY)
+    found = selected(table, time=time, columns=source.columns, torque_units=torque_units, is_command=command)
+    return replace(found, told=found_in(found.told, source.file))
+
+
+def found_in(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
+    """What was found in a file, under the name that the case gives it."""
+    return tuple(replace(diagnostic, place=file) for diagnostic in told)
+
+
+def _in_memory(given: Trajectory, source: SignalFile) -> SignalTable:
+    columns = {name: given.values[:, i] for i, name in enumerate(given.names)}
+    return SignalTable({TIME_IN_MEMORY: given.time, **columns}, source=given.source or source.file)

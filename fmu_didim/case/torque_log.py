@@ -1,0 +1,137 @@
+"""Torque logs as files have them, made fit for the loop: commands become torques, samples come at the asked rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.base.errors import InputError
+from fmu_didim.case.files import NONE_GIVEN, read_signals
+from fmu_didim.case.reference import SMALLER_UNITS, TIME_UNIT, at_least_two_rows
+from fmu_didim.case.sources import ExperimentSource, ReferenceFile, TorqueFile
+from fmu_didim.cosim import decimated_times, grid_places, sample_operator
+from fmu_didim.data.signals import Array, Trajectory
+
+COMMAND_WITHOUT_GAIN = CATALOGUE(
+    "command-without-gain", PROBLEM, rank=0,
+    meaning="A log of the command becomes a torque by the gains of the drives, which the case does not give.",
+    next_step="Add loop: {drive_gains: [...]}, one a joint, in N.m or N for a unit of the command; ones if the two are "
+    "the same.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TorqueLog:
+    """The torque log of one run.
+
+    Attributes:
+        times: (N,) instants of the samples on the clock of the reference, s; torque: (N, n) N.m or N.
+        stamps: of the rows of the file, s; told: what was found in it.
+    """
+
+    times: Array
+    torque: Array
+    stamps: Array
+    told: tuple[Diagnostic, ...]
+
+
+def read_torque_log(
+    source: ExperimentSource,
+    folder: Path,
+    reference: Trajectory,
+    *,
+    step: float,
+    drive_gains: tuple[float, ...] | None,
+    torque_units: tuple[str, ...],
+    label: str,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+) -> TorqueLog:
+    """The log of one run, at the rate that the case asks for.
+
+    Args:
+        reference: of the run; step: control period, s; drive_gains: of a log of the command.
+
+    Raises:
+        InputError: the log or a column is missing, its time is in another unit, or it reaches beyond the reference.
+    """
+    file = source.torque
+    if file is None:
+        raise InputError(
+            "The torque log is missing.", where=label,
+            next_step="Add torque: {file: ...} to it. Without, the case can be simulated, but nothing be identified.",
+        )  # fmt: skip
+    read = read_signals(file, folder, signals, torque_units=torque_units)
+    log = at_least_two_rows(read.signals, file.file)
+    torque = log.select([f"tau{j}" for j in range(1, len(torque_units) + 1)])
+    if file.quantity == "command":
+        torque = torque_of_command(torque, drive_gains, label)
+    check_time_unit(log, reference, file.file)
+    times = log.time
+    if file.rate_hz is not None:
+        times = decimated_times(log.time, file.rate_hz, file.phase_s)
+        torque = _torque_at(log, torque, file, times)
+    times = times + file.offset_s
+    check_within(times, reference, step, source)
+    return TorqueLog(times, torque, log.time, read.told)
+
+
+def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, times: Array) -> Array:
+    """Samples of a log at other instants: the values that hold there, or their averages."""
+    gaps = np.flatnonzero(np.diff(grid_places(log.time)) > 1)
+    if gaps.size:
+        raise InputError(
+            "A log that lacks samples cannot be brought to another rate.", where=log.source,
+            got=f"{gaps.size} gaps, the first one after t = {log.time[gaps[0]]:g} s",
+            next_step="Leave out torque.rate_hz: the log is then used as it is, without the samples that it lacks.",
+        )  # fmt: skip
+    step = float((log.time[-1] - log.time[0]) / (log.time.size - 1))
+    operator = sample_operator(
+        times, start=float(log.time[0]), step=step, tick_count=log.time.size, kind=source.sampling,
+        window=source.window, window_s=source.window_s,
+    )  # fmt: skip
+    return operator.apply(torque[operator.ticks])
+
+
+def check_time_unit(log: Trajectory, reference: Trajectory, file: str) -> None:
+    """Raise DiagnosedError where a log lasts longer than its reference, and would not with stamps in another unit."""
+    length, lasts = float(np.ptp(reference.time)) + reference.step, float(np.ptp(log.time))
+    for words, unit in SMALLER_UNITS.items():
+        if lasts > length and 0.5 * length <= lasts * unit <= length:
+            text = (
+                f"The stamps of the log seem to be in {words}: it would last {lasts:.6g} s, and its reference lasts "
+                f"{length:.6g} s."
+            )
+            raise DiagnosedError([Diagnostic(TIME_UNIT, text, file, lasts, length, "s")])
+
+
+def check_within(times: Array, reference: Trajectory, step: float, source: ExperimentSource) -> None:
+    """Raise InputError that names both files where the samples of a log at these times lie outside the reference."""
+    first, last = float(reference.time[0]), float(reference.time[-1]) + step
+    outside = times[(times < first - step) | (times > last + step)]
+    if outside.size == 0 or source.torque is None:
+        return
+    motion = source.reference.file if isinstance(source.reference, ReferenceFile) else "a formula of the case"
+    raise InputError(
+        f"The torque log {source.torque.file} reaches beyond its reference ({motion}).", where=source.torque.file,
+        got=f"{outside.size} samples, the first one at t = {outside[0]:g} s",
+        valid=f"t from {first:g} s to {last:g} s, which the reference covers",
+        next_step="Check the clock and the unit of time of both files (time: {unit: ...}, offset_s); cut the log or "
+        "give the whole reference.",
+    )  # fmt: skip
+
+
+def torque_of_command(command: Array, drive_gains: tuple[float, ...] | None, label: str) -> Array:
+    """(N, n) torque of a log of the command; raises DiagnosedError without the gains of the drives."""
+    if drive_gains is None:
+        text = "The log shows the command, and the gains of the drives are not given."
+        raise DiagnosedError([Diagnostic(COMMAND_WITHOUT_GAIN, text, f"{label}: torque.quantity")])
+    if len(drive_gains) != command.shape[1]:
+        raise InputError(
+            "One drive gain is needed for each joint.", where="loop.drive_gains", got=list(drive_gains),
+            valid=f"{command.shape[1]} numbers",
+        )  # fmt: skip
+    return np.asarray(command * np.array(drive_gains))
