@@ -351,8 +351,9 @@ def test_start_leaves_out_what_has_no_place_and_refuses_what_does_not_belong(cas
     three = identify(three_experiments())
     one = identify(case, start=three)  # own values of an experiment that the case does not have
     assert set(one.document.provenance["estimator"]["start"]) == set(one.values)
+    gain = identify(case.with_(identify={"Kp1": {"of": "controller", "start": 3000.0}}))
     with pytest.raises(InputError, match="parameters that this case does not have"):
-        identify("examples/arm2r/discover.yaml", start=one)
+        identify(case, start=gain)
     with pytest.raises(InputError, match="This is no result to start from"):
         identify(case, start=one.values)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="takes no start values"):
