@@ -182,7 +182,7 @@ def test_the_wheel_is_what_runs(machine: Machine) -> None:
 
 
 def test_installed_in_place_it_is_the_project_itself(place: Path) -> None:
-    assert where(installed(place / "in_place", ROOT)) == [ROOT / "fmu_didim" / "examples.py", ROOT]
+    assert where(installed(place / "in_place", ROOT)) == [ROOT / "fmu_didim" / "cli" / "examples.py", ROOT]
 
 
 def test_the_source_distribution_makes_the_same_wheel(place: Path) -> None:
