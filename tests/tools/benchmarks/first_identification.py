@@ -60,7 +60,7 @@ def _measure() -> dict[str, float]:
     targets = [
         ("compile", build, "run_compiler"), ("code generation", export, "generate_c"),
         ("simulation", loop_model, "simulate"), ("report", report, "write_report"),
-        ("reading and building the case", result_folder, "load_case"),
+        ("reading and building the case", result_folder, "case_of"),
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as out:
         patches = [
