@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from fmu_didim.checks.data import log, timing, torque_channel
-from fmu_didim.data.tables import clock
 from fmu_didim.discovery import base_model, judge, localise
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, plausible, pre_check, rounds
-from fmu_didim.fit import base_projection, gap, log_noise, statistics, uncertainty
-from fmu_didim.fit.noise import noise, residual_noise
-from fmu_didim.fit.solver import search as trial_search
-from fmu_didim.fit.solver import termination
+from fmu_didim.fit import base_projection, gap
+from fmu_didim.results.provenance import ENGINE
 
 DECIDING = (
-    (clock, ("STAMP_ROUNDING", "SAME_RATE")),
-    (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
-    (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
-    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
-    (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
-    (trial_search, ("KEPT_PROMISE", "EQUAL")),
-    (termination, ("ITERATIONS", "STALE", "CONTRACTION")),
+    *ENGINE,
     (base_projection, ("DEPENDENT",)),
-    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
-    (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),
-    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
-    (log_noise, ("NOT_NOISE", "CHANCE")),
     (gap, ("BOOTSTRAP", "BLOCK_S")),
     (localise, ("FALSE_DISCOVERIES", "WINDOW_SCORE")),
     (base_model, ("FIRST_NOISE",)),

@@ -16,6 +16,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import refuse_confounded
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
+from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, Stage, Status
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
@@ -216,7 +217,7 @@ def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     if iterations and iterations[-1].note == NO_STEP:
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
         return (
-            f"{begin}No step lowers the error any further. Where the plant's own step "
+            f"{begin}{Ending.NO_STEP.value} Where the plant's own step "
             f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."
         )
     if model.parameters.has_regressor:

@@ -10,10 +10,7 @@ class Ending(Enum):
 
     NONE = "No steps were made: it is a point of the closed loop."
     SETTLED = "The steps became small."
-    NO_STEP = (
-        "No step lowers the error any further. Where the plant's own step control makes the torque jitter, state more "
-        "substeps of it, give it a tolerance or run it in model exchange; or start nearer to the truth."
-    )
+    NO_STEP = "No step lowers the error any further."
     NOTHING_PROMISED = "No step promised to lower the error by as much as the fit asked for."
     AT_EDGE = "The steps crept along the edge of what can be simulated. Start elsewhere."
     HOPELESS = "It was given up: nothing as good as what is already known was in reach."

@@ -20,26 +20,30 @@ from fmu_didim.fit.solver import linear_step, search, termination
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
-DECIDING = (
+ENGINE = (
     (clock, ("STAMP_ROUNDING", "SAME_RATE")),
     (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
     (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
-    (weighting, ("NOISE_FLOOR",)),
     (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
     (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
-    (differences, ("STEP", "KNOWN_WITHIN")),
-    (equations, ("SAME_DIRECTION",)),
     (search, ("KEPT_PROMISE", "EQUAL")),
     (termination, ("ITERATIONS", "STALE", "CONTRACTION")),
+    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
+    (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),
+    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
+    (log_noise, ("NOT_NOISE", "CHANCE")),
+)
+"""Constants on which every answer depends, by module: of data, noise and fits."""
+DECIDING = (
+    *ENGINE,
+    (weighting, ("NOISE_FLOOR",)),
+    (differences, ("STEP", "KNOWN_WITHIN")),
+    (equations, ("SAME_DIRECTION",)),
     (linear_step, ("LEFT_BY_JITTER",)),
     (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
     (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
-    (log, ("CLIPPED", "SPIKE", "JITTER", "COARSE")),
-    (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),
-    (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
-    (log_noise, ("NOT_NOISE", "CHANCE")),
     (residual, ("STILL_NOT_WHITE",)),
     (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
     (sampling_kind, ("NEARLY",)),
