@@ -13,9 +13,10 @@ from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.dynamics.robot.physical_set import FRICTION
 from fmu_didim.fit.feasibility import Nearest, nearest_physical
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.model.parameters import FRICTION, POSITIVE, RobotParameters
+from fmu_didim.model.parameters import POSITIVE, RobotParameters
 
 EIGENVALUE_TOLERANCE = 1e-9
 """[1] To which the smallest scaled eigenvalue of the inertia matrix is searched for."""

@@ -26,11 +26,13 @@ from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.estimators.local_minima import lowest
 from fmu_didim.estimators.start import Start, start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import History, Iteration
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, weighted_solution, whitened
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.fit.statistics import covariance_white, relative_error_percent
@@ -179,10 +181,12 @@ class Didim(Estimator):
         regressor, known = _inverse(prediction)
         count = model.linear_count
         solution, deviation = weighted_solution(model, regressor, model.measured - known)
-        following = np.concatenate([solution.solution, theta[count:]])
-        scaled = whitened(regressor, deviation)
+        scaled, right = whitened(regressor, deviation), whitened(model.measured - known, deviation)
+        equations = Equations.of(scaled[:, None, :], right[:, None])
+        found = equations.step(np.zeros(count), Region.of(model).of_base(count), 0.0)[0]
+        following = np.concatenate([found, theta[count:]])
         moved = np.linalg.norm(scaled @ (following - theta)[:count])
-        size = np.linalg.norm(scaled @ solution.solution)
+        size = np.linalg.norm(scaled @ found)
         return following, float(moved / size), solution.condition_number
 
     def _conclude(
@@ -249,7 +253,7 @@ def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:
     try:
         return predict(model, theta), ""
     except SimulationError as error:
-        return None, error.what
+        return None, f"{error.what} {error.got or ''}".strip()
 
 
 def _inverse(prediction: Prediction) -> tuple[Array, Array]:

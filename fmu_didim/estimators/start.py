@@ -11,20 +11,16 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.inverse_simulation import implied_motion
 from fmu_didim.estimators.reference_start import Motion, rows_of, whole_reference
-from fmu_didim.fit.feasibility import nearest_physical
+from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.noise.weighting import weighted_solution, whitened
-from fmu_didim.fit.statistics import covariance_white
+from fmu_didim.fit.region import Region
 from fmu_didim.model.free_parameter import DELAY, delay_parameter
 from fmu_didim.model.loop_model import LoopModel, Simulation
-from fmu_didim.model.parameters import RobotParameters
 
-START_MARGIN = 1e-5
-"""[1] Smallest eigenvalue of the pseudo-inertia of a link at a start, as a fraction of the robot's: what is to be
-simulated must have some inertia."""
 NOMINAL_DEVIATION = 0.3
 """[1] Relative standard deviation of the values of a description where they hold a start."""
 NOMINAL_FLOOR = 0.01
@@ -98,32 +94,16 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
     """
     columns, target = rows_of(model, motion)
     count = model.linear_count
-    solution, deviation = weighted_solution(model, columns, target)
-    found, table = solution.solution, whitened(columns, deviation)
+    deviation = weighted_solution(model, columns, target)[1]
+    table, right = whitened(columns, deviation), (target / deviation).reshape(-1)
     if held:
-        size = np.linalg.norm(target / deviation) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
+        size = np.linalg.norm(right) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         prior = NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), NOMINAL_FLOOR * size)
         table = np.vstack([table, np.diag(1 / prior)])
-        right = np.concatenate([(target / deviation).reshape(-1), model.start[:count] / prior])
-        found = np.linalg.lstsq(table, right, rcond=None)[0]
+        right = np.concatenate([right, model.start[:count] / prior])
     values = model.start
-    values[:count] = found
-    return _physical(model, values, covariance_white(table))
-
-
-def _physical(model: LoopModel, values: Array, covariance: Array) -> Array:
-    """The nearest values (p,) that physical links can have, those that all experiments share."""
-    parameters = model.parameters
-    if not isinstance(parameters, RobotParameters):
-        return values
-    shared = slice(0, parameters.count)
-    try:
-        near = nearest_physical(
-            parameters.model, parameters.base, values[shared], covariance[shared, shared], margin=START_MARGIN
-        )
-    except IdentificationError:  # what the description knows is not physical: the guards say more
-        return values
-    values[shared] = near.values
+    equations = Equations.of(table[:, None, :], right[:, None])
+    values[:count] = equations.step(np.zeros(count), Region.of(model).of_start().of_base(count), 0.0)[0]
     return values
 
 

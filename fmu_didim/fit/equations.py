@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.region import SOLVED, Region
 
 SAME_DIRECTION = 1e-10
 """[1] Singular value of columns of length one, relative to the largest, below which a step leaves a direction
 alone."""
 UNKNOWN_DIRECTION = 1e-14
 """[1] The same where standard deviations are taken: what can only just be told must show its large deviation."""
+INSIDE = 1e-3
+"""[standard deviations] Values that are nearer than this to those of a machine are those of one."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,19 @@ class Equations:
         singular = np.linalg.svd(self.table[:, self.scale > 0], compute_uv=False)
         return float(singular[0] / singular[-1]) if singular.size and singular[-1] > 0 else np.inf
 
-    def step(self, values: Array, low: Array, high: Array, damping: float) -> tuple[Array, float]:
-        """The step with parameters at a limit held there, and how much it promises to lower the cost."""
+    def step(self, values: Array, region: Region, damping: float) -> tuple[Array, float]:
+        """The step to the least squares solution in a region, and how much it promises to lower the cost."""
+        step = self._free_step(values, region, damping)
+        if region.machines and not region.surely_holds(values + step):
+            step = self._machine_step(values, step, region, damping)
+        return step, self.promised(step)
+
+    def promised(self, step: Array) -> float:
+        """How much a step (p,) lowers the cost of the linear problem."""
+        return float(self.right @ self.right - np.sum((self.right - self.table @ (step * self.scale)) ** 2))
+
+    def _free_step(self, values: Array, region: Region, damping: float) -> Array:
+        """The step with parameters at a limit held there."""
         size = self.scale.size
         free = self.scale > 0
         step = np.zeros(size)
@@ -61,9 +76,24 @@ class Equations:
             right = np.concatenate([self.right, np.zeros(int(free.sum()))])
             step[free] = np.linalg.lstsq(table, right, rcond=SAME_DIRECTION)[0] / self.scale[free]
             # At a limit and pushed outwards: held.
-            stuck = free & (((values <= low) & (step < 0)) | ((values >= high) & (step > 0)))
+            stuck = free & (((values <= region.low) & (step < 0)) | ((values >= region.high) & (step > 0)))
             if not stuck.any():
                 break
             free &= ~stuck
-        promised = self.right @ self.right - np.sum((self.right - self.table @ (step * self.scale)) ** 2)
-        return step, float(promised)
+        return step
+
+    def _machine_step(self, values: Array, step: Array, region: Region, damping: float) -> Array:
+        """The step itself where it leads to values that a machine can have, else the best one that does."""
+        scale = np.where(self.scale > 0, self.scale, 1.0)
+        idle = np.diag((self.scale <= 0).astype(float))  # what the data do not show stays
+        table = np.vstack([self.table * scale + idle, np.sqrt(damping) * np.diag(scale)])
+        right = np.concatenate([self.right, np.zeros(values.size)]) + table @ values
+        try:
+            found = region.least_squares(table, right).values
+        except IdentificationError:  # what the description knows is not physical: the checks say more
+            return step
+        apart = float(np.linalg.norm(table @ (found - values - step)))
+        limited = np.clip(values + step, region.low, region.high)
+        if (limited == values + step).all() and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
+            return step
+        return np.where(self.scale > 0, found - values, 0.0)

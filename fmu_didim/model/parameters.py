@@ -17,11 +17,11 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
+from fmu_didim.dynamics.robot.physical_set import FRICTION
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
 
-FRICTION = ("Fv", "Fc")
 SIGNIFICANCE = 4.0
 """A friction parameter this many standard deviations below zero is non-physical, not merely uncertain."""
 

@@ -19,6 +19,7 @@ from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import KnownNoise, Weighting
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver import accuracy, least_squares
 from fmu_didim.fit.solver.accuracy import integrated
 from fmu_didim.fit.solver.least_squares import _Solver, minimise
@@ -276,8 +277,8 @@ def test_a_fit_says_how_it_ended(rules: Any, ending: Ending) -> None:
 def search(one: LawModel, *, tolerance: float | None = None, check_all: bool = True, start: float = 0.0) -> Trial:
     values = np.array([start])
     at = State(values, one.torque(values), np.ones((21, 1, 1)), values, True, 0, 0)
-    one_step = LinearStep.of(at, np.ones(1), one.measured, *one.limits)
-    return Search(one, tolerance is not None, check_all, {}).trial(at, one_step)
+    one_step = LinearStep.of(at, np.ones(1), one.measured, Region(*one.limits))
+    return Search(one, Region(*one.limits), tolerance is not None, check_all, {}).trial(at, one_step)
 
 
 def bent(change: Callable[[float], float], **more: Any) -> LawModel:
@@ -320,7 +321,9 @@ def test_damping_does_not_make_up_for_old_slopes(fresh: bool, updates: int, trie
     tried shortened."""
     one = bent(lambda a: 9.0 if a > 0 else 0.0)
     at = State(one.start, np.zeros((21, 1)), np.ones((21, 1, 1)), one.start, fresh, updates, 0)
-    found = Search(one, True, True, {}).trial(at, LinearStep.of(at, np.ones(1), one.measured, *one.limits))
+    found = Search(one, Region(*one.limits), True, True, {}).trial(
+        at, LinearStep.of(at, np.ones(1), one.measured, Region(*one.limits))
+    )
     assert (found.torque, found.tried) == (None, tried)
 
 
@@ -338,7 +341,7 @@ def test_a_minimum_is_looked_at_with_slopes_of_its_own(fresh: bool, updates: int
 
 
 def rough(one: LawModel, jitter: float, tolerance: float | None = 1e-6) -> Search:
-    return Search(one, tolerance is not None, True, {("one", 0): Difference(7, 1e-3, (jitter,))})
+    return Search(one, Region(*one.limits), tolerance is not None, True, {("one", 0): Difference(7, 1e-3, (jitter,))})
 
 
 @pytest.mark.parametrize(
@@ -369,7 +372,7 @@ def test_a_step_whose_gain_jitter_hides_is_made_in_full(jitter: float, value: fl
     """From 0.9 it promises 0.21, but where it leads the cost is 1.9; a tenth of the way would be better by chance."""
     one = replace(bent(lambda a: a if a < 0.99 else 1.3), free_parameters=(free("a", 0.9),), held_out=("other",))
     at = State(one.start, np.full((21, 1), 0.9), np.ones((21, 1, 1)), one.start, True, 0, 0)
-    found = rough(one, jitter).trial(at, LinearStep.of(at, np.ones(1), one.measured, *one.limits))
+    found = rough(one, jitter).trial(at, LinearStep.of(at, np.ones(1), one.measured, Region(*one.limits)))
     assert found.values.tolist() == [pytest.approx(value)] and found.tried == tried
     assert found.note == ("" if jitter else "step shortened")
     assert any(label == "other" for _, label in one.calls) is (value == 1.0)
@@ -452,12 +455,12 @@ def equations(table: Any, residual: Any) -> Equations:
 
 def test_a_step_by_hand() -> None:
     one = equations([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [6.0, 4.0, 5.0])
-    change, promised = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 0.0)
+    change, promised = one.step(np.zeros(2), Region(np.full(2, -np.inf), np.full(2, np.inf)), 0.0)
     assert change.tolist() == pytest.approx([3.0, 1.0]) and promised == pytest.approx(52.0)
     assert one.scale.tolist() == [2.0, 4.0]
     assert one.deviations().tolist() == pytest.approx([0.5, 0.25])
     assert one.condition == pytest.approx(1.0)
-    change, promised = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 1.0)
+    change, promised = one.step(np.zeros(2), Region(np.full(2, -np.inf), np.full(2, np.inf)), 1.0)
     assert change.tolist() == pytest.approx([1.5, 0.5]) and promised == pytest.approx(39.0)
 
 
@@ -473,29 +476,29 @@ def test_a_step_by_hand() -> None:
 )
 def test_a_parameter_at_a_limit_and_pushed_outwards_is_held(values: Any, low: Any, high: Any, wanted: Any) -> None:
     one = equations([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [6.0, 4.0, 5.0])
-    change, _ = one.step(np.array(values), np.array(low), np.array(high), 0.0)
+    change, _ = one.step(np.array(values), Region(np.array(low), np.array(high)), 0.0)
     assert change.tolist() == pytest.approx(wanted)
     down, _ = equations([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [-6.0, -4.0, 5.0]).step(
-        np.array(values), -np.array(high), -np.array(low), 0.0
+        np.array(values), Region(-np.array(high), -np.array(low)), 0.0
     )
     assert down.tolist() == pytest.approx([-w for w in wanted])
 
 
 def test_a_small_step_away_from_a_limit_is_made() -> None:
     one = equations([[2.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [0.6, -0.4, 5.0])
-    change, _ = one.step(np.zeros(2), np.array([0.0, -9.0]), np.array([9.0, 0.0]), 0.0)
+    change, _ = one.step(np.zeros(2), Region(np.array([0.0, -9.0]), np.array([9.0, 0.0])), 0.0)
     assert change.tolist() == pytest.approx([0.3, -0.1])
 
 
 def test_with_one_held_the_others_take_over() -> None:
     one = equations([[1.0, 1.0], [0.0, 1.0]], [1.0, 0.0])
-    change, promised = one.step(np.zeros(2), np.full(2, -9.0), np.array([0.0, 9.0]), 0.0)
+    change, promised = one.step(np.zeros(2), Region(np.full(2, -9.0), np.array([0.0, 9.0])), 0.0)
     assert change.tolist() == pytest.approx([0.0, 0.5]) and promised == pytest.approx(0.5)
 
 
 def test_idle_parameters_do_not_move_and_are_not_known() -> None:
     one = equations([[2.0, 0.0], [0.0, 0.0], [0.0, 0.0]], [6.0, 4.0, 5.0])
-    change, promised = one.step(np.zeros(2), np.full(2, -9.0), np.full(2, 9.0), 0.0)
+    change, promised = one.step(np.zeros(2), Region(np.full(2, -9.0), np.full(2, 9.0)), 0.0)
     assert change.tolist() == pytest.approx([3.0, 0.0]) and promised == pytest.approx(36.0)
     assert one.deviations().tolist() == [pytest.approx(0.5), np.inf]
     assert one.condition == pytest.approx(1.0)
@@ -513,7 +516,7 @@ def test_correlated_columns() -> None:
 @pytest.mark.parametrize(("apart", "moves"), [(3e-10, True), (1e-11, False)])
 def test_a_direction_that_cannot_be_history_is_left_alone(apart: float, moves: bool) -> None:
     one = equations([[1.0, 1.0], [0.0, apart]], [0.0, 1.0])
-    change, _ = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 0.0)
+    change, _ = one.step(np.zeros(2), Region(np.full(2, -np.inf), np.full(2, np.inf)), 0.0)
     assert bool(abs(change).max() > 1e3) is moves
     assert one.deviations()[1] == pytest.approx(1 / apart, rel=0.1)
 
@@ -521,7 +524,7 @@ def test_a_direction_that_cannot_be_history_is_left_alone(apart: float, moves: b
 def test_scales_of_a_step() -> None:
     at = state()
     at.jacobian = np.dstack([np.full((21, 1), 2.0), np.zeros((21, 1))])
-    found = LinearStep.of(at, np.array([0.5]), np.full((21, 1), 3.0), np.full(2, -9.0), np.full(2, 9.0))
+    found = LinearStep.of(at, np.array([0.5]), np.full((21, 1), 3.0), Region(np.full(2, -9.0), np.full(2, 9.0)))
     assert found.cost == pytest.approx(21 * 36) and found.promised == pytest.approx(21 * 36)
     assert found.scale.tolist() == [pytest.approx(0.25 / np.sqrt(21)), np.inf]
     assert found.size.tolist() == [pytest.approx(1.5), 0.0]
@@ -629,7 +632,7 @@ def test_a_fit_with_a_tolerance_settles_at_the_minimum() -> None:
 def test_a_direction_that_the_data_hardly_show_is_left_alone(size: float, second: float) -> None:
     """Below 1e-10 of the largest singular value."""
     one = Equations(np.diag([1.0, 1e-10 * size]), np.array([3.0, 1e-10]), np.ones(2))
-    change, _ = one.step(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf), 0.0)
+    change, _ = one.step(np.zeros(2), Region(np.full(2, -np.inf), np.full(2, np.inf)), 0.0)
     np.testing.assert_allclose(change, [3.0, second], atol=1e-12)
 
 

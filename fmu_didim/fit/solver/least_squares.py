@@ -28,6 +28,7 @@ from fmu_didim.fit.fit import Fit, sum_of_squares
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import KnownNoise, Weighting
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.linear_step import LinearStep, State
 from fmu_didim.fit.solver.search import Search, Trial
 from fmu_didim.fit.solver.termination import Stopping, Termination
@@ -83,8 +84,8 @@ class _Solver:
     ) -> None:
         self._model, self._weighting, self._stopping = model, weighting, stopping
         self._sizes, self._stage, self._progress, self._steps = sizes, stage, progress, dict(steps or {})
-        self._measured, self._limits = model.measured, model.limits
-        self._search = Search(model, stopping.tolerance is not None, stopping.check_all, self._steps)
+        self._measured, self._region = model.measured, Region.of(model)
+        self._search = Search(model, self._region, stopping.tolerance is not None, stopping.check_all, self._steps)
         self._termination = Termination(stopping, self._steps)
         self._history: list[Iteration] = []
 
@@ -102,7 +103,7 @@ class _Solver:
         return self._end(at, Ending.SETTLED if settled else Ending.MAXIMUM_ITERATIONS)
 
     def _begin(self, jacobian: Array | None, torque: Array | None) -> State:
-        values, count = np.clip(self._model.start, *self._limits), 0
+        values, count = np.clip(self._model.start, self._region.low, self._region.high), 0
         if torque is None:
             torque, count = self._model.torque(values), 1
         updates = np.inf if self._stopping.updates is None else float(self._stopping.updates)
@@ -114,7 +115,7 @@ class _Solver:
         return at
 
     def _step(self, at: State) -> LinearStep:
-        return LinearStep.of(at, self._deviation(at), self._measured, *self._limits)
+        return LinearStep.of(at, self._deviation(at), self._measured, self._region)
 
     def _before(self, step: LinearStep) -> Ending | None:
         """How the fit ends without making a step, if it does."""

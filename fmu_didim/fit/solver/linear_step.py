@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.fit import sum_of_squares
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.uncertainty import EXCESS
 
 FAR_BELOW = 0.01
@@ -85,16 +86,16 @@ class LinearStep:
         return 2 * jitter * float(np.sqrt(2 * self.change.size * self.cost))
 
     @staticmethod
-    def of(at: State, deviation: Array, measured: Array, low: Array, high: Array) -> LinearStep:
+    def of(at: State, deviation: Array, measured: Array, region: Region) -> LinearStep:
         """From a state.
 
         Args:
-            deviation: (n,) weights; measured: (N, n); low, high: (p,) limits of the values.
+            deviation: (n,) weights; measured: (N, n); region: where the values may be.
         """
         residual = measured - at.torque
         table = at.jacobian / deviation[:, None]
         equations = Equations.of(table, residual / deviation)
-        change, promised = equations.step(at.values, low, high, 0.0)
+        change, promised = equations.step(at.values, region, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length
         return LinearStep(

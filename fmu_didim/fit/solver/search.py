@@ -11,6 +11,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Steps, jitter_in
 from fmu_didim.fit.fit import sum_of_squares
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.solver.linear_step import LinearStep, State
 from fmu_didim.fit.uncertainty import EXCESS
@@ -55,12 +56,14 @@ class Search:
     """The search along a step.
 
     Attributes:
-        model: the loop; settles: whether the fit is to settle, not only to come near a minimum.
+        model: the loop; region: where its values may be.
+        settles: whether the fit is to settle, not only to come near a minimum.
         check_all: whether a step must leave all experiments simulable, not only those that are fitted.
         differences: of the sensitivity, which know the jitter of the torque.
     """
 
     model: LoopModel
+    region: Region
     settles: bool
     check_all: bool
     differences: Steps
@@ -69,12 +72,11 @@ class Search:
         """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
         because at the edge of what can be simulated a loop hardly damps itself any more."""
         model, settles = self.model, self.settles
-        low, high = model.limits
         measured, others = model.measured, model.validation_labels if self.check_all else ()
         tried, edge, best, note = 0, False, None, ""
         for damping in DAMPINGS:
-            change, promised = step.equations.step(at.values, low, high, damping)
-            trial = np.clip(at.values + change, low, high)
+            change, promised = step.equations.step(at.values, self.region, damping)
+            trial = np.clip(at.values + change, self.region.low, self.region.high)
             reason = mass_matrix_problem(model, trial)
             if reason:
                 edge, note = True, f"step damped: {reason}"

@@ -1,0 +1,155 @@
+"""Which base parameters a machine can have, as linear and conic inequalities.
+
+Base parameters b are physically consistent if standard parameters chi = (chi_b, chi_d) exist with
+
+    b = chi_b + K chi_d,    P_j(chi) >= 0 for each link j,    Ia >= 0, Fv >= 0, Fc >= 0
+
+with the pseudo-inertia of a link
+
+    P = [ tr(I)/2 1 - I   h ]       I = [XX XY XZ; XY YY YZ; XZ YZ ZZ],   h = (MX, MY, MZ)
+        [       h'        M ]
+
+positive semidefinite if and only if some distribution of positive mass has these inertial parameters: a convex set.
+Sources: P. M. Wensing, S. Kim, J.-J. E. Slotine, "Linear Matrix Inequalities for Physically Consistent Inertial
+Parameter Identification", IEEE RA-L 3(1), 2018; C. D. Sousa, R. Cortesao, "Physical feasibility of robot base inertial
+parameter identification: a linear matrix inequality approach", IJRR 33(6), 2014.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.robot.model import RobotModel
+
+MOTOR_INERTIA = "Ia"
+FRICTION = ("Fv", "Fc")
+"""Stems of the parameters of friction, which cannot be negative."""
+_ENTRIES = {
+    "XX": {(0, 0): -0.5, (1, 1): 0.5, (2, 2): 0.5}, "YY": {(0, 0): 0.5, (1, 1): -0.5, (2, 2): 0.5},
+    "ZZ": {(0, 0): 0.5, (1, 1): 0.5, (2, 2): -0.5}, "XY": {(0, 1): -1.0}, "XZ": {(0, 2): -1.0}, "YZ": {(1, 2): -1.0},
+    "MX": {(0, 3): 1.0}, "MY": {(1, 3): 1.0}, "MZ": {(2, 3): 1.0}, "M": {(3, 3): 1.0},
+}  # fmt: skip
+"""Parameter of a link -> its entries in the upper triangle of the pseudo-inertia."""
+_NAME = re.compile(r"(\w*?)(\d+)")
+TRIANGLE = [(row, column) for column in range(4) for row in range(column + 1)]
+"""(row, column) of the entries of an upper triangle, in the order of the columns."""
+
+
+@dataclass(frozen=True)
+class PhysicalSet:
+    """The base parameters of machines: those of inertia are ``map x``, with  fixed + table x >= 0.
+
+    The unknowns x (v,) are standard parameters divided by their size.
+
+    Attributes:
+        rows: (r,) places of the base parameters that belong to inertia, which are map (r, v) times x; row_scale: (r,).
+        carriers: (r,) unknown that carries each of them.
+        table: (m, v) and fixed: (m,), first those of motor inertias, then the upper triangles of the pseudo-inertias,
+            what is not on the diagonal times sqrt(2); motors: (k,) joints of the former, from 1.
+        friction: places of the base parameters that are friction.
+    """
+
+    rows: NDArray[np.int64]
+    row_scale: Array
+    map: Array
+    carriers: NDArray[np.int64]
+    table: Array
+    fixed: Array
+    motors: tuple[int, ...]
+    friction: tuple[int, ...]
+
+    @staticmethod
+    def of(model: RobotModel, base: BaseParameters, values: Array) -> PhysicalSet:
+        """The set of a robot; the base parameters ``values`` (b,) give the sizes of the unknowns.
+
+        What acts and is not identified keeps its value, unless that is zero, as where nobody has stated it.
+        """
+        joints = model.description.joints
+        split = [_NAME.fullmatch(name).groups() for name in base.standard_names]  # type: ignore[union-attr]
+        stems, places = [stem for stem, _ in split], np.array([int(number) for _, number in split])
+        inertial = np.array([stem in _ENTRIES or stem == MOTOR_INERTIA for stem in stems])
+        whole = np.zeros((base.count, len(stems)))
+        whole[np.arange(base.count), base.index] = 1.0
+        whole[:, base.dependent] = base.regrouping
+        rows = np.flatnonzero((whole[:, inertial] != 0).any(axis=1))
+        free = (whole[rows] != 0).any(axis=0) | inertial & (base.known == 0)
+        free |= inertial & ~np.isin(np.arange(len(stems)), model.active)
+        lengths = [abs(length) for joint in joints for length in (joint.a, joint.d) if length]
+        length = float(np.median(lengths)) if lengths else 1.0
+        power = np.array([_power(stem, joints[j - 1].type) for stem, j in zip(stems, places, strict=True)])
+        mass = float(np.max(np.abs(values[rows]) / length ** power[base.index[rows]], initial=0.0)) or 1.0
+        scale = np.where(inertial, mass * length**power, 1.0)
+        motors = np.flatnonzero(free & np.array([stem == MOTOR_INERTIA for stem in stems]))
+        table = np.zeros((motors.size + len(TRIANGLE) * len(joints), len(stems)))
+        table[np.arange(motors.size), motors] = 1.0
+        for i in range(len(stems)):
+            for entry, factor in _ENTRIES.get(stems[i], {}).items():
+                row = motors.size + len(TRIANGLE) * (places[i] - 1) + TRIANGLE.index(entry)
+                table[row, i] = factor * (1.0 if entry[0] == entry[1] else np.sqrt(2.0))
+        chosen = np.flatnonzero(free)
+        return PhysicalSet(
+            rows=rows,
+            row_scale=scale[base.index[rows]],
+            map=whole[np.ix_(rows, chosen)] * scale[chosen],
+            carriers=np.searchsorted(chosen, base.index[rows]),
+            table=table[:, chosen],
+            fixed=table[:, ~free] @ (base.known / scale)[~free],
+            motors=tuple(int(j) for j in places[motors]),
+            friction=tuple(i for i, name in enumerate(base.standard) if name.rstrip("0123456789") in FRICTION),
+        )
+
+    def only(self, row: int) -> PhysicalSet:
+        """The set that a single base parameter belongs to, whatever the others are."""
+        kept = self.rows == row
+        return replace(
+            self, rows=self.rows[kept], row_scale=self.row_scale[kept], map=self.map[kept], carriers=self.carriers[kept]
+        )
+
+    @property
+    def links(self) -> int:
+        """Number of pseudo-inertias."""
+        return (self.table.shape[0] - len(self.motors)) // len(TRIANGLE)
+
+    def matrices(self, stacked: Array) -> Array:
+        """(n, 4, 4) of the part of (m,) that holds triangles."""
+        triangles = stacked[len(self.motors) :].reshape(-1, len(TRIANGLE))
+        result = np.zeros((triangles.shape[0], 4, 4))
+        for place, (row, column) in enumerate(TRIANGLE):
+            factor = 1.0 if row == column else np.sqrt(0.5)
+            result[:, row, column] = result[:, column, row] = factor * triangles[:, place]
+        return result
+
+    def held_back(self, dual: Array, slack: Array) -> int:
+        """Dimension of the face on which a solution with multipliers and slacks (m,) lies, counted from outside: each
+        inequality of a motor inertia is one, a pseudo-inertia that r directions hold back r (r + 1)/2."""
+        most = float(np.abs(dual).max())
+        count = int((dual[: len(self.motors)] / most > slack[: len(self.motors)]).sum())
+        for force, inertia in zip(self.matrices(dual), self.matrices(slack), strict=True):
+            # One is zero where the other is not: largest against smallest.
+            pairs = np.linalg.eigvalsh(force)[::-1] / most > np.linalg.eigvalsh(inertia)
+            count += int(pairs.sum()) * (int(pairs.sum()) + 1) // 2
+        return max(1, min(count, self.rows.size))
+
+    def link_of(self, moved: Array, dual: Array) -> int:
+        """The link, from 1, whose inequalities hold most of a way (r,) of the base parameters."""
+        change = np.zeros(self.map.shape[1])
+        change[self.carriers] = moved / self.row_scale
+        parts = dual * (self.table @ change)
+        first = len(self.motors)
+        by_link = parts[first:].reshape(-1, len(TRIANGLE)).sum(axis=1)
+        for joint, part in zip(self.motors, parts[:first], strict=True):
+            by_link[joint - 1] += part
+        return int(np.argmax(by_link)) + 1
+
+
+def _power(stem: str, joint_type: str) -> int:
+    """Power of length in the unit of a parameter whose other factor is mass."""
+    if stem == MOTOR_INERTIA:
+        return 2 if joint_type == "revolute" else 0
+    return 2 - sum(axis == 3 for axis in next(iter(_ENTRIES.get(stem, {(0, 0): 0.0}))))

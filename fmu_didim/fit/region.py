@@ -1,0 +1,260 @@
+"""Least squares over what machines can be: limits of single values, and links that exist.
+
+    min  |T v - y|^2     low <= v <= high,   v_k = K_k x_k,   c_k + A_k x_k >= 0,   M(q, v_k) - e diag M(q, v_k) >= 0
+
+with the base parameters v_k of each experiment, the inequalities of
+:class:`~fmu_didim.dynamics.robot.physical_set.PhysicalSet` and, for values that are to be simulated, the inertia matrix
+at some positions, whose scaled eigenvalues are to be e at least: a semidefinite program, solved by
+Clarabel (P. J. Goulart, Y. Chen, "Clarabel: An interior-point solver for conic programs with quadratic objectives",
+arXiv:2405.12762, 2024).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from fmu_didim.base.errors import IdentificationError
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot.physical_set import TRIANGLE, PhysicalSet
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
+
+MASS_ALONE = 1e-9
+"""[1] Weight of what no data show, such as the mass of the first link, against squares of all that the data show: it
+keeps the problem bounded."""
+MARGIN = 1e-5
+"""[1] Smallest eigenvalue of the pseudo-inertia of a link, as a fraction of the robot's size: what is to be simulated
+must have some inertia."""
+SMALLEST = 1e-3
+"""[1] Smallest eigenvalue of the scaled inertia matrix of values that are to be simulated: real machines have 0.2 and
+more, light ones of many joints some hundredths."""
+SMALLEST_OF_START = 0.1
+"""[1] The same of a start, which need not be near the answer: the equations stay far from stiff."""
+SOLVED = 1e-7
+"""[1] What the solver leaves, as a fraction of the value with which a parameter makes up all data alone."""
+POSITIONS = 16
+"""[positions] Along the reference of an experiment, at which the inertia matrix is bounded."""
+
+
+@dataclass(frozen=True)
+class Constrained:
+    """The least squares solution in a region.
+
+    Attributes:
+        values: (p,); squares: |T v - y|^2.
+        duals, slacks: multipliers and slacks (m,) of the inequalities of each machine.
+    """
+
+    values: Array
+    squares: float
+    duals: tuple[Array, ...]
+    slacks: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the base parameters of an experiment can be.
+
+    Attributes:
+        place: (b,) of the base parameters among all values; physical: the set that they belong to.
+        columns: (K, n, n, b) and known: (K, n, n) of the inertia matrices at K positions, each joint divided by the
+            root of its size.
+    """
+
+    place: NDArray[np.int64]
+    physical: PhysicalSet
+    columns: Array
+    known: Array
+
+    def triangles(self, smallest: float) -> tuple[Array, Array]:
+        """Upper triangles (K t, b) and (K t,) of M - smallest diag M, what is not on the diagonal times sqrt(2)."""
+        n = self.known.shape[1]
+        cells = [(i, j, 1 - smallest if i == j else np.sqrt(2.0)) for j in range(n) for i in range(j + 1)]
+        table = np.stack([factor * self.columns[:, i, j] for i, j, factor in cells], axis=1)
+        fixed = np.stack([factor * self.known[:, i, j] for i, j, factor in cells], axis=1)
+        return table.reshape(-1, table.shape[2]), fixed.reshape(-1)
+
+    def holds(self, values: Array, unknowns: Array, margin: float, smallest: float) -> bool:
+        """Whether base parameters (b,) are those of links with the unknowns (v,), its carriers moved."""
+        physical, moved = self.physical, unknowns.copy()
+        rows = physical.rows
+        moved[physical.carriers] += (values[rows] - physical.map @ unknowns) / physical.row_scale
+        slack = physical.fixed + physical.table @ moved
+        if (slack[: len(physical.motors)] < 0).any() or np.linalg.eigvalsh(physical.matrices(slack)).min() < margin:
+            return False
+        mass = self.columns @ values + self.known
+        diagonal = np.einsum("kii->ki", mass)
+        if (diagonal <= 0).any():
+            return False
+        root = np.sqrt(diagonal)
+        return bool(np.linalg.eigvalsh(mass / root[:, :, None] / root[:, None, :]).min() >= smallest)
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where values (p,) may be.
+
+    Attributes:
+        low, high: (p,) limits of single values; machines: of the experiments whose base parameters differ; empty where
+            no robot is described.
+        margin: smallest eigenvalue of the pseudo-inertias, as a fraction of the robot's size.
+        smallest: eigenvalue of the scaled inertia matrices.
+    """
+
+    low: Array
+    high: Array
+    machines: tuple[Machine, ...] = ()
+    margin: float = MARGIN
+    smallest: float = SMALLEST
+    _known: list[Array] = field(default_factory=list, compare=False, repr=False)  # unknowns of the last solution
+
+    @staticmethod
+    def of(model: LoopModel) -> Region:
+        """What the free parameters of a model may be: those of each experiment a machine, friction not negative."""
+        low, high = model.limits
+        if not isinstance(model.parameters, RobotParameters):
+            return Region(low, high)
+        low, machines = low.copy(), []
+        numbers = np.arange(low.size, dtype=float)
+        labels: dict[tuple[int, ...], list[str]] = {}
+        for label in model.experiments:
+            labels.setdefault(tuple(model.theta(numbers, label).astype(np.int64)), []).append(label)
+        for place, together in labels.items():
+            machine = _machine(model, np.array(place), together)
+            friction = machine.place[list(machine.physical.friction)]
+            low[friction] = np.maximum(low[friction], 0.0)
+            machines.append(machine)
+        return Region(low, high, tuple(machines))
+
+    def of_base(self, count: int) -> Region:
+        """The region of the first values alone, the base parameters."""
+        return replace(self, low=self.low[:count], high=self.high[:count])
+
+    def of_start(self) -> Region:
+        """Values from which an estimation can start."""
+        return replace(self, smallest=SMALLEST_OF_START)
+
+    def surely_holds(self, values: Array) -> bool:
+        """Whether values (p,) are found to lie in the region without solving anything: by the links of the machine
+        that the last solution has, their parameters that carry base parameters moved."""
+        if (values < self.low).any() or (values > self.high).any() or (self.machines and not self._known):
+            return False
+        ends = np.cumsum([0, *(machine.physical.map.shape[1] for machine in self.machines)])
+        return all(
+            machine.holds(values[machine.place], self._known[-1][first:last], self.margin, self.smallest)
+            for machine, first, last in zip(self.machines, ends[:-1], ends[1:], strict=True)
+        )
+
+    def least_squares(self, table: Array, right: Array) -> Constrained:
+        """The values (p,) in the region with the least |table (m, p) values - right (m,)|, no column zero.
+
+        The residual is an unknown of its own, so that the table is not squared.
+
+        Raises:
+            IdentificationError: no machine has what is known of the robot, or the solver fails.
+        """
+        count, rows = table.shape[1], table.shape[0]
+        length = np.linalg.norm(table, axis=0)
+        size = max(float(np.linalg.norm(right)), 1.0)
+        unit = size / length  # of a value: what alone makes up the right side
+        machines = [machine.physical for machine in self.machines]
+        limits = [(sign, limit, np.flatnonzero(np.isfinite(limit))) for sign, limit in ((-1, self.low), (1, self.high))]
+        at_all = np.eye(count) * unit
+        chosen = [at_all[m.place[m.physical.rows]] / m.physical.row_scale[:, None] for m in self.machines]
+        inertias = [(m.place, *m.triangles(self.smallest)) for m in self.machines]
+        none = sparse.csc_matrix((0, 0))
+        maps = sparse.block_diag([none, *(m.map / m.row_scale[:, None] for m in machines)])
+        motors = sparse.block_diag([none, *(m.table[: len(m.motors)] for m in machines)])
+        links = sparse.block_diag([none, *(m.table[len(m.motors) :] for m in machines)])
+        unknown = maps.shape[1]
+        room = self.margin * np.array([float(row == column) for row, column in TRIANGLE])
+        table_of_all = sparse.bmat(
+            [
+                [table / length, sparse.csc_matrix((rows, unknown)), -sparse.eye(rows)],
+                [np.vstack([np.zeros((0, count)), *chosen]), -maps, None],
+                [np.vstack([sign * np.eye(count)[at] for sign, _, at in limits]), None, None],
+                [None, -motors, None],
+                [None, -links, None],
+                *([-columns @ at_all[place], None, None] for place, columns, _ in inertias),
+            ],
+            format="csc",
+        )
+        right_of_all = np.concatenate(
+            [
+                right / size,
+                np.zeros(maps.shape[0]),
+                *(sign * limit[at] / unit[at] for sign, limit, at in limits),
+                *(m.fixed[: len(m.motors)] for m in machines),
+                *(m.fixed[len(m.motors) :] - np.tile(room, m.links) for m in machines),
+                *(fixed for *_, fixed in inertias),
+            ]
+        )
+        equal, positive = rows + maps.shape[0], sum(at.size for _, _, at in limits) + motors.shape[0]
+        cones = [clarabel.ZeroConeT(equal), clarabel.NonnegativeConeT(positive)]
+        cones += [clarabel.PSDTriangleConeT(4)] * (links.shape[0] // len(TRIANGLE))
+        cones += [clarabel.PSDTriangleConeT(m.known.shape[1]) for m in self.machines for _ in m.known]
+        weights = np.concatenate([np.zeros(count), np.full(unknown, MASS_ALONE), np.ones(rows)])
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        found = clarabel.DefaultSolver(
+            sparse.diags_array(weights, format="csc"),
+            np.zeros(weights.size),
+            table_of_all,
+            right_of_all,
+            cones,
+            settings,
+        ).solve()
+        if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            raise IdentificationError(
+                "No physical links were found for what is known of the robot.", got=str(found.status),
+                next_step="Check the values of the robot description that are not identified.",
+            )  # fmt: skip
+        self._known[:] = [np.array(found.x)[count : count + unknown]]
+        values = np.array(found.x)[:count] * unit
+        for _, limit, at in limits:  # at a limit is on it
+            touched = at[np.abs(values[at] - limit[at]) <= SOLVED * unit[at]]
+            values[touched] = limit[touched]
+        values = np.clip(values, self.low, self.high)
+        first = equal + positive - motors.shape[0]
+        return Constrained(
+            values, float(np.sum((table @ values - right) ** 2)), self._of_machines(np.array(found.z)[first:]),
+            self._of_machines(np.array(found.s)[first:]),
+        )  # fmt: skip
+
+    def _of_machines(self, stacked: Array) -> tuple[Array, ...]:
+        """The inequalities of each machine, from those of all motors followed by those of all links."""
+        motors = [len(machine.physical.motors) for machine in self.machines]
+        links = [machine.physical.links * len(TRIANGLE) for machine in self.machines]
+        ends = np.cumsum([0, *motors, *links])
+        pieces = [stacked[a:b] for a, b in pairwise(ends)]
+        return tuple(np.concatenate(pair) for pair in zip(pieces[: len(motors)], pieces[len(motors) :], strict=True))
+
+
+def _machine(model: LoopModel, place: NDArray[np.int64], labels: Sequence[str]) -> Machine:
+    """The machine of some experiments."""
+    assert isinstance(model.parameters, RobotParameters)
+    robot, base, values = model.parameters.model, model.parameters.base, model.start[place]
+    matrices = np.array([robot.inertia_columns(q) for label in labels for q in _positions(model, label)])
+    columns = matrices[..., base.index]
+    size = np.sqrt(np.einsum("kiib,b->i", np.abs(columns), np.abs(values)) / len(columns))
+    size[size == 0] = 1.0
+    scale = 1 / np.outer(size, size)
+    return Machine(
+        place, PhysicalSet.of(robot, base, values), columns * scale[..., None], (matrices @ base.known) * scale
+    )
+
+
+def _positions(model: LoopModel, label: str) -> Array:
+    """(K, n) positions along the reference of an experiment; zero where it has none."""
+    reference, names = model.experiments[label].reference, [f"q{j}" for j in range(1, model.joint_count + 1)]
+    if not set(names) <= set(reference.names):
+        return np.zeros((1, model.joint_count))
+    ticks = np.unique(np.linspace(0, reference.time.size - 1, POSITIONS).astype(np.int64))
+    return reference.select(names)[ticks]

@@ -1,0 +1,120 @@
+"""Least squares over what machines can be: inside nothing changes, outside the answer is the best machine."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fmu_didim.case import load_case
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, Region
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.loop_model import LoopModel
+from tests.helpers import ROOT
+
+CASES = ("scara/identify", "arm2r/discover")
+
+
+@cache
+def loop(name: str) -> LoopModel:
+    return load_case(ROOT / f"examples/{name}.yaml", require_torque=False).model
+
+
+def drawn(size: int, seed: int) -> Array:
+    """A table (2 p, p) of well-conditioned columns."""
+    return np.random.default_rng(seed).standard_normal((2 * size, size))
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+def test_inside_nothing_changes(name: str, damping: float) -> None:
+    """To the bit: the step of the unlimited problem."""
+    model = loop(name)
+    truth, region = model.start, Region.of(model)
+    assert region.machines
+    table = drawn(truth.size, 3) / np.maximum(np.abs(truth), 1e-3)
+    equations = Equations.of(1e3 * table[:, None, :], (1e3 * table @ (0.01 * truth))[:, None])
+    free = Region(region.low, region.high)
+    assert (equations.step(truth, region, damping)[0] == equations.step(truth, free, damping)[0]).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("seed", range(20))
+def test_whatever_the_data_say_the_answer_can_be_simulated(name: str, seed: int) -> None:
+    """Targets from a thousandth to a thousand times the truth, signs drawn: the step leads to a machine."""
+    model = loop(name)
+    truth, region, rng = model.start, Region.of(model), np.random.default_rng(seed)
+    wrong = truth * 10 ** rng.uniform(-3, 3, truth.size) * rng.choice([-1, 1], truth.size)
+    table = drawn(truth.size, seed) / np.maximum(np.abs(wrong), 1e-3)
+    equations = Equations.of(1e3 * table[:, None, :], (1e3 * table @ wrong)[:, None])
+    step, promised = equations.step(np.zeros(truth.size), region, 0.0)
+    assert mass_matrix_problem(model, step) == ""
+    friction = [i for i, name in enumerate(model.names) if name[:2] in ("Fv", "Fc")]
+    assert (step[friction] >= 0).all()
+    assert promised <= equations.promised(wrong) * (1 + 1e-9)
+
+
+def test_friction_is_held_at_zero_and_the_others_make_up_for_it() -> None:
+    """As a solver of another kind finds: with one limit in the way, least squares with that value known."""
+    model = loop("scara/identify")
+    truth, region = model.start, Region.of(model)
+    wanted = truth.copy()
+    held = model.index("Fv2")
+    wanted[held] = -0.05
+    table = 1e3 * drawn(truth.size, 5) / np.abs(truth)
+    found = region.least_squares(table, table @ wanted).values
+    assert found[held] == 0.0
+    others = np.delete(np.arange(truth.size), held)
+    expected = np.linalg.lstsq(table[:, others], table @ wanted, rcond=None)[0]
+    assert found[others] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_light_link_is_the_nearest_one_that_exists() -> None:
+    """A second link whose first moment no mass of its inertia has: MX2^2 <= ZZ2 M2, and M2 is part of ZZ1R."""
+    model = loop("scara/identify")
+    region, base = Region.of(model), model.start
+    wanted = base.copy()
+    wanted[model.index("ZZ2")] = -0.1
+    table = 1e3 * np.diag(1 / np.abs(base))
+    found = region.least_squares(table, table @ wanted)
+    assert mass_matrix_problem(model, found.values) == ""
+
+    def cost(values: Array) -> float:
+        return float(np.sum((table @ (values - wanted)) ** 2))
+
+    def smallest(values: Array) -> float:
+        machine = region.machines[0]
+        matrices = machine.columns @ values + machine.known
+        scale = np.sqrt(np.abs(np.einsum("kii->ki", matrices)))
+        return float(np.linalg.eigvalsh(matrices / scale[:, :, None] / scale[:, None, :]).min())
+
+    assert smallest(found.values) >= 0.999 * SMALLEST
+    assert found.squares == pytest.approx(cost(found.values))
+    # Along the way to what the data ask for, nothing nearer can be simulated.
+    for part in (0.001, 0.01, 0.1):
+        nearer = found.values + part * (wanted - found.values)
+        assert smallest(nearer) < SMALLEST or mass_matrix_problem(model, nearer)
+
+
+def test_a_start_is_far_from_stiff() -> None:
+    model = loop("arm2r/discover")
+    region = Region.of(model).of_start()
+    wanted = model.start.copy()
+    wanted[model.index("ZZ2")] *= 0.01
+    table = 1e3 * np.diag(1 / np.abs(wanted))
+    found = region.least_squares(table, table @ wanted).values
+    machine = region.machines[0]
+    matrices = machine.columns @ found + machine.known
+    scale = np.sqrt(np.einsum("kii->ki", matrices))
+    assert np.linalg.eigvalsh(matrices / scale[:, :, None] / scale[:, None, :]).min() >= 0.999 * SMALLEST_OF_START
+
+
+def test_idle_parameters_stay() -> None:
+    model = loop("scara/identify")
+    table = drawn(model.start.size, 7)
+    table[:, 2] = 0.0
+    equations = Equations.of(table[:, None, :], (table @ -model.start)[:, None])
+    assert equations.step(model.start, Region.of(model), 0.0)[0][2] == 0.0
