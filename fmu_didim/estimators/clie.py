@@ -17,7 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import efficient_finish, torque_estimate
-from fmu_didim.estimators.start import start_values, with_free_delay
+from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.iteration import Iteration
@@ -53,7 +53,7 @@ class Clie(Estimator):
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
-        values = model.limited(start_values(model, self.start))
+        values, _ = simulatable(model, model.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)

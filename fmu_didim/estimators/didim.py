@@ -25,7 +25,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.estimators.local_minima import lowest
-from fmu_didim.estimators.start import Start, start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import Fit, point
@@ -144,6 +144,7 @@ class Didim(Estimator):
             theta = model.limited(start_values(model, start))
         except SimulationError as failed:
             raise _NonPhysicalError(model.start, f"{failed.what} {failed.got or ''}".strip()) from failed
+        theta, impossible = simulatable(model, theta)
         if not mass_matrix_problem(model, theta):
             model = with_fitting_substeps(model, theta)
         path = Path(is_last=not then)
@@ -165,6 +166,8 @@ class Didim(Estimator):
             following, change, condition = self._solve(model, theta, prediction)
             is_over = self.finish and path.rises >= RISES
             note = f"the error falls no more; {BEST}" if is_over else ""
+            if impossible:
+                note, impossible = f"the nearest values that can be simulated: {impossible}", ""
             history.add(Iteration("didim", number, theta, float(error), change, condition, note))
             if path.steady(float(error), self.tolerance) and change <= self.tolerance:
                 return model, following, True

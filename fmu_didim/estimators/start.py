@@ -11,13 +11,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.inverse_simulation import implied_motion
 from fmu_didim.estimators.reference_start import Motion, rows_of, whole_reference
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.noise.weighting import weighted_solution, whitened
 from fmu_didim.fit.region import Region
+from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.free_parameter import DELAY, delay_parameter
 from fmu_didim.model.loop_model import LoopModel, Simulation
 
@@ -25,6 +26,9 @@ NOMINAL_DEVIATION = 0.3
 """[1] Relative standard deviation of the values of a description where they hold a start."""
 NOMINAL_FLOOR = 0.01
 """[1] Least size that they count with there, in units of the value at which a parameter alone makes up the torque."""
+
+NEGLIGIBLE = 1e-3
+"""[1] Part of the value in the description below which the size of a start value does not count."""
 
 Start = str | Mapping[str, float]
 KINDS = {
@@ -105,6 +109,22 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
     equations = Equations.of(table[:, None, :], right[:, None])
     values[:count] = equations.step(np.zeros(count), Region.of(model).of_start().of_base(count), 0.0)[0]
     return values
+
+
+def simulatable(model: LoopModel, values: Array) -> tuple[Array, str]:
+    """Values (p,) that can be simulated, and why they are not the given ones, if they are not: then the base parameters
+    are the nearest possible, each relative to its own size."""
+    reason = mass_matrix_problem(model, values)
+    region, count = Region.of(model), model.linear_count
+    if not reason or not region.machines:
+        return values, reason
+    size = np.maximum(np.abs(values[:count]), NEGLIGIBLE * np.maximum(np.abs(model.start[:count]), NEGLIGIBLE))
+    try:
+        found = region.of_start().of_base(count).least_squares(np.diag(1 / size), values[:count] / size).values
+    except IdentificationError:  # what the description knows is not physical: the reason says more
+        return values, reason
+    moved = np.concatenate([found, values[count:]])
+    return (values if mass_matrix_problem(model, moved) else moved), reason
 
 
 def with_free_delay(model: LoopModel) -> LoopModel:

@@ -114,7 +114,7 @@ class PhysicalSet:
     @property
     def links(self) -> int:
         """Number of pseudo-inertias."""
-        return (self.table.shape[0] - len(self.motors)) // len(TRIANGLE)
+        return int(self.table.shape[0] - len(self.motors)) // len(TRIANGLE)
 
     def matrices(self, stacked: Array) -> Array:
         """(n, 4, 4) of the part of (m,) that holds triangles."""
