@@ -116,7 +116,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
-    found += physical_diagnostics(model, estimate.covariance)
+    asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
+    found += physical_diagnostics(asked, estimate.covariance)
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
         found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))

@@ -17,12 +17,14 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import refuse_confounded
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
+from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, Stage, Status
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import integration_change
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
@@ -45,6 +47,8 @@ NEXT_STEP = 0.01
 noise."""
 FINISH_TOLERANCE = 1e-6
 """[1] Relative change of the values at which it stops at the latest: data without noise."""
+MOVED = 0.1
+"""[standard deviations] By which the limits of machines move a value before it is reported."""
 FINISH_ITERATIONS = 15
 """[steps] Of the efficient finish."""
 
@@ -184,6 +188,7 @@ def torque_estimate(
 ) -> Estimate:
     """The estimate at a minimum, or at another point of the closed loop."""
     fit, model, known = minimum.fit, minimum.fit.model, minimum.known
+    unlimited = unlimited_values(fit)
     return Estimate(
         estimator=estimator,
         model=replace(model, substeps=None, substep_factor=1),
@@ -206,9 +211,37 @@ def torque_estimate(
         fit=fit,
         roughness=minimum.roughness,
         rivals=minimum.rivals,
-        remarks=minimum.remarks,
+        unlimited=unlimited,
+        remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
         advice="" if settled else _advice(model, iterations),
     )
+
+
+def unlimited_values(fit: Fit) -> Array | None:
+    """(p,) values that the data alone ask for, by the linear problem at a fit; None where a machine has them."""
+    region = Region.of(fit.model.with_values(fit.values))
+    equations = Equations.of(fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation)
+    free = equations.step(fit.values, replace(region, low=fit.model.limits[0], machines=()), 0.0)[0]
+    held = equations.step(fit.values, region, 0.0)[0]
+    return None if (free == held).all() else fit.values + free
+
+
+def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Array | None) -> list[str]:
+    """What the limits of machines change of an answer, in words."""
+    if unlimited is None:
+        return []
+    moved = (values - unlimited) / deviation
+    told = [
+        f"{name} = {values[i]:.3g} (alone {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
+        for i, (name, unit) in enumerate(zip(model.names, model.units, strict=True))
+        if abs(moved[i]) > MOVED
+    ]
+    if not told:
+        return []
+    return [
+        f"These values are the nearest that a machine can have, with friction that is not negative and links of "
+        f"positive mass; the data alone ask for others: {', '.join(told)}."
+    ]
 
 
 def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:

@@ -14,7 +14,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.solver.numerical_noise import Roughness
-from fmu_didim.fit.statistics import confidence_interval, correlation, relative_deviation_percent
+from fmu_didim.fit.statistics import bounded_interval, confidence_interval, correlation, relative_deviation_percent
 from fmu_didim.fit.uncertainty import Colour
 from fmu_didim.model.integration import Integration
 from fmu_didim.model.loop_model import LoopModel
@@ -66,6 +66,7 @@ class Estimate:
         fit: the point of the closed loop that it is; None where the residual is not that of a simulated torque.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
         rivals: parameter and its value at other minima that the data hardly tell from this one.
+        unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
@@ -91,6 +92,7 @@ class Estimate:
     fit: Fit | None = None
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
+    unlimited: Array | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -131,8 +133,20 @@ class Estimate:
         return relative_deviation_percent(self.value, self.standard_deviation)
 
     def interval(self, level: float = 0.95) -> Array:
-        """(p, 2) confidence intervals."""
-        return confidence_interval(self.value, self.standard_deviation, self.freedom, level)
+        """(p, 2) confidence intervals; of friction that is held at zero from there on."""
+        found = confidence_interval(self.value, self.standard_deviation, self.freedom, level)
+        for i in self.held_at_zero:
+            assert self.unlimited is not None
+            high = bounded_interval(self.unlimited[i], self.standard_deviation[i], self.freedom, 0.0, level)
+            found[i] = 0.0, high
+        return found
+
+    @property
+    def held_at_zero(self) -> tuple[int, ...]:
+        """Places of the parameters that are zero because the data alone have them below."""
+        if self.unlimited is None:
+            return ()
+        return tuple(int(i) for i in np.flatnonzero((self.value == 0) & (self.unlimited < 0)))
 
     def correlations(self, threshold: float = 0.9) -> list[tuple[str, str, float]]:
         """Pairs of parameters whose correlation exceeds the threshold, largest first."""

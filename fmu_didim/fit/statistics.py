@@ -135,6 +135,14 @@ def confidence_interval(value: Array, deviation: Array, freedom: float, level: f
     return np.column_stack([value - half, value + half])
 
 
+def bounded_interval(value: float, deviation: float, freedom: float, limit: float, level: float = CONFIDENCE) -> float:
+    """The other end of the interval of a parameter that is known to lie above a limit, below which the data alone have
+    its value: where Student's t with ``freedom`` degrees of freedom, cut off at the limit, has the probability
+    ``level``."""
+    t = stats.t(max(freedom, 1.0), loc=value, scale=deviation)
+    return float(t.isf((1 - level) * t.sf(limit)))
+
+
 def correlation(covariance: Array) -> Array:
     """(p, p) correlation coefficients."""
     scale = np.sqrt(np.diag(covariance))
