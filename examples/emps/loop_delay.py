@@ -5,7 +5,6 @@ python examples/emps/loop_delay.py
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case import load_case
@@ -20,8 +19,8 @@ DELAYS = (0.0, 0.5, 1.0)
 
 def delayed(model: LoopModel, samples: float) -> LoopModel:
     """The model with a known delay of the command in all its experiments."""
-    systems = {label: system.with_delay(model.plant_name, samples) for label, system in model.systems.items()}
-    return replace(model, systems=systems)
+    systems = {label: system.with_delay(model.loop.plant_name, samples) for label, system in model.loop.systems.items()}
+    return model.with_loop(systems=systems)
 
 
 def rows() -> list[tuple[str, Estimate, float, float]]:

@@ -117,7 +117,7 @@ class Didim(Estimator):
 
     def _check_linearity(self, model: LoopModel) -> None:
         run = model.simulation(start_values(model, self.start))
-        probe = RegressorProbe(model.plant_name, model.parameters, run.theta, run.operator.ticks.size)
+        probe = RegressorProbe(model.loop.plant_name, model.parameters, run.theta, run.operator.ticks.size)
         with suppress(SimulationError):  # the guard of the first iteration says more
             run.record(observe=probe.check_linearity())
         probe.raise_if_nonlinear()
@@ -139,7 +139,7 @@ class Didim(Estimator):
         """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one
         where they do not settle, and whether they did; raises _NonPhysicalError where nothing can be simulated."""
         try:
-            theta = model.limited(start_values(model, start))
+            theta = model.free_parameters.limited(start_values(model, start))
         except SimulationError as failed:
             raise _NonPhysicalError(model.start, f"{failed.what} {failed.got or ''}".strip()) from failed
         if not mass_matrix_problem(model, theta):

@@ -106,7 +106,7 @@ def efficient_finish(
         if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
-        if fit.model.substeps is None:  # more than the case or the rule says
+        if fit.model.loop.substeps is None:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, torque=model.torque(fit.values))
@@ -119,10 +119,10 @@ def efficient_finish(
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
     doubled."""
-    if model.substeps is None:
-        return replace(model, substep_factor=2 * model.substep_factor)
-    more = max(model.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
-    return replace(model, substeps=more if more < model.automatic_substeps(values) else None)
+    if model.loop.substeps is None:
+        return model.with_loop(substep_factor=2 * model.loop.substep_factor)
+    more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
+    return model.with_loop(substeps=more if more < model.automatic_substeps(values) else None)
 
 
 @dataclass(frozen=True)
@@ -149,13 +149,13 @@ def integration_error(fit: Fit) -> IntegrationError:
     model = fit.model
     if not model.can_refine:
         return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
-    torque = replace(model, substep_factor=2 * model.substep_factor).torque(fit.values)
+    torque = model.with_loop(substep_factor=2 * model.loop.substep_factor).torque(fit.values)
     change = torque - fit.torque
     relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
     shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
-    if model.substeps is None and relative <= INTEGRATION_TOLERANCE:
+    if model.loop.substeps is None and relative <= INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
         if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
@@ -186,7 +186,7 @@ def torque_estimate(
     fit, model, known = minimum.fit, minimum.fit.model, minimum.known
     return Estimate(
         estimator=estimator,
-        model=replace(model, substeps=None, substep_factor=1),
+        model=model.with_loop(substeps=None, substep_factor=1),
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
         time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),

@@ -82,11 +82,11 @@ class _Loop:
         self.slowest = self._step * max(self._system.every.values(), default=1)
         reference = run.experiment.reference
         external = with_external_torques(reference, run.external_torques)
-        self._reference = held(external, model.subdivision) if model.subdivision > 1 else external
+        self._reference = held(external, model.loop.subdivision) if model.loop.subdivision > 1 else external
         self._joints = range(1, model.joint_count + 1)
         self._check()
         # What the plant gets late, the reference must be late for, too.
-        late = self._system.delays.get(model.plant_name, 0.0) * self._step
+        late = self._system.delays.get(model.loop.plant_name, 0.0) * self._step
         motion = reference_motion(reference, model.joint_count)
         time = self._reference.time
         self._q, self._dq, self._ddq = (
@@ -94,9 +94,9 @@ class _Loop:
         )
 
     def _check(self) -> None:
-        offered = {f"{self._model.plant_name}.{name}{j}" for name in ("q", "dq", "ddq") for j in self._joints}
+        offered = {f"{self._model.loop.plant_name}.{name}{j}" for name in ("q", "dq", "ddq") for j in self._joints}
         for connection in self._system.connections:
-            if connection.source.startswith(f"{self._model.plant_name}.") and connection.source not in offered:
+            if connection.source.startswith(f"{self._model.loop.plant_name}.") and connection.source not in offered:
                 raise SimulationError(
                     "The torque of the loop does not follow from the motion of the joints.", got=connection.source
                 )
@@ -114,9 +114,9 @@ class _Loop:
         damping = np.maximum(2 * DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
         drive = self._ddq + (damping * self._dq - self._target()) / mass
         found = self._moved(drive, 1 / mass, damping / mass)
-        operator, every, measured = self._run.operator, self._model.subdivision, self._run.experiment.torque
+        operator, every, measured = self._run.operator, self._model.loop.subdivision, self._run.experiment.torque
         left = measured - operator.apply(self._run.logged_torque(found)[::every][operator.ticks])
-        q, dq, ddq = (found.table(self._model.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
+        q, dq, ddq = (found.table(self._model.loop.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
         return (q, dq, ddq), float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(measured, axis=0)))
 
     def _target(self) -> Array:
@@ -125,7 +125,7 @@ class _Loop:
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
         spline = CubicSpline(places, self._run.experiment.torque[rows])
-        ticks = np.arange(self._reference.time.size) / self._model.subdivision
+        ticks = np.arange(self._reference.time.size) / self._model.loop.subdivision
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
     def response(self, bandwidth: float) -> Array:
@@ -146,14 +146,14 @@ class _Loop:
             kernel = window * np.exp(-1j * bandwidth * time)
             torque, position = (
                 kernel @ (table(moved) - table(still))[:, j]
-                for table in (self._run.logged_torque, lambda run: run.table(self._model.joint_signals("q")))
+                for table in (self._run.logged_torque, lambda run: run.table(self._model.loop.joint_signals("q")))
             )
             result[j] = -torque / position
         return result
 
     def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
         """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
-        name, joints = self._model.plant_name, self._joints
+        name, joints = self._model.loop.plant_name, self._joints
         plant = light_plant(self._step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
         wires = tuple(Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in joints)
         system = replace(
@@ -164,7 +164,7 @@ class _Loop:
         columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
         columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
         reference = trajectory(self._reference.time[: drive.shape[0]], columns)
-        return simulate(system, reference, bounds=self._model.position_bounds(self._run.label))
+        return simulate(system, reference, bounds=self._model.loop.position_bounds(self._run.experiment.reference))
 
 
 def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:

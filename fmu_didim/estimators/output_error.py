@@ -152,5 +152,5 @@ def _positions(model: LoopModel, values: Array, logs: Mapping[str, Trajectory]) 
             recording = run.record(ticks=operator.ticks)
         except SimulationError:
             return None
-        found.append(operator.apply(recording.table(model.joint_signals("q"), sampled=True)))
+        found.append(operator.apply(recording.table(model.loop.joint_signals("q"), sampled=True)))
     return np.concatenate(found)

@@ -107,7 +107,7 @@ def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
         return sampled_regressor(run, (q, dq, ddq), observed[ticks])
 
     time = run.experiment.reference.time
-    return rows(observed_on(model.parameters, time, whole, model.measured_in(run.label), rows))
+    return rows(observed_on(model.parameters, time, whole, model.experiments.measured_in(run.label), rows))
 
 
 def observed_on(

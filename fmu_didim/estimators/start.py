@@ -131,4 +131,5 @@ def with_free_delay(model: LoopModel) -> LoopModel:
     """The model with the delay of its command free, if it is not so yet."""
     if any(parameter.owner == DELAY for parameter in model.free_parameters):
         return model
-    return model.with_free([delay_parameter(float(model.systems[model.first].delays.get(model.plant_name, 0.0)))])
+    samples = float(model.loop.systems[model.first].delays.get(model.loop.plant_name, 0.0))
+    return model.with_free((*model.free_parameters, delay_parameter(samples)))

@@ -103,7 +103,7 @@ class Estimate:
     @property
     def units(self) -> tuple[str, ...]:
         """(p,) FMI unit strings."""
-        return self.model.units
+        return self.model.free_parameters.units
 
     @property
     def value(self) -> Array:

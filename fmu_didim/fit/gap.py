@@ -101,7 +101,7 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
 
 def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
     """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    if not before.model.validation_labels:
+    if not before.model.experiments.validation_labels:
         return None
     try:
         first, second = _held_out(before), _held_out(after)
@@ -112,7 +112,7 @@ def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
 
 def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
     """Joint, from 1, and its ratio of the held-out RMS of two models; empty without held-out data."""
-    if not before.model.validation_labels:
+    if not before.model.experiments.validation_labels:
         return []
     try:
         first, second = _held_out(before), _held_out(after)
@@ -125,13 +125,13 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
 
 def _held_out(fit: Fit) -> Array:
     """(Nv, n) residual of all held-out experiments."""
-    labels = fit.model.validation_labels
+    labels = fit.model.experiments.validation_labels
     return np.concatenate([fit.residual_in(label) for label in labels])
 
 
 def _block(fit: Fit) -> int:
     """Samples in a block of the bootstrap."""
-    return max(round(BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
+    return max(round(BLOCK_S * fit.model.experiments[fit.model.experiments.validation_labels[0]].rate_hz), 1)
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:

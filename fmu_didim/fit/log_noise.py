@@ -43,7 +43,7 @@ STANDSTILL = 1e-9
 
 def motion_period(model: LoopModel, label: str) -> float | None:
     """Time in s after which the motion of an experiment repeats, None if it does not."""
-    system = model.systems[label]
+    system = model.loop.systems[label]
     reference = _used(model.experiments[label].reference, system)
     ticks = period_in_ticks(reference)
     return None if ticks is None else ticks * system.step_size
@@ -70,7 +70,7 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
             notes.append("The period of the motion is no whole number of torque samples, so periods were not compared.")
             continue
         noise = noise_from_periods(
-            experiment.with_gaps(model.measured_in(label)),
+            experiment.with_gaps(model.experiments.measured_in(label)),
             count,
             rate_hz=experiment.rate_hz,
             skip=round(TRANSIENT * count),
@@ -87,7 +87,7 @@ def known_noise(model: LoopModel) -> Array | None:
     """
     if model.torque_deviation is not None:
         return model.torque_deviation
-    repeated, _ = repeated_noise(replace(model, low_pass=None))
+    repeated, _ = repeated_noise(model.with_low_pass(None))
     if set(repeated) != set(model.estimation_labels):
         return None
     return pooled(list(repeated.values())).deviation
@@ -99,7 +99,7 @@ def noise_beside_fit(fit: Fit) -> Noise:
     if fit.noise.source != "periods":
         return residual_noise(fit)
     found = []
-    for label, rows in fit.model.rows.items():
+    for label, rows in fit.model.experiments.rows.items():
         period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
         count = None if period is None else _whole(period * experiment.rate_hz)
         if count is None:
@@ -146,7 +146,8 @@ def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[s
 def _residual_noise(fit: Fit, label: str) -> Noise:
     experiment = fit.model.experiments[label]
     frequency = motion_frequency(experiment.reference, fit.model.joint_count)
-    return noise_from_residual(fit.residual[fit.model.rows[label]], rate_hz=experiment.rate_hz, motion_hz=frequency)
+    residual = fit.residual[fit.model.experiments.rows[label]]
+    return noise_from_residual(residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
 
 
 def _whole(samples: float) -> int | None:

@@ -63,8 +63,8 @@ def simulated_motion(run: Simulation, description: RobotDescription | None) -> M
         return _from_outputs(run)
     robot, model = RobotModel(description), run.model
     recording = run.record(all_ticks=True)
-    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in model.logged])
+    q, dq, ddq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])
     known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
     return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
@@ -96,16 +96,16 @@ def _from_outputs(run: Simulation) -> Motion | None:
     """
     model = run.model
     joints = range(1, model.joint_count + 1)
-    given = {v.name for v in model.plant.outputs}
+    given = {v.name for v in model.loop.plant.outputs}
     if not {f"dq{j}" for j in joints} <= given:
         return None
     recording = run.record(all_ticks=True)
-    dq = recording.table(model.joint_signals("dq"))
+    dq = recording.table(model.loop.joint_signals("dq"))
     step = float(recording.time[1] - recording.time[0])
     reference = run.experiment.reference
     q = np.column_stack(
         [
-            recording.applied[f"{model.plant_name}.q{j}"]
+            recording.applied[f"{model.loop.plant_name}.q{j}"]
             if f"q{j}" in given
             else joint_reference(reference, j)[0][0] + _summed(dq[:, j - 1], step)
             for j in joints

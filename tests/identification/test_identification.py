@@ -143,7 +143,7 @@ def test_known_noise_and_equal_weights_are_used(cases: dict[int, Case]) -> None:
 
 
 def test_low_pass_filters_torque_and_regressor_alike(cases: dict[int, Case]) -> None:
-    model = replace(model_at(cases, 200), low_pass=LowPass(cutoff_hz=4.0))
+    model = model_at(cases, 200).with_low_pass(LowPass(cutoff_hz=4.0))
     prediction = predict(model, TRUTH)
     rebuilt = prediction.regressor @ TRUTH + prediction.known
     np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-9)
@@ -158,7 +158,7 @@ def test_low_pass_filters_torque_and_regressor_alike(cases: dict[int, Case]) -> 
     assert ratio.min() > 0.97 and ratio.max() < 1.3
     assert estimate.freedom < 0.1 * unfiltered.freedom
     with pytest.raises(InputError, match="below half the torque rate"):
-        Didim().estimate(replace(model_at(cases, 10), low_pass=LowPass(cutoff_hz=40.0)))
+        Didim().estimate(model_at(cases, 10).with_low_pass(LowPass(cutoff_hz=40.0)))
 
 
 def test_delay_is_estimated(cases: dict[int, Case]) -> None:
@@ -222,7 +222,7 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
     assert estimate.integration is not None and estimate.integration.method == "linearly implicit midpoint rule"
     assert estimate.integration.substeps < model.automatic_substeps(estimate.value)
     # What it tells is what finer steps do.
-    finer = Didim().estimate(replace(model, plant=model.plant.with_substeps(4 * estimate.integration.substeps)))
+    finer = Didim().estimate(model.with_loop(plant=model.loop.plant.with_substeps(4 * estimate.integration.substeps)))
     moved = np.abs(finer.value - estimate.value) / estimate.standard_deviation
     assert np.max(moved) <= 2 * np.max(estimate.integration_shift) + 1e-4
 
@@ -239,4 +239,4 @@ def test_integration_that_stays_too_coarse_is_told(cases: dict[int, Case], monke
 def replace_steps(model: LoopModel, estimate: Estimate) -> LoopModel:
     """The model with the steps that an estimate says it was fitted with."""
     assert estimate.integration is not None
-    return replace(model, plant=model.plant.with_substeps(estimate.integration.substeps))
+    return model.with_loop(plant=model.loop.plant.with_substeps(estimate.integration.substeps))

@@ -75,9 +75,9 @@ def sensitivity(
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
     tables, tasks = {}, []
-    for label, rows in model.rows.items():
+    for label, rows in model.experiments.rows.items():
         table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
-        acting = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        acting = [k for k, i in enumerate(chosen) if model.free_parameters.acts(i, label)]
         missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
         run = model.simulation(values, label)
         beginning = None if whole else Beginning.of(run, torque[rows])
@@ -172,7 +172,7 @@ def _followed(run: Simulation, varied: System, count: int) -> Array | None:
         return None
     columns = [
         np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
-        for name in run.model.logged
+        for name in run.model.loop.logged
     ]
     return run.sampled(np.stack(columns, axis=1))
 
@@ -188,8 +188,8 @@ def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None
     if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE):
         return None
     if parameter.owner == BASE:
-        return model.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
-    return (model.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
+        return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
+    return (model.loop.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class _Experiment:
         self, run: Simulation, torque: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
     ) -> None:
         self._run, self._torque, self._sizes, self._exact, self._beginning = run, torque, sizes, exact, beginning
-        self._smooth = run.model.can_refine or run.model.plant.equations() is not None
+        self._smooth = run.model.can_refine or run.model.loop.plant.equations() is not None
 
     def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
         """What simulates the column (N, n) of a parameter: a forward difference, or central ones."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
@@ -31,15 +29,15 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
         values: (p,) where the torque is looked at.
         deviation: (n,) noise of each joint; by default what the model knows of it, else the residual at the values.
     """
-    automatic = replace(model, substeps=None)
-    if not model.chooses_substeps:
+    automatic = model.with_loop(substeps=None)
+    if not model.loop.chooses_substeps:
         return automatic
     most, count, torque = automatic.automatic_substeps(values), model.fewest_substeps(values), None
     while 2 * count <= most:
-        finer = _torque(replace(model, substeps=2 * count), values)
-        torque = _torque(replace(model, substeps=count), values) if torque is None else torque
+        finer = _torque(model.with_loop(substeps=2 * count), values)
+        torque = _torque(model.with_loop(substeps=count), values) if torque is None else torque
         if torque is not None and finer is not None and integration_change(model, torque, finer, deviation) <= 1:
-            return replace(model, substeps=count)
+            return model.with_loop(substeps=count)
         count, torque = 2 * count, finer
     return automatic
 
@@ -47,7 +45,7 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
 def integrated(fit: Fit) -> Fit:
     """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
     model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
-    if model.substeps == fit.model.substeps:
+    if model.loop.substeps == fit.model.loop.substeps:
         return fit
     return minimise(model, fit.noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
 

@@ -83,7 +83,7 @@ class _Solver:
     ) -> None:
         self._model, self._weighting, self._stopping = model, weighting, stopping
         self._sizes, self._stage, self._progress, self._steps = sizes, stage, progress, dict(steps or {})
-        self._measured, self._limits = model.measured, model.limits
+        self._measured, self._limits = model.measured, model.free_parameters.limits
         self._search = Search(model, stopping.tolerance is not None, stopping.check_all, self._steps)
         self._termination = Termination(stopping, self._steps)
         self._history: list[Iteration] = []

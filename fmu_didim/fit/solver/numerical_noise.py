@@ -74,7 +74,7 @@ def smoother_after_step(model: LoopModel) -> str:
     the last step by chance.
     """
     label = model.first
-    system = model.systems[label]
+    system = model.loop.systems[label]
     now = _jitter(model, label)
     for name, component in system.components.items():
         fmu = foreign_co_simulation(component)
@@ -82,7 +82,7 @@ def smoother_after_step(model: LoopModel) -> str:
             continue
         other = replace(system, after_step=system.after_step | {name})
         try:
-            after = _jitter(replace(model, systems={**model.systems, label: other}), label)
+            after = _jitter(model.with_loop(systems={**model.loop.systems, label: other}), label)
         except FmuDidimError:  # a loop that is wired otherwise, or that such a delay makes unstable
             continue
         if after < SMOOTHER * now:
@@ -100,7 +100,7 @@ def _jitter(model: LoopModel, label: str) -> float:
 def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
     """The sensitivity (N, n, p) with other steps of the columns that are central differences."""
     model, table = fit.model, fit.jacobian.copy()
-    rows: Mapping[str, slice] = model.rows
+    rows: Mapping[str, slice] = model.experiments.rows
     length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)

@@ -69,8 +69,8 @@ class Search:
         """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
         because at the edge of what can be simulated a loop hardly damps itself any more."""
         model, settles = self.model, self.settles
-        low, high = model.limits
-        measured, others = model.measured, model.validation_labels if self.check_all else ()
+        low, high = model.free_parameters.limits
+        measured, others = model.measured, model.experiments.validation_labels if self.check_all else ()
         tried, edge, best, note = 0, False, None, ""
         for damping in DAMPINGS:
             change, promised = step.equations.step(at.values, low, high, damping)

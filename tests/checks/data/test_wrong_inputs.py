@@ -133,7 +133,7 @@ def late(seconds: float) -> Callable[[LoopModel], LoopModel]:
     """The stamps of the log are late by so much."""
 
     def change(model: LoopModel) -> LoopModel:
-        own, step = model.experiments[model.first], model.systems[model.first].step_size
+        own, step = model.experiments[model.first], model.loop.systems[model.first].step_size
         count = own.reference.time.size
         return with_experiment(model, model.first, operator=own.operator.stamped_later(seconds / step, count))
 

@@ -16,8 +16,7 @@ from fmu_didim.components import Component
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.checks.data import right as data
 from tests.checks.data.right import CASES, loaded, with_experiment, with_log
 from tests.checks.data.test_wrong_inputs import TIMING, WRONG, late
@@ -115,7 +114,7 @@ def gains(factor: float) -> Callable[[LoopModel], LoopModel]:
     """All gains of the controller of the machine are off by a factor."""
 
     def change(model: LoopModel) -> LoopModel:
-        controller = model.systems[model.first].components["controller"]
+        controller = model.loop.systems[model.first].components["controller"]
         scaled = {
             v.name: factor * v.start for v in controller.parameters if v.name.rstrip("0123456789") in ("Kp", "Kd", "Kv")
         }
