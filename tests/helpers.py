@@ -147,12 +147,6 @@ def with_torque(model: LoopModel, torque: np.ndarray, label: str | None = None) 
     return model.with_experiment(label, replace(model.experiments[label], torque=torque))
 
 
-def with_delay(model: LoopModel, samples: float) -> LoopModel:
-    """The model with a delay of the command, in control periods, that is known."""
-    systems = {label: system.with_delay(model.loop.plant_name, samples) for label, system in model.loop.systems.items()}
-    return model.with_loop(systems=systems)
-
-
 def with_component(model: LoopModel, name: str, part: Component) -> LoopModel:
     """The model with another component in all its loops; the plant included."""
     systems = {label: system.replace(name, part) for label, system in model.loop.systems.items()}

@@ -37,12 +37,11 @@ INTEGRATION_TOLERANCE = 1e-5
 CLEARLY_BETTER = 0.5
 """[1] Residual with twice the substeps over that before, below which they explain the data better."""
 INTEGRATION_SHIFT = 0.02
-"""[standard deviations] Twice the substeps may move no value by more: nobody would see it beside the noise."""
+"""[standard deviations] Twice the substeps may move no value by more: invisible beside the noise."""
 MAXIMUM_REFINEMENTS = 4
 """[refinements] Of the integration, by twice the substeps each."""
 NEXT_STEP = 0.01
-"""[standard deviations] A step of the finish that would be smaller is not made: nobody would see it beside the
-noise."""
+"""[standard deviations] A step of the finish that would be smaller is not made: invisible beside the noise."""
 FINISH_TOLERANCE = 1e-6
 """[1] Relative change of the values at which it stops at the latest: data without noise."""
 FINISH_ITERATIONS = 15
@@ -55,10 +54,10 @@ class Minimum:
 
     Attributes:
         fit: the closed loop there; iterations: those of the finish.
-        integration_error: what twice the substeps of the plant change there.
+        integration_error: the change by twice the substeps of the plant.
         known: how well the values are known.
-        remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
-        rivals: parameter and its value at other minima that the data hardly tell from this one.
+        remarks: changes on the way; roughness: of the sensitivity, where it is one by central differences.
+        rivals: parameter and its value at other minima that fit the data almost as well.
     """
 
     fit: Fit
@@ -127,7 +126,7 @@ def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
 
 @dataclass(frozen=True)
 class IntegrationError:
-    """What twice the substeps of the plant change.
+    """Change of torque and values by twice the substeps of the plant.
 
     Attributes:
         relative: of the torque, relative to its size; shift: (p,) of the values, in their standard deviations; NaN
@@ -166,8 +165,8 @@ def integration_error(fit: Fit) -> IntegrationError:
 
 def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
     """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
-    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; and of samples that are not
-    independent only so many as would leave the same uncertainty."""
+    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; dependent samples
+    count as the number of independent ones with the same uncertainty."""
     total = model.measured.size - count
     if model.torque_deviation is not None and inflation <= 1:
         return float(total)
@@ -189,7 +188,7 @@ def torque_estimate(
         model=model.with_loop(substeps=None, substep_factor=1),
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
-        time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
+        time=model.experiments.time,
         measured=model.measured,
         simulated=fit.torque,
         noise=fit.deviation,
@@ -212,7 +211,7 @@ def torque_estimate(
 
 
 def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
-    """What to do where the steps have not settled; empty where the status says it."""
+    """Advice where the steps have not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"

@@ -12,7 +12,7 @@ from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 
 
 def unfiltered_residual(fit: Fit) -> Array:
-    """(N, n) what a fit leaves of the torque logs as they are, without the filter that they may be fitted with."""
+    """(N, n) residual of a fit on the unfiltered torque logs."""
     if fit.model.experiments.low_pass is None:
         return fit.residual
     return fit.model.with_low_pass(None).residual(fit.values)

@@ -1,4 +1,4 @@
-"""How noisy the torque logs of a loop model are: by the periods of their motion, else by what a fit leaves of them."""
+"""Noise of the torque logs of a loop model: by the periods of their motion, else by the residual of a fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOT_NOISE = 1.25
 SLOW = 0.25
 """[1] So do those whose difference is that correlated over a time in which noise is not,"""
 CHANCE = 3.0
-"""[standard deviations] unless a correlation as large comes about by chance in so many samples."""
+"""[standard deviations] unless chance gives a correlation as large in this number of samples."""
 TRANSIENT = 0.1
 """[1] Fraction of a period that is left out when periods are compared: the first one may begin with a transient."""
 WHOLE_SAMPLES = 1e-3
@@ -38,7 +38,7 @@ REVERSAL = 0.01
 """[1] Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction
 drifts."""
 STANDSTILL = 1e-9
-"""[SI] Smallest range with which that is compared, of a joint that rests."""
+"""[SI] Smallest range to compare with, for a joint that rests."""
 
 
 def motion_period(model: LoopModel, label: str) -> float | None:
@@ -50,7 +50,7 @@ def motion_period(model: LoopModel, label: str) -> float | None:
 
 
 def _used(reference: Trajectory, system: System) -> Trajectory:
-    """The columns that go into the loop: a file may hold measured ones too, which never repeat exactly."""
+    """The columns that the loop uses: a file may hold measured ones too, which never repeat exactly."""
     sources = [c.source.partition(".") for c in system.connections]
     wanted = {column for name, _, column in sources if name == REFERENCE}
     names = [name for name in reference.names if name in wanted]
@@ -83,7 +83,7 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
 
 def known_noise(model: LoopModel) -> Array | None:
     """(n,) standard deviation of the torque logs without any model: as the case states it, or as the differences of
-    periods show it; None where neither is there. It is that of the logs as they are, whatever they are filtered with.
+    periods show it; None where neither exists. It is that of the unfiltered logs.
     """
     if model.torque_deviation is not None:
         return model.torque_deviation

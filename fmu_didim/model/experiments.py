@@ -59,6 +59,11 @@ class Experiments(Mapping[str, Experiment]):
             first += count
         return found
 
+    @property
+    def time(self) -> Array:
+        """(N,) instants of the logs that are fitted, s."""
+        return np.concatenate([self[label].time for label in self.estimation_labels])
+
     def measured_in(self, label: str) -> Array:
         """(N, n) torque that the prediction of one experiment is compared with: the log, filtered if asked for."""
         return self.filtered(self[label].torque, label)

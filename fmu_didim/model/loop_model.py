@@ -133,6 +133,11 @@ class LoopModel:
         """The same model with other attributes of its :class:`Loop`."""
         return replace(self, loop=replace(self.loop, **changes))
 
+    def with_delay(self, samples: float) -> LoopModel:
+        """The same model with a known delay of the command, in control periods, in all experiments."""
+        name, systems = self.loop.plant_name, self.loop.systems
+        return self.with_loop(systems={label: s.with_delay(name, samples) for label, s in systems.items()})
+
     def with_experiment(self, label: str, experiment: Experiment) -> LoopModel:
         """The same model with other data under a label."""
         return replace(self, experiments=self.experiments.with_experiment(label, experiment))

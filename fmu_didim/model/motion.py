@@ -47,7 +47,8 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     """
     rows = model.regressor_rows(q, dq, ddq, observed=following_links(model, q, dq, ddq))
     names = [v.name for v in model.parameters]
-    own = _is_inertial(model)
+    inertial = {v.name for v in LINK_PARAMETERS}
+    own = np.array([name.rstrip("0123456789") in inertial for name in names])
     links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
     load = rows[:, :, own] @ chi[own]
     return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
@@ -71,8 +72,8 @@ def simulated_motion(run: Simulation, description: RobotDescription | None) -> M
 
 
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
-    """Position and velocity (N,) of a joint, counted from 1, along a reference; what it does not tell follows from the
-    other, the position from zero on, and both are zero where it tells neither."""
+    """Position and velocity (N,) of a joint, counted from 1, along a reference; one that is missing follows from the
+    other, the position starting at zero; both are zero where both are missing."""
     q, dq, step = f"q{joint}", f"dq{joint}", reference.step
     if q in reference.names:
         position = reference.column(q)
@@ -89,9 +90,9 @@ def _summed(velocity: Array, step: float) -> Array:
 
 
 def _from_outputs(run: Simulation) -> Motion | None:
-    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack dq.
+    """The simulated motion at all ticks from the outputs of the plant; None if they lack dq.
 
-    A position that the plant does not tell is the integral of its velocity, from the reference's on. Loads and payloads
+    A position that is no output is the integral of its velocity, starting at that of the reference. Loads and payloads
     are unknown and given as zero.
     """
     model = run.model
@@ -116,8 +117,3 @@ def _from_outputs(run: Simulation) -> Motion | None:
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
         torque=run.logged_torque(recording), load=np.zeros_like(q), step=step, links=links,
     )  # fmt: skip
-
-
-def _is_inertial(model: RobotModel) -> Array:
-    names = {v.name for v in LINK_PARAMETERS}
-    return np.array([v.name.rstrip("0123456789") in names for v in model.parameters])

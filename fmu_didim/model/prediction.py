@@ -1,4 +1,4 @@
-"""What a loop model predicts for one set of values: the torque, and the regressor of the simulated motion."""
+"""Predictions of a loop model for one set of values: the torque, and the regressor of the simulated motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Columns = Callable[[], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the closed loop gives for one set of values, at the samples of the logs that are fitted.
+    """Output of the closed loop for one set of values, at the samples of the fitted logs.
 
     Attributes:
         torque: (N, n) simulated torque tau_s; recordings: label -> what it comes from.
@@ -32,7 +32,7 @@ class Prediction:
 
     @cached_property
     def _both(self) -> tuple[Array, Array] | tuple[None, None]:
-        """Computed when it is asked for: an estimator that only compares torques does without."""
+        """Computed on first use: an estimator that only compares torques does not need it."""
         if self.columns is None:
             return None, None
         pairs = [columns() for columns in self.columns]

@@ -11,7 +11,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 
 TOGETHER = 4096
-"""Points whose intermediate numbers are kept at once: more would need much memory and leave the processor's caches."""
+"""Points evaluated at once: more would need much memory and leave the processor's caches."""
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ASSIGN: lambda x: x,
     ca.OP_ADD: np.add,

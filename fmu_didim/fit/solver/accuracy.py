@@ -1,4 +1,4 @@
-"""As many substeps of the plant as the noise of the data asks for."""
+"""The fewest substeps of the plant whose error is hidden by the noise of the data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import LoopModel
 
 POLISHING = 2
-"""[steps] From the minimum of one integration to that of a finer one, a small fraction of the noise away."""
+"""[steps] From the minimum with one integration to that with a finer one, a small fraction of the noise away."""
 INTEGRATION_SHARE = 0.01
 """[standard deviations] Twice the substeps of the plant may change the torque of a joint by this much of its noise: a
 hundredth moves no parameter by more than a hundredth of its standard deviation."""
@@ -26,8 +26,8 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
     substeps by the rule change the torque by more, the rule holds.
 
     Args:
-        values: (p,) where the torque is looked at.
-        deviation: (n,) noise of each joint; by default what the model knows of it, else the residual at the values.
+        values: (p,) at which the torque is compared.
+        deviation: (n,) noise of each joint; by default that of the model, else the residual at the values.
     """
     automatic = model.with_loop(substeps=None)
     if not model.loop.chooses_substeps:
@@ -54,7 +54,7 @@ def integration_change(model: LoopModel, torque: Array, finer: Array, deviation:
     """Change of the torque (N, n) by finer integration over what is allowed, at the joint where it is worst.
 
     Args:
-        deviation: (n,) noise; by default what the model knows of it, else the residual.
+        deviation: (n,) noise; by default that of the model, else the residual.
     """
     if deviation is None:
         deviation = model.torque_deviation

@@ -1,4 +1,4 @@
-"""Where the steps of a fit are, and the linear problem of the next one."""
+"""State of the steps of a fit, and the linear problem of the next one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ hides what it gains."""
 
 @dataclass
 class State:
-    """Where the steps are.
+    """State of the steps.
 
     Attributes:
         values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.

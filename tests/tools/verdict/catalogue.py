@@ -20,7 +20,7 @@ from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.checks.data import right as data
 from tests.checks.data.right import CASES, loaded, with_experiment, with_log
 from tests.checks.data.test_wrong_inputs import TIMING, WRONG, late
-from tests.helpers import with_component, with_delay
+from tests.helpers import with_component
 from tests.tools.verdict.run import without_start
 
 ALL = ("scara", "arm", "tx40")
@@ -199,7 +199,7 @@ CATALOGUE: list[Wrong] = [
     ),
     Wrong("timing: clock 8 ms late", on_machine(late(0.008)), CLOCK),
     Wrong("timing: clock 12 ms early", on_machine(late(-0.012)), CLOCK),
-    Wrong("timing: half a sample of delay", on_machine(lambda m: with_delay(m, 0.5)), (*CLOCK, *FIT), robots=TWO),
+    Wrong("timing: half a sample of delay", on_machine(lambda m: m.with_delay(0.5)), (*CLOCK, *FIT), robots=TWO),
     Wrong("timing: log glued together", on_data(stuck), ("reference-foreign", *CLOCK, *FIT)),
     *(
         Wrong(f"controller: gains {100 * (f - 1):+.0f} %", on_machine(gains(f)), (*FIT, *CLOCK, "torque-unit"))
