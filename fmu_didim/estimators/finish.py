@@ -206,12 +206,12 @@ def torque_estimate(
         roughness=minimum.roughness,
         rivals=minimum.rivals,
         remarks=minimum.remarks,
-        advice="" if settled else _advice(model, iterations),
+        advice="" if settled else unsettled_advice(model, iterations),
     )
 
 
-def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
-    """Advice where the steps have not settled; empty where the status gives it."""
+def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
+    """Advice for a fit that has not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"

@@ -192,6 +192,6 @@ def delay_parameter(samples: float) -> FreeParameter:
 
 
 def log_shift_parameter() -> FreeParameter:
-    """How late the log is stamped, beyond what is stated of it."""
+    """Lag of the stamps of the log, in addition to the stated one."""
     limit = LONGEST_LOG_SHIFT_S
     return FreeParameter("log_shift", "s", LOG, "shift", 0.0, 0.01, lowest=-limit, highest=limit)

@@ -259,7 +259,7 @@ class Simulation:
 
     @property
     def experiment(self) -> Experiment:
-        """What was measured, and the reference."""
+        """The reference and the measurement."""
         return self.model.experiments[self.label]
 
     @property
@@ -283,7 +283,7 @@ class Simulation:
 
     @property
     def log_shift_s(self) -> float:
-        """How late the log is stamped, in s, beyond what its operator knows."""
+        """Lag of the stamps of the log, in s, in addition to that of its operator."""
         return sum(self._free(LOG).values())
 
     def _free(self, owner: str) -> dict[str, float]:
@@ -292,7 +292,7 @@ class Simulation:
 
     @cached_property
     def operator(self) -> SampleOperator:
-        """How the log follows from the command."""
+        """Maps the held command to the samples of the log."""
         is_free = any(parameter.owner == LOG for parameter in self.model.free_parameters)
         count, shift = self.experiment.reference.time.size, self.log_shift_s / self.step_size
         return self.experiment.operator.stamped_later(shift, count, between=is_free)

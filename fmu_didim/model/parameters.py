@@ -219,8 +219,8 @@ class RobotParameters(Parameters):
         )
 
     def weakest(self, position: Array, theta: Array) -> tuple[int, str, Array]:
-        """What makes the inertia matrix worst at a position (n,): the joint, from 1, that moves most in its worst
-        direction, the parameter that lowers it most there, and the slopes (p,) of the smallest eigenvalue."""
+        """Cause of the smallest eigenvalue of the inertia matrix at a position (n,): the joint, from 1, that moves most
+        in its direction, the parameter that lowers it most, and its slopes (p,)."""
         columns = self.model.inertia_columns(position)
         mass = columns @ self.base.expand(theta)
         diagonal = np.diag(mass)

@@ -164,7 +164,7 @@ class Ladder:
         return len(found) > 1 and _error(self._best()) <= wanted
 
     def _known(self) -> list[Difference]:
-        """What was simulated, from the longest step to the shortest."""
+        """Simulated differences, from the longest step to the shortest."""
         return [one for _, one in sorted(self._tried.items(), reverse=True) if one is not None]
 
     def _best(self) -> Difference:

@@ -1,4 +1,4 @@
-"""How the torque changes with the free parameters of a loop: S = d tau / d values.
+"""Sensitivity of the torque to the free parameters of a loop: S = d tau / d values.
 
 Three ways, the best one that a parameter allows:
 

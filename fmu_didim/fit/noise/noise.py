@@ -166,7 +166,7 @@ def noise_from_periods(
 def _without_events(
     difference: Array, table: Array, there: NDArray[np.bool_], block: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
+    """Residual (N,) of a difference on columns (N, m), and the samples in blocks that do not stand out."""
     place = np.arange(difference.size) // block
     kept = there
     for _ in range(OUTLIER_ROUNDS):
@@ -244,7 +244,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
 
 
 def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
-    """How badly level / |1 - rho e^(-i w)|^2 fits, in logarithms, and the level."""
+    """Misfit of level / |1 - rho e^(-i w)|^2, in logarithms, and the level."""
     shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
     logs = np.log(np.maximum(power, TINY)) - np.log(shape)
     return float(np.var(logs)), float(np.exp(np.mean(logs)))

@@ -6,7 +6,7 @@ standard deviations depend, nor is the minimum: it scatters as it would by noise
 What counts is by how much the columns of the sensitivity err beside their smallest singular value. Up to a fifth of it,
 values and deviations are those without jitter, to half a standard deviation and 5 %. From two fifths on, values scatter
 by a third of a deviation, deviations come out up to a tenth too small, and a few fits do not settle. Beyond, they are
-told as rough: a second step then changes a deviation by more than a tenth. Where two columns are the same to 0.3 %,
+reported as rough: a second step then changes a deviation by more than a tenth. Where two columns are the same to 0.3 %,
 those limits are jitters of 1 % and 3 % of the noise. The width of the pieces in which the torque is smooth does not
 matter, unless it comes near the standard deviations: each piece may then have a minimum of its own, and a few fits do
 not settle (``tests/fit/test_numerical_noise.py``).
@@ -38,7 +38,7 @@ SMOOTHER = 0.1
 
 @dataclass(frozen=True)
 class Roughness:
-    """What central differences leave open.
+    """Uncertainty that central differences leave.
 
     Attributes:
         change: largest relative change of a standard deviation when the sensitivities are taken with a second step.
@@ -52,7 +52,7 @@ class Roughness:
 
 
 def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
-    """How rough a loop is at a fit, by two simulations a column; None where no column is a central difference.
+    """Roughness of a loop at a fit, by two simulations a column; None where no column is a central difference.
 
     Args:
         sizes: of the base parameters, as the steps of the fit were taken with.

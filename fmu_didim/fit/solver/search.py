@@ -33,7 +33,7 @@ NO_STEP = "no step lowers the error"
 
 @dataclass(frozen=True)
 class Trial:
-    """Where a step led.
+    """Result of a step.
 
     Attributes:
         values: (p,); torque: (N, n) there; None where no step lowers the cost.
