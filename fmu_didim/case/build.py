@@ -37,6 +37,8 @@ from fmu_didim.data.signals import Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
+from fmu_didim.model.loop import Loop
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
 
@@ -175,15 +177,11 @@ class Case:
         first = next(iter(systems.values()))
         low_pass = document.low_pass
         return LoopModel(
-            systems=systems,
-            experiments=experiments,
-            parameters=self.parameters,
-            plant=first.components[self.plant_name],
-            plant_name=self.plant_name,
-            free_parameters=free_parameters(document, self.parameters, first),
+            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name),
+            Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
+            free_parameters(document, self.parameters, first),
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
-            low_pass=None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order),
         )
 
 
@@ -358,10 +356,10 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
         for label in model.estimation_labels:
             estimator.positions(model, label)
     if model.parameters.has_regressor:
-        _check_motion(model.plant, n, ("q", "dq"))  # accelerations can be had by differences
+        _check_motion(model.loop.plant, n, ("q", "dq"))  # accelerations can be had by differences
     elif model.parameters.is_probed:
-        _check_motion(model.plant, n, ("ddq",))
-    offered = {v.name for v in model.plant.parameters}
+        _check_motion(model.loop.plant, n, ("ddq",))
+    offered = {v.name for v in model.loop.plant.parameters}
     absent = [name for name in model.parameters.plant_names if name not in offered]
     if absent:
         raise InputError(

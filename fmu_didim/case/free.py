@@ -16,6 +16,7 @@ from fmu_didim.model.free_parameter import (
     LOG,
     PLANT,
     FreeParameter,
+    FreeParameters,
     base_free_parameters,
     delay_parameter,
     log_shift_parameter,
@@ -32,7 +33,7 @@ def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter
     return {name: e for name, e in (document.identify or {}).items() if e.of not in (PLANT, document.plant_name)}
 
 
-def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> tuple[FreeParameter, ...]:
+def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> FreeParameters:
     """All that the case leaves free: base parameters, own ones of experiments, and what ``identify`` lists beside them.
 
     Raises:
@@ -48,7 +49,7 @@ def free_parameters(document: CaseDocument, parameters: Parameters, system: Syst
                 raise UnknownNameError("free parameter", name, valid, where=f"experiments.{label}.own")
     base = {label: [name for name in names if name in parameters.names] for label, names in own.items()}
     others = [of_experiment(further[name], label) for label, names in own.items() for name in names if name in further]
-    return (*base_free_parameters(parameters, base), *further.values(), *others)
+    return FreeParameters((*base_free_parameters(parameters, base), *further.values(), *others))
 
 
 def _check_each_once(further: Mapping[str, FreeParameter], parameters: Parameters) -> None:

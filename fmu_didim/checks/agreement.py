@@ -64,7 +64,7 @@ class Agreement:
 def agreement(fit: Fit) -> Mapping[str, Agreement]:
     """Label of each experiment -> how it agrees with the others at their common minimum; empty where fewer than two are
     fitted."""
-    rows = fit.model.rows
+    rows = fit.model.experiments.rows
     if len(rows) < 2:
         return {}
     count = fit.jacobian.shape[2]
@@ -96,7 +96,7 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
     sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
     influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
     own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
-    influence = fit.model.filtered(influence, label)
+    influence = fit.model.experiments.filtered(influence, label)
     leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
     deviation = noise_deviation(own, leverage, floor=np.full(own.shape[1], TINY))
     found = uncertainty(own, sensitivity, influence, deviation, stretches([fit.model.experiments[label].time]))

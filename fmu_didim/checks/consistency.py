@@ -126,8 +126,8 @@ def check_consistency(model: LoopModel) -> Consistency:
 
     Two simulations of at most 2 000 ticks; one more a parameter if the plant's parameters cannot be changed in a run.
     """
-    model = model.on(model.first).base_alone()
-    offered = {v.name for v in model.plant.outputs}
+    model = model.on(model.first).with_free(model.free_parameters.shared_base)
+    offered = {v.name for v in model.loop.plant.outputs}
     absent = [name for name in model.parameters.observed if name not in offered]
     if absent:
         return Consistency(failure=f"its torque also depends on {', '.join(absent)}, which the plant does not give.")
@@ -138,9 +138,9 @@ def check_consistency(model: LoopModel) -> Consistency:
     theta = run.theta
     ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
     columns: Array | None = None
-    method, by_differences = "", not model.gives_acceleration
+    method, by_differences = "", not model.loop.gives_acceleration
     try:
-        probe = RegressorProbe(model.plant_name, model.parameters, theta, ticks.size)
+        probe = RegressorProbe(model.loop.plant_name, model.parameters, theta, ticks.size)
         if by_differences:
             points = _points(run, ticks)
         else:
@@ -189,9 +189,9 @@ def _longest_run(model: LoopModel) -> tuple[Simulation, int] | None:
 
 def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
     model = run.model
-    if model.gives_acceleration:
+    if model.loop.gives_acceleration:
         recording = run.record(ticks=ticks, observe=observe)
-        motion = [recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq")]
+        motion = [recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq")]
         torque, rows = drive_torque(model, recording), np.arange(ticks.size)
     else:
         # While a torque is held, the mean acceleration of the period belongs to its middle.
@@ -199,11 +199,11 @@ def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None 
         recording = run.record(ticks=both)
         here, after = np.searchsorted(both, ticks), np.searchsorted(both, ticks + 1)
         rows = here
-        q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+        q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
         acceleration = (dq[after] - dq[here]) / run.step_size
         motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
         torque = drive_torque(model, recording)[here]
-    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names)[rows] if names else np.zeros((ticks.size, 0))
     regressor, known = model.parameters.regressor(*motion, observed=observed)
     return torque, regressor, known, (motion[0], motion[1], motion[2]), observed

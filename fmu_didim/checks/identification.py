@@ -141,7 +141,7 @@ def _bands(model: LoopModel) -> tuple[float, float]:
         highest = max(motion_frequency(reference, model.joint_count) for reference in references)
     except UnknownNameError:
         highest = np.inf
-    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
+    return highest, np.inf if model.experiments.low_pass is None else model.experiments.low_pass.cutoff_hz
 
 
 def held_parameters(model: LoopModel) -> list[Diagnostic]:

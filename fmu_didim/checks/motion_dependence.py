@@ -169,9 +169,9 @@ def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
     Args:
         colours: of the noise of the log as it is.
     """
-    if fit.model.low_pass is not None:
-        return _dependence_in_band(fit, fit.model.low_pass.cutoff_hz)
-    rows, residual = fit.model.rows, fit.residual
+    if fit.model.experiments.low_pass is not None:
+        return _dependence_in_band(fit, fit.model.experiments.low_pass.cutoff_hz)
+    rows, residual = fit.model.experiments.rows, fit.residual
     return motion_dependence(
         fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
         {label: fit.jacobian[part] for label, part in rows.items()},
@@ -182,7 +182,7 @@ def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
 def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
     """The same for a fit of filtered samples."""
     model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
-    for label, part in model.rows.items():
+    for label, part in model.experiments.rows.items():
         experiment = model.experiments[label]
         every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
         rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
@@ -278,7 +278,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
     Velocities and positions are there as far as the plant gives them; raises SimulationError.
     """
     recording, model, step = run.record(all_ticks=True), run.model, run.step_size
-    offered = {v.name for v in model.plant.outputs}
+    offered = {v.name for v in model.loop.plant.outputs}
 
     def sampled(signal: Array) -> Array:
         return np.asarray(run.sampled(signal[run.operator.ticks, None])[:, 0])
@@ -289,7 +289,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
         rate = np.gradient(torque[:, j], step)
         functions = {TORQUE_RATE: rate}
         if f"dq{j + 1}" in offered:
-            dq = recording.table([f"{model.plant_name}.dq{j + 1}"])[:, 0]
+            dq = recording.table([f"{model.loop.plant_name}.dq{j + 1}"])[:, 0]
             fast = max(float(np.abs(dq).max()), STANDSTILL)
             acceleration = np.gradient(dq, step)
             functions |= {
@@ -311,7 +311,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
                 "jerk": np.gradient(acceleration, step),
             }
         if f"q{j + 1}" in offered:
-            q = recording.table([f"{model.plant_name}.q{j + 1}"])[:, 0]
+            q = recording.table([f"{model.loop.plant_name}.q{j + 1}"])[:, 0]
             q = q - q.mean()
             functions |= {"position": q, "square of the position": q**2, "cube of the position": q**3}
         functions |= {

@@ -61,7 +61,8 @@ def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic
     robot, base, values = model.parameters.model, model.parameters.base, model.start
     low, high = joint_range(model)
     found: dict[tuple[str, str], Diagnostic] = {}
-    for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):
+    has_own = any(map(model.free_parameters.has_own_base, model.experiments))
+    for label in model.experiments if has_own else (model.first,):
         place = model.theta(np.arange(values.size, dtype=float), label).astype(
             np.int64
         )  # which of the free parameters act there

@@ -96,7 +96,7 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
     found = []
     base: dict[str, Recording] = {}
     for i in asked:
-        label = next(label for label in model.estimation_labels if model.acts(i, label))
+        label = next(label for label in model.estimation_labels if model.free_parameters.acts(i, label))
         ticks = _ticks(min(count, model.experiments[label].reference.time.size))
         if label not in base:
             base[label] = model.simulation(values, label).record(ticks=ticks)
@@ -116,7 +116,7 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
 def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
     """Parameters whose measured column is zero everywhere."""
     ticks = _ticks(min(count, model.experiments[model.first].reference.time.size))
-    probe = RegressorProbe(model.plant_name, model.parameters, model.theta(theta), ticks.size)
+    probe = RegressorProbe(model.loop.plant_name, model.parameters, model.theta(theta), ticks.size)
     try:
         model.simulation(theta).record(ticks=ticks, observe=probe)
     except SimulationError:
@@ -134,7 +134,7 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
         return []
     found = []
     for name, what in (("q", "q_start"), ("dq", "dq_start")):
-        for j, signal in enumerate(model.joint_signals(name), start=1):
+        for j, signal in enumerate(model.loop.joint_signals(name), start=1):
             if signal not in first.applied or f"{name}{j}" not in reference.names:
                 continue
             column = reference.select([f"{name}{j}"])

@@ -100,7 +100,7 @@ def _sampled(
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
         simulated = [
-            model.filtered(operator.apply(commands[label][operator.ticks]), label)
+            model.experiments.filtered(operator.apply(commands[label][operator.ticks]), label)
             for label, operator in operators.items()
         ]
         residual = model.measured - np.concatenate(simulated)

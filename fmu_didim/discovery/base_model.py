@@ -95,7 +95,7 @@ def _any_noise(model: LoopModel) -> Noise:
 def with_nuisances(model: LoopModel) -> LoopModel:
     """The model with the smoothing velocity of each joint's Coulomb friction free: left fixed, its error would be taken
     for friction at low speed."""
-    offered = {v.name: v for v in model.plant.parameters}
+    offered = {v.name: v for v in model.loop.plant.parameters}
     references = [model.experiments[label].reference for label in model.estimation_labels]
     free_parameters = []
     for j in range(1, model.joint_count + 1):
@@ -110,4 +110,4 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         free_parameters.append(
             FreeParameter(name, offered[name].unit, PLANT, name, value, scale * value, low, high, is_shape=True)
         )
-    return model.with_free(free_parameters)
+    return model.with_free((*model.free_parameters, *free_parameters))

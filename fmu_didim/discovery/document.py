@@ -23,7 +23,7 @@ from fmu_didim.fit.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import (
     ANSWER_TEXT,
     Answer,
@@ -193,7 +193,7 @@ def _residuals(discovery: Discovery) -> Residuals:
             try:
                 pair.append(fit.residual_in(label))
             except SimulationError:
-                pair.append(np.full(discovery.base.model.measured_in(label).shape, np.inf))
+                pair.append(np.full(discovery.base.model.experiments.measured_in(label).shape, np.inf))
         result[label] = (pair[0], pair[1])
     return result
 
@@ -201,7 +201,7 @@ def _residuals(discovery: Discovery) -> Residuals:
 def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
     result = {}
     for label, pair in residuals.items():
-        measured = discovery.base.model.measured_in(label)
+        measured = discovery.base.model.experiments.measured_in(label)
         percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
         result[label] = (percent[0], percent[1])
     return result

@@ -68,9 +68,9 @@ def remaining_gaps(fit: Fit) -> list[Diagnostic]:
 
 def _held_out(fit: Fit) -> list[Diagnostic]:
     model, held, failures = fit.model, {}, {}
-    for label in model.validation_labels:
+    for label in model.experiments.validation_labels:
         try:
-            held[label] = Residual.of(model.measured_in(label), fit.simulation(label).torque())
+            held[label] = Residual.of(model.experiments.measured_in(label), fit.simulation(label).torque())
         except SimulationError as error:
             failures[label] = error.what
     fitted = Residual.of(model.measured, fit.torque)

@@ -128,9 +128,11 @@ def discover(model: LoopModel, request: Request) -> Found:
 
     if (keep := request.keep) is not None:
         request = replace(request, keep=lambda document: keep(timed(document)))
-    if model.low_pass is not None:
-        model, request = replace(model, low_pass=None), replace(request, notes=[*request.notes, UNFILTERED])
-    later = replace(model, experiments={label: e.after(FIRST_S) for label, e in model.experiments.items()})
+    if model.experiments.low_pass is not None:
+        model, request = model.with_low_pass(None), replace(request, notes=[*request.notes, UNFILTERED])
+    later = model
+    for label, experiment in model.experiments.items():
+        later = later.with_experiment(label, experiment.after(FIRST_S))
     found = _Search.of(request, _prepared(later, request.progress)).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _with_beginning(request, model, found)
@@ -216,7 +218,7 @@ class _Search:
         if request.external is not None and self.torques is not None and free is not None:
             outside = [external_torque_finding(self.torques, self.base, free, request.external)]
             windows = external_torque_windows(free, self.torques.label)
-        held_out = () if self.base.model.validation_labels else (NO_HELD_OUT,)
+        held_out = () if self.base.model.experiments.validation_labels else (NO_HELD_OUT,)
         all_notes = [*request.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
         about = Circumstances(
             request.name, request.case, request.progress.limit_s, all_notes, request.doubts,
@@ -295,7 +297,7 @@ def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
     """How discovery treats a black box without outputs for its whole motion."""
     if builder.description is not None:
         return ()
-    given = {v.name for v in builder.base.plant.outputs}
+    given = {v.name for v in builder.base.loop.plant.outputs}
     joints = range(1, builder.base.joint_count + 1)
     if dumb := [f"dq{j}" for j in joints if f"dq{j}" not in given]:
         return (NO_MOTION.format(", ".join(dumb)),)

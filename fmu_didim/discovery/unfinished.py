@@ -7,7 +7,7 @@ from fmu_didim.base.imports import without_folder
 from fmu_didim.checks.judgement import diagnostic_result, judgement
 from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 
 SHOWN_UNTRIED = 4

@@ -29,12 +29,12 @@ from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
 
 SMALLEST_DEVIATION = 1e-6
-"""[1] Standard deviation of a value, relative to it, that is taken at least: data without noise have weights, too."""
+"""[1] Smallest relative standard deviation of a value: data without noise need weights, too."""
 TOUCHES = 0.01
 """[standard deviations] Values that are nearer to physical ones are physical: the solver's rest."""
 MASS_ALONE = 1e-6
-"""[1] Weight of what no data show, such as the mass of the first link, against squared standard deviations: it keeps
-the problem bounded."""
+"""[1] Weight of parameters that no data show, such as the mass of the first link, against squared standard deviations,
+which keeps the problem bounded."""
 
 MOTOR_INERTIA = "Ia"
 _ENTRIES = {
@@ -76,7 +76,7 @@ def nearest_physical(
 ) -> Nearest:
     """The base parameters nearest to values (b,) with covariance (b, b) that physical links can have.
 
-    What acts and is not identified keeps its value, unless that is zero, as where nobody has stated it.
+    Parameters that act and are not identified keep their values, unless those are zero, which means not stated.
 
     Args:
         margin: smallest eigenvalue of the pseudo-inertias, as a fraction of the robot's size, for values that are to be

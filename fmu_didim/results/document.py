@@ -87,7 +87,7 @@ def result_document(
     """
     model, judgement = estimate.model, checks.judgement
     notes = [str(remark) for remark in judgement.remarks]
-    if model.parameters.has_regressor and not model.gives_acceleration:
+    if model.parameters.has_regressor and not model.loop.gives_acceleration:
         notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
     return ResultDocument(
         name=name,
@@ -233,7 +233,7 @@ def refused_document(
         relative_error_percent={},
         integration_error=None,
         history=_history(model.names, iterations),
-        loop=model.systems[model.first].describe(),
+        loop=model.loop.systems[model.first].describe(),
         signals={},
         remarks=[str(found) for found in by_weight(known) if found.code.severity is REMARK],
         provenance=dict(provenance),
@@ -245,6 +245,6 @@ def _unconstrained(model: LoopModel, error: FmuDidimError) -> dict[str, Unconstr
         return {}
     deviation = np.full(error.values.size, np.nan) if error.deviation is None else error.deviation
     return {
-        name: UnconstrainedResult(value=float(value), std=float(sigma), unit=unit)
-        for name, value, sigma, unit in zip(model.names, error.values, deviation, model.units, strict=False)
+        k.name: UnconstrainedResult(value=float(value), std=float(sigma), unit=k.unit)
+        for k, value, sigma in zip(model.free_parameters, error.values, deviation, strict=False)
     }

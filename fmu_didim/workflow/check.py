@@ -160,7 +160,7 @@ def check(
         name=case.name,
         parameters=model.names,
         experiments=model.experiments,
-        loop=tuple(loop_lines(described_loop(case, model.systems[model.first].describe()))),
+        loop=tuple(loop_lines(described_loop(case, model.loop.systems[model.first].describe()))),
         diagnostics=tuple(diagnostics),
         consistency=consistency,
     )
@@ -191,7 +191,7 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
     reasons = []
     for start, place in _starts(case):
         try:
-            values = model.limited(start_values(model, start))
+            values = model.free_parameters.limited(start_values(model, start))
             reason = mass_matrix_problem(model, values)
             if reason:
                 raise SimulationError(reason)
@@ -199,7 +199,9 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
         except FmuDidimError as error:
             reasons.append(f"{place}: {error.what}" + (f" ({error.got})" if error.got else ""))
             continue
-        errors = {label: relative_error_percent(model.measured_in(label), t)[0] for label, t in torque.items()}
+        errors = {
+            label: relative_error_percent(model.experiments.measured_in(label), t)[0] for label, t in torque.items()
+        }
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
         alike, ahead = predict_accuracy(model, values, fitted)
         told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []

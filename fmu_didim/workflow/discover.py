@@ -107,7 +107,7 @@ def discover(
         progress=search,
         keep=None if folder is None else run.keep,
         case=case.path.name,
-        provenance={**record, "loop": model.systems[model.first].describe()},
+        provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
     found = discover_in(model, request.about_data(of_data))
     return run.answer(found)

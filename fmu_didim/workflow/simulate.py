@@ -76,5 +76,5 @@ def named_values(model: LoopModel, given: Mapping[str, float]) -> Array:
     for name, value in given.items():
         if name not in model.names:
             raise UnknownNameError("base parameter", name, model.names, where="parameters")
-        values[model.index(name)] = value
+        values[model.names.index(name)] = value
     return values

@@ -120,8 +120,8 @@ def test_parameters_fixed_in_a_run_are_compared_by_simulating_again(tmp_path: Pa
 
     def again(own: Block) -> Consistency:
         model = model_of(case_with(tmp_path, with_fixed(own, {v.name for v in own.parameters})))
-        assert isinstance(model.plant, FmuComponent)
-        return check_consistency(with_component(model, "plant", replace(model.plant, has_derivatives=False)))
+        assert isinstance(model.loop.plant, FmuComponent)
+        return check_consistency(with_component(model, "plant", replace(model.loop.plant, has_derivatives=False)))
 
     found = again(block())
     assert found.method == "simulated again"

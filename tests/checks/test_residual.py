@@ -123,6 +123,6 @@ def test_a_residual_that_is_as_slow_as_the_motion(
 def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() -> None:
     """The residual that it is compared with is that of the log, too."""
     model = right("puma560", 1, rate_hz=20.0)
-    plain, filtered = known_noise(model), known_noise(replace(model, low_pass=LowPass(4.0)))
+    plain, filtered = known_noise(model), known_noise(model.with_low_pass(LowPass(4.0)))
     assert plain is not None and filtered is not None
     np.testing.assert_array_equal(plain, filtered)

@@ -13,6 +13,7 @@ from fmu_didim.base.errors import IdentificationError
 from fmu_didim.checks.agreement import Agreement, _judged, agreement
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import confounded, refuse_confounded
+from fmu_didim.model.experiments import Experiments
 
 
 def pair(angle: float, *further: Any) -> Array:
@@ -135,13 +136,14 @@ def two(means: tuple[float, float], own: str | None = None) -> dict[str, Agreeme
     return judged(np.concatenate([m + noise for m in means])[:, None], own)
 
 
+def experiments(labels: str, count: int) -> Experiments:
+    return Experiments({k: SimpleNamespace(time=np.arange(count) / 50, role="estimation") for k in labels})
+
+
 def judged(measured: np.ndarray, own: str | None = None) -> dict[str, Agreement]:
-    time = np.arange(400) / 50
     model = SimpleNamespace(
-        rows={"x": slice(0, 400), "y": slice(400, 800)}, names=("a",), low_pass=None,
-        free_parameters=(SimpleNamespace(experiment=own),), filtered=lambda values, label: values,
-        experiments={label: SimpleNamespace(time=time) for label in "xy"},
-    )  # fmt: skip
+        names=("a",), free_parameters=(SimpleNamespace(experiment=own),), experiments=experiments("xy", 400)
+    )
     fit = SimpleNamespace(model=model, residual=measured, jacobian=np.ones((800, 1, 1)), deviation=np.array([2.0]))
     return dict(agreement(fit))
 
@@ -173,4 +175,4 @@ def test_what_an_experiment_has_for_itself_need_not_agree() -> None:
 
 
 def test_one_experiment_agrees_with_itself() -> None:
-    assert agreement(SimpleNamespace(model=SimpleNamespace(rows={"x": slice(0, 2)}))) == {}
+    assert agreement(SimpleNamespace(model=SimpleNamespace(experiments=experiments("x", 2)))) == {}

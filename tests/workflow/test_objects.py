@@ -144,7 +144,7 @@ def test_derivatives_that_are_left_out_are_computed_and_told(log: Log, reference
 def test_validation_in_memory_in_either_order(case: Case, log: Log, reference: Reference) -> None:
     for pair in ((log, reference), (reference, log)):
         model = load_case(CASE).with_(validation=pair).model
-        np.testing.assert_array_equal(model.measured_in("validation"), case.model.measured)
+        np.testing.assert_array_equal(model.experiments.measured_in("validation"), case.model.measured)
     held_out = identify(CASE, validation=(log, reference)).validation("validation")
     assert held_out.role == "validation"
     np.testing.assert_array_equal(held_out.measured, np.asarray(log.torque))
@@ -160,7 +160,7 @@ def test_several_experiments_in_memory(log: Log, reference: Reference) -> None:
         identify(case, log=log)
     assert "a, b" in str(caught.value)
     other = case.with_(experiments={"a": {"torque": Log(log.time, 2 * log.torque)}})
-    np.testing.assert_array_equal(other.model.measured_in("a"), 2 * case.model.measured_in("b"))
+    np.testing.assert_array_equal(other.model.experiments.measured_in("a"), 2 * case.model.experiments.measured_in("b"))
 
 
 def test_what_a_case_says_of_its_logger_holds_for_a_log_and_what_it_says_of_its_file_does_not(log: Log) -> None:

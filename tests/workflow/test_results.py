@@ -227,7 +227,7 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     case = load_case(folder / discovered.files["case"])
     assert case.document.files == ("data_1.csv", case.document.files[1])
     final = discovered.found.discovery.final
-    measured = case.model.measured_in("estimation")
+    measured = case.model.experiments.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
 
 

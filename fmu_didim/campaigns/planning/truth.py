@@ -84,7 +84,7 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
         torque = operator.apply(run.logged_torque(recording)[operator.ticks])
         positions = None
         if source.positions is not None:
-            names = model.joint_signals("q")
+            names = model.loop.joint_signals("q")
             columns = {f"q{j}": recording.table([name])[:, 0] for j, name in enumerate(names, start=1)}
             positions = trajectory(recording.time, columns)
         assert experiments[label].stamps is not None

@@ -161,7 +161,7 @@ def try_case(process: Any, task: Task) -> Trial:
         start = getattr(case.estimator, "start", None)
         if isinstance(start, Mapping):
             start_values(case.model, start)
-        for component in case.model.systems[case.model.first].components.values():
+        for component in case.model.loop.systems[case.model.first].components.values():
             component.instantiate().close()
     except (SimulationError, FmuError) as error:  # the loop may diverge at this value, or an FMU fail in a step
         return Trial(doubt=str(error)) if _can_be_loaded(process.state, task.content) else Trial(str(error))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -38,8 +37,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         causes: whether to ask what another timing, scale or length of a link would explain, with some steps of DIDIM;
             discovery names such causes itself.
     """
-    if model.chooses_substeps and model.substeps is None:
-        model = replace(model, substeps=SUBSTEPS)
+    if model.loop.chooses_substeps and model.loop.substeps is None:
+        model = model.with_loop(substeps=SUBSTEPS)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
@@ -89,6 +88,6 @@ def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnost
 
 def drive_gains(model: LoopModel) -> Array:
     """(n,) gain from the command to the logged torque of each joint; 1 without one."""
-    connections = model.systems[model.first].connections
+    connections = model.loop.systems[model.first].connections
     own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
-    return np.array([own.get(target, 1.0) for target in model.logged])
+    return np.array([own.get(target, 1.0) for target in model.loop.logged])

@@ -84,7 +84,7 @@ def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array)
 
 def expected(run: Simulation) -> Expected:
     """What is expected of the log of an experiment: one simulation and one regressor at most."""
-    model, measured = run.model, run.model.measured_in(run.label)
+    model, measured = run.model, run.model.experiments.measured_in(run.label)
     nominal = columns = known = None
     if not mass_matrix_problem(model, run.values):
         try:

@@ -106,7 +106,7 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccura
     partner = tuple(
         (model.names[k], float(related[i, k])) if related[i, k] > CORRELATED else ("", 0.0) for i, k in enumerate(most)
     )
-    return ExpectedAccuracy(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
+    return ExpectedAccuracy(model.names, model.free_parameters.units, values, np.sqrt(np.diag(covariance)), partner)
 
 
 def accuracy_diagnostics(found: ExpectedAccuracy) -> list[Diagnostic]:

@@ -137,9 +137,9 @@ class FittedMotion:
 
     def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
         def sampled(values: Array) -> Array:
-            return self.run.model.filtered(operator.apply(values[operator.ticks]), self.run.label)
+            return self.run.model.experiments.filtered(operator.apply(values[operator.ticks]), self.run.label)
 
-        measured = self.run.model.measured_in(self.run.label)
+        measured = self.run.model.experiments.measured_in(self.run.label)
         return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
 
 
@@ -158,12 +158,12 @@ def fitted_motion(model: LoopModel) -> FittedMotion | None:
 def motion_with_regressor(run: Simulation) -> FittedMotion:
     """A motion with its regressor; raises SimulationError."""
     recording, model = run.record(all_ticks=True), run.model
-    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
-    if model.gives_acceleration:
-        ddq = recording.table(model.joint_signals("ddq"))
+    q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
+    if model.loop.gives_acceleration:
+        ddq = recording.table(model.loop.joint_signals("ddq"))
     else:
         ddq = np.gradient(dq, recording.step_size, axis=0)
-    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
     known = run.logged_torque(recording) - columns @ run.theta

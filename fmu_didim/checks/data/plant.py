@@ -26,7 +26,7 @@ PLANT_HOLDS = CATALOGUE(
 
 def plant_diagnostics(run: Simulation) -> list[Diagnostic]:
     """A plant FMU of another tool, in co-simulation, whose outputs change at few ticks of the loop only."""
-    name, system = run.model.plant_name, run.model.systems[run.label]
+    name, system = run.model.loop.plant_name, run.model.loop.systems[run.label]
     if foreign_co_simulation(system.components[name]) is None:
         return []
     motion = {f"{kind}{j}" for kind in ("q", "dq") for j in range(1, run.model.joint_count + 1)}

@@ -36,7 +36,7 @@ def run_diagnostics(model: LoopModel, without_torque: Sequence[str] = ()) -> lis
         Diagnostic(VALIDATION_WITHOUT_TORQUE, "It has no torque log, so nothing is compared with it.", label)
         for label in without_torque
     ]
-    for label in model.validation_labels:
+    for label in model.experiments.validation_labels:
         for other in model.estimation_labels:
             part = copied(model.experiments[label].torque, model.experiments[other].torque)
             if part > COPIED:

@@ -145,9 +145,9 @@ def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
 
 def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
     label, model = fitted.run.label, fitted.run.model
-    system = model.systems[label]
-    samples = float(system.delays.get(model.plant_name, 0.0)) + 1
-    delayed = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
+    system = model.loop.systems[label]
+    samples = float(system.delays.get(model.loop.plant_name, 0.0)) + 1
+    delayed = model.with_loop(systems={label: system.with_delay(model.loop.plant_name, samples)})
     later = replace(fitted.run, model=delayed)
     try:
         misfit = _brought_near(fitted, later, fitted.misfit_of(motion_with_regressor(later)))

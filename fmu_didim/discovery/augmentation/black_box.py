@@ -177,7 +177,7 @@ def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
 
 def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
     """Whether an effect can be inserted before a black-box plant: it gives dq of the joint."""
-    return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
+    return f"dq{joint}" in {v.name for v in model.loop.plant.outputs} and acts_on_own_joint(effect, joint_type)
 
 
 def insert_part(
@@ -211,7 +211,7 @@ def subdivision(model: LoopModel) -> int:
     chosen, before = SUBDIVISIONS[-1], None
     for count in SUBDIVISIONS:
         try:
-            torque = replace(model, subdivision=count).torque(model.start)
+            torque = model.with_loop(subdivision=count).torque(model.start)
         except SimulationError:
             before = None
             continue

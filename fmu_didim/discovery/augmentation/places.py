@@ -32,8 +32,7 @@ from fmu_didim.discovery.augmentation.ranges import Range, travelled
 from fmu_didim.dynamics.effects import Effect, InsertedEffect, JointType, Place, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import joint_reference
 
 SMALLEST_SCALE = 1e-3
@@ -80,7 +79,7 @@ class BaseLoop:
     @cached_property
     def plant_parameters(self) -> frozenset[str]:
         """Names of all parameters of the plant."""
-        return frozenset(v.name for v in self.model.plant.parameters)
+        return frozenset(v.name for v in self.model.loop.plant.parameters)
 
     def joint_type(self, joint: int) -> JointType:
         """Type of a joint, counted from 1."""
@@ -248,9 +247,9 @@ class InWiring(LoopEffect):
     @property
     def can_be_added(self) -> bool:
         """An effect of an encoder shows where the controller gets the position of the plant."""
-        position, model = f"{self.loop.model.plant_name}.q{self.effect_at.joint}", self.loop.model
+        position, model = f"{self.loop.model.loop.plant_name}.q{self.effect_at.joint}", self.loop.model
         return self.effect.place != "sensor" or any(
-            c.source == position for c in model.systems[model.first].connections
+            c.source == position for c in model.loop.systems[model.first].connections
         )
 
     @property
@@ -261,7 +260,7 @@ class InWiring(LoopEffect):
 
     def wired(self, system: System, label: str) -> System:
         """The loop along the experiment of this label with its component."""
-        joint, plant = self.effect_at.joint, self.loop.model.plant_name
+        joint, plant = self.effect_at.joint, self.loop.model.loop.plant_name
         return insert_effect(system, self.part, joint, self.joint_type, plant=plant)
 
     def _name_and_key(self, name: str, is_shape: bool) -> tuple[str, str]:
@@ -281,7 +280,7 @@ class BeforePlant(InWiring):
     def part(self) -> TorquePart:
         """The effect as a component, which integrates the velocity where the plant gives no position."""
         assert isinstance(self.effect, TorqueEffect)
-        given = {v.name for v in self.loop.model.plant.outputs}
+        given = {v.name for v in self.loop.model.loop.plant.outputs}
         return torque_part(self.effect, integrates=f"q{self.effect_at.joint}" not in given)
 
     def wired(self, system: System, label: str) -> System:
@@ -289,7 +288,7 @@ class BeforePlant(InWiring):
         reference = model.experiments[label].reference
         position, _ = joint_reference(reference, joint)
         starts = {START_TIME: float(reference.time[0]), START_POSITION: float(position[0])}
-        return insert_part(system, self.part, joint, self.joint_type, starts=starts, plant=model.plant_name)
+        return insert_part(system, self.part, joint, self.joint_type, starts=starts, plant=model.loop.plant_name)
 
 
 PLACES: Mapping[Place, type[LoopEffect]] = {
@@ -309,7 +308,7 @@ def placed(effect_at: EffectAtJoint, effect: Effect, loop: BaseLoop) -> LoopEffe
         names = amplitude_names(effect, joint, joint_type)
         if names and names <= loop.plant_parameters - set(loop.model.parameters.plant_names):
             kind = InBlackBox
-        elif f"dq{joint}" in {v.name for v in loop.model.plant.outputs} and acts_on_own_joint(effect, joint_type):
+        elif f"dq{joint}" in {v.name for v in loop.model.loop.plant.outputs} and acts_on_own_joint(effect, joint_type):
             kind = BeforePlant
     return kind(effect_at, effect, loop)
 

@@ -12,7 +12,7 @@ from fmu_didim.discovery.augmentation.places import BaseLoop, LoopEffect
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.workers import side_by_side
 
 
@@ -21,7 +21,7 @@ class Plants:
 
     def __init__(self, loop: BaseLoop) -> None:
         self.loop = loop
-        plant = loop.model.plant
+        plant = loop.model.loop.plant
         self._substeps = getattr(plant, "substeps", None) or getattr(plant, "options", {}).get("substeps")
         self._compiled: dict[tuple[EffectAtJoint, ...], Component] = {(): plant}
 

@@ -100,7 +100,11 @@ class FittedExternalTorques:
         count = len(model.free_parameters)
         try:
             further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-            free = minimise(model.with_free(further), final.noise, stopping=Stopping(LAST_STEPS, updates=1))
+            free = minimise(
+                model.with_free((*model.free_parameters, *further)),
+                final.noise,
+                stopping=Stopping(LAST_STEPS, updates=1),
+            )
         except SimulationError:
             return final, self.free
         held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
@@ -168,7 +172,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     model = fit.model
     count = len(model.free_parameters)
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
-    known = float(model.systems[label].delays.get(model.plant_name, 0.0))
+    known = float(model.loop.systems[label].delays.get(model.loop.plant_name, 0.0))
     delay = replace(
         delay_parameter(known + DELAY_START),
         name="loop_delay",
@@ -179,7 +183,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     )
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
-        pushed = model.pushed(label, external_torques).with_free(further)
+        pushed = model.pushed(label, external_torques).with_free((*model.free_parameters, *further))
         free = minimise(pushed, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(FURTHER_STEPS, updates=UPDATES)

@@ -12,7 +12,7 @@ from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:

@@ -55,7 +55,7 @@ def step_response(fit: Fit, label: str, joint: int) -> Array | None:
     begins."""
     run = fit.simulation(label)
     time, already = run.experiment.reference.time, run.experiment.external_torques
-    size = float(np.sqrt(np.mean(run.model.measured_in(label)[:, joint - 1] ** 2)))
+    size = float(np.sqrt(np.mean(run.model.experiments.measured_in(label)[:, joint - 1] ** 2)))
     begin = time.size // 2
     try:
         still = run.logged_torque(run.record(all_ticks=True))
@@ -101,7 +101,7 @@ def linear_external_torques(
 ) -> tuple[float, list[ExternalTorque]] | None:
     """Share of the gap of the joint, over all experiments, that external torques explain to first order, and the
     external torques."""
-    experiment, rows = fit.model.experiments[label], fit.model.rows[label]
+    experiment, rows = fit.model.experiments[label], fit.model.experiments.rows[label]
     time = experiment.reference.time
     weight = 1 / fit.noise.deviation[joint - 1]
     shifted = _shifted(experiment.operator, response, time.size)

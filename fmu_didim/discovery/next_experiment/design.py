@@ -27,7 +27,7 @@ from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.workers import side_by_side
 
@@ -105,7 +104,7 @@ class SignatureCatalogue:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._motions = [_ExperimentMotion.of(builder, fit, label) for label in fit.model.estimation_labels]
-        torque, rows = fit.torque, fit.model.rows
+        torque, rows = fit.torque, fit.model.experiments.rows
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
@@ -176,7 +175,7 @@ class SignatureCatalogue:
     def _of_the_plant(self, effect_at: EffectAtJoint) -> Signature:
         """Derivatives by the parameters of an effect that a black box has, at the values that it has."""
         joint, fit = effect_at.joint, self.fit
-        present = {v.name: v.start for v in fit.model.plant.parameters}
+        present = {v.name: v.start for v in fit.model.loop.plant.parameters}
         amplitudes = [v.name for v in self.builder.at(effect_at).amplitudes]
         own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
         size = TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
@@ -291,7 +290,7 @@ class SignatureCatalogue:
                 change_of_torque(
                     model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
                 )
-                for label, part in self.fit.model.rows.items()
+                for label, part in self.fit.model.experiments.rows.items()
             ]
         except SimulationError:
             return np.zeros_like(torque)

@@ -117,7 +117,7 @@ def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: 
     """What simulates the change (ticks, n) of the command by the two-level torque on a joint, for its unit size."""
 
     def simulated() -> Array:
-        size = SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))
+        size = SIZE * float(np.sqrt(np.mean(run.model.experiments.measured_in(run.label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]

@@ -8,7 +8,7 @@ from enum import Enum
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import PLANT, plain_name
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
 SURVIVING = 5e-3
@@ -259,7 +258,7 @@ class Competition:
             for size in SIZES:
                 proposal = screened.signature.proposal(size * screened.coefficients)
                 model = self.builder.build(self.fit.model, [proposal])
-                low, high = model.limits
+                low, high = model.free_parameters.limits
                 try:
                     residual = model.residual(np.clip(model.start, low, high))
                 except SimulationError:
@@ -293,7 +292,7 @@ class Competition:
         without = self.builder.without(found.model, found.model.added_effects.index(effect_at))
         try:
             if held_out:
-                labels = found.model.validation_labels
+                labels = found.model.experiments.validation_labels
                 torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
                 change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
             else:
@@ -324,11 +323,11 @@ class Competition:
             model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
             if len(model.free_parameters) == len(fit.model.free_parameters):
                 return None  # all its parameters belong to effects that are there already
-            low, high = model.limits
+            low, high = model.free_parameters.limits
             start = np.clip(model.start, low, high)
             model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
             model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
-            if model.own_states > fit.model.own_states:  # they may be faster than what the base resolves
+            if model.loop.own_states > fit.model.loop.own_states:  # they may be faster than what the base resolves
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
                 torque = model.torque(start)
@@ -369,13 +368,12 @@ def _idle(columns: Array) -> int:
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
-    free_parameters = tuple(
+    return model.with_free(
         replace(parameter, lowest=parameter.value, highest=parameter.value)
         if i >= first and parameter.is_shape
         else parameter
         for i, parameter in enumerate(model.free_parameters)
     )
-    return replace(model, free_parameters=free_parameters)
 
 
 def proposal_of(found: FittedCandidate) -> Proposal:

@@ -20,7 +20,7 @@ from fmu_didim.fit.gap import delta_bic, explained
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 KEPT_GAIN = 0.5
 """[1] Fraction of that which an effect must still explain when later ones are in the model."""

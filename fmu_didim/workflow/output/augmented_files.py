@@ -62,7 +62,7 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
     files: dict[str, str] = {}
     base, final = found.discovery.base, found.discovery.final
     for label, experiment in final.model.experiments.items():
-        joints, measured = range(1, final.model.joint_count + 1), final.model.measured_in(label)
+        joints, measured = range(1, final.model.joint_count + 1), final.model.experiments.measured_in(label)
         columns = {f"measured{j}": measured[:, j - 1] for j in joints}
         every: dict[str, Array] = {}
         for name, fit in (("base", base), ("final", final)):
@@ -165,7 +165,7 @@ def _seen_from(name: str, old: Path, new: Path, written: Mapping[str, str]) -> s
 def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:
     """The FMUs of the effects that stand in the wiring, with their values."""
     files = {}
-    step = fit.model.systems[fit.model.first].step_size
+    step = fit.model.loop.systems[fit.model.first].step_size
     for index, effect_at in enumerate(fit.model.added_effects):
         placed = builder.at(effect_at)
         if not isinstance(placed, InWiring):
@@ -206,7 +206,7 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
 
 def _rerun(case: Case, final: Fit) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
-    model = replace(case.model, low_pass=None)  # as discovery fits it
+    model = case.model.with_low_pass(None)  # as discovery fits it
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)
 

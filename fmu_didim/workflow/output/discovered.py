@@ -226,7 +226,7 @@ class Discovered:
             run = getattr(self.found.discovery, name).simulation(label)
             every = simulated_table(run).first(model.joint_count)
             models[title] = Simulated(run.torque(), every.time, every.values)
-        return model.experiments[label].time, model.measured_in(label), models
+        return model.experiments[label].time, model.experiments.measured_in(label), models
 
     def _saved(self, label: str, names: Mapping[str, str]) -> Torques:
         from fmu_didim.report.drawing.torque_charts import Simulated

@@ -75,7 +75,11 @@ class Result:
         """The result of an estimate and its validations."""
         model = estimate.model
         values = {SHARED: estimate.base_value}
-        values |= {label: model.theta(model.start, label) for label in model.experiments if model.has_own_base(label)}
+        values |= {
+            label: model.theta(model.start, label)
+            for label in model.experiments
+            if model.free_parameters.has_own_base(label)
+        }
         robots = {label: model.parameters.described(theta) for label, theta in values.items()}
         found = {label: robot for label, robot in robots.items() if robot is not None}
         return cls(document, tuple(validations), found, estimate)

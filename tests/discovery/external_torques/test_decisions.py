@@ -23,7 +23,7 @@ from fmu_didim.discovery.external_torques.search import _joined, _merged, _solve
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.model.external_torque import ExternalTorque
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import ValueFound
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
 

@@ -41,9 +41,10 @@ from fmu_didim.estimators.reference_start import reference_motion
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.free_parameter import base_free_parameters
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop import Loop
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from tests.helpers import PERIOD, ROOT, on_reference
 
@@ -114,8 +115,8 @@ def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) ->
     experiment = Experiment(reference, time, torque + coloured * NOISE.deviation, operator)
     system, parameters = loop(plant(), reference), RobotParameters(model, base_parameters(model))
     return LoopModel(
-        {"estimation": system}, {"estimation": experiment}, parameters, system.components["plant"],
-        free_parameters=base_free_parameters(parameters),
+        Loop({"estimation": system}, parameters, system.components["plant"]), Experiments({"estimation": experiment}),
+        base_free_parameters(parameters),
     )  # fmt: skip
 
 

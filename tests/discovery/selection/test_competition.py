@@ -22,7 +22,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
 from tests.model.law_model import LawModel, free
 
@@ -368,7 +368,7 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder.amplitudes = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
     assert Competition(builder, before).assess(GEAR, found).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
-    model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
+    model = found.model.with_free((*found.model.free_parameters, further))
     idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
     whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
     monkey = builder.without
@@ -379,7 +379,7 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
 def test_only_amplitudes_of_its_own_count() -> None:
     builder, before, found = one_more(costs={"gear": 4.0})
     further = tuple(replace(free(f"N{i}", 0.0), effect=None) for i in range(2))
-    model = replace(found.model, free_parameters=(*found.model.free_parameters, *further))
+    model = found.model.with_free((*found.model.free_parameters, *further))
     slopes = np.concatenate([found.jacobian, column((1.0, SIGNS)), column((1.0, SIGNS))], axis=2)
     known = builder.without
     builder.without = lambda m, i: known(found.model, i)
