@@ -7,14 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import DOUBT, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.discovery.document import Circumstances, findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
@@ -220,7 +218,7 @@ class _Search:
         all_notes = [*request.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
         about = Circumstances(
             request.name, request.case, request.progress.limit_s, all_notes, request.doubts,
-            {**request.provenance, "options": request.options.record(), "thresholds": recorded(DECIDING)},
+            {**request.provenance, "options": request.options.record()},
         )  # fmt: skip
         document = findings_document(
             about, discovery, self.builder, ratio=ratio, outside=outside, windows=windows,

@@ -248,6 +248,41 @@ def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path])
         loaded.plot("nowhere")
 
 
+def test_discovery_in_memory_is_saved_as_out_saves_it(found: tuple[Discovered, Path], tmp_path: Path) -> None:
+    discovered, folder = found
+    in_memory = Discovered(discovered.found.document, discovered.found, case=discovered.case)
+    assert in_memory.files == {}
+    path = in_memory.save(tmp_path / "saved")
+    assert path == tmp_path / "saved" / "findings.json"
+    names = {file.name for file in folder.iterdir()}
+    assert {file.name for file in path.parent.iterdir()} == names
+    assert load_findings(path) == load_findings(folder)
+    assert Discovered.load(path) == in_memory == discovered
+
+
+def test_loaded_discovery_is_saved_again(found: tuple[Discovered, Path], tmp_path: Path) -> None:
+    discovered, folder = found
+    copy = tmp_path / "copies" / "copy"
+    Discovered.load(folder).save(copy)
+    assert {file.name for file in copy.iterdir()} == {file.name for file in folder.iterdir()}
+    assert load_findings(copy) == discovered.document
+    one, other = (load_case(place / discovered.files["case"]).model for place in (folder, copy))
+    np.testing.assert_array_equal(other.torque(other.start), one.torque(one.start))
+    (copy / discovered.files["plant_fmu"]).unlink()
+    with pytest.raises(InputError, match="A file of the discovery is missing"):
+        Discovered.load(copy).save(tmp_path / "third")
+    assert not (tmp_path / "third" / "findings.json").exists()
+
+
+def test_discoveries_that_differ_are_not_equal(found: tuple[Discovered, Path]) -> None:
+    discovered, _ = found
+    document = discovered.document
+    assert Discovered(document.model_copy(update={"notes": [], "files": {}})) == discovered
+    assert Discovered(document.model_copy(update={"verdict": "not_settled"})) != discovered
+    assert Discovered(document.model_copy(update={"findings": []})) != discovered
+    assert discovered != document
+
+
 @pytest.mark.gate
 def test_augmented_case_of_a_controller_in_memory_asks_for_it_again(tmp_path: Path) -> None:
     case = load_case(ARM / "discover.yaml")
