@@ -176,10 +176,7 @@ def _experiment(model: LoopModel, validation: Validation, agreement: Agreement |
 
 def _agreement(found: Agreement) -> AgreementResult:
     return AgreementResult(
-        p_value=found.p_value,
-        agrees=found.agrees,
-        differs_most=found.parameter,
-        change_in_std=found.change_in_std,
+        p_value=found.p_value, agrees=found.agrees, differs_most=found.parameter, change_in_std=found.change_in_std
     )
 
 

@@ -232,8 +232,7 @@ class ResultDocument(Saved):
     )
     integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
     integration_shift: Number = Field(
-        default=None,
-        description="largest move of a value then, in its standard deviations; null if not tried",
+        default=None, description="largest move of a value then, in its standard deviations; null if not tried"
     )
     integration: IntegrationResult | None = Field(
         default=None, description="of the plant; null where its equations are not known"

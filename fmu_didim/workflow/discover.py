@@ -12,7 +12,7 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseObjects, Log, Reference
 from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.run import Request
+from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name

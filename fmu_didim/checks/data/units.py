@@ -44,10 +44,7 @@ REFERENCE_UNIT_DOUBT = CATALOGUE(
     "range of the motion is possible either way.",
     next_step="Check the unit of the reference; it must be rad or m, with its derivatives.",
 )  # fmt: skip
-UNITS = (
-    ("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"),
-    ("N", "millimetres", 0.001, LARGEST_STROKE, "m"),
-)
+UNITS = (("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"), ("N", "millimetres", 0.001, LARGEST_STROKE, "m"))
 """Unit of torque of the joints that are asked -> unit suspected, factor, largest range that a machine has."""
 
 

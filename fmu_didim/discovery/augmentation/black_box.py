@@ -175,11 +175,6 @@ def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
     return not ca.depends_on(full, ca.vertcat(ddq, load, link))
 
 
-def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
-    """Whether an effect can be inserted before a black-box plant: it gives dq of the joint."""
-    return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
-
-
 def insert_part(
     system: System, part: TorquePart, joint: int, joint_type: JointType, *, starts: Mapping[str, float], plant: str
 ) -> System:
