@@ -1,4 +1,4 @@
-"""Torques from outside against what looks like them: a load taken up during the run, friction that sticks."""
+"""Torques from outside against effects that look like them: a load taken up during the run, friction that sticks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fmu_didim.model.loop_description import EffectAtJoint
 
 
 def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
-    """The effect by which torques from outside are named; None if the catalogue has none or it must not be proposed."""
+    """The effect that stands for torques from outside; None without one or if it is forbidden."""
     return next((effect for name, effect in effects.items() if effect.is_external and name not in forbid), None)
 
 
