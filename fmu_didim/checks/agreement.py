@@ -53,7 +53,7 @@ class Agreement:
     change_in_std: float
 
     def warning(self) -> str:
-        """What the user should know where it does not agree."""
+        """The warning about an experiment that does not agree."""
         return (
             f"Experiment {self.label} does not agree with the others on shared parameters (p = {self.p_value:.1e}): "
             f"{self.parameter} would differ most, by {self.change_in_std:.1f} standard deviations. If it changed in "
@@ -62,7 +62,7 @@ class Agreement:
 
 
 def agreement(fit: Fit) -> Mapping[str, Agreement]:
-    """Label of each experiment -> how it agrees with the others at their common minimum; empty where fewer than two are
+    """Label of each experiment -> how it agrees with the others at their common minimum; empty if fewer than two are
     fitted."""
     rows = fit.model.rows
     if len(rows) < 2:
@@ -86,7 +86,7 @@ def agreement(fit: Fit) -> Mapping[str, Agreement]:
 
 
 def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> Array:
-    """(p, p) covariance of the score of an experiment, by what it leaves with values of its own.
+    """(p, p) covariance of the score of an experiment, by its residual with values of its own.
 
     Args:
         table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.

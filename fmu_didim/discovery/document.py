@@ -97,7 +97,7 @@ def findings_document(
 
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
-    """What became of each candidate, round by round."""
+    """The outcome of each candidate, round by round."""
     last = {t.effect_at: number for number, comparison in enumerate(discovery.tried, start=1) for t in comparison}
     added = {step.effect_at for step in discovery.steps}
     return [

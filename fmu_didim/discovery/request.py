@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.base.diagnostics import DOUBT, Diagnostic
-from fmu_didim.discovery.external_torques.rivals import external_effect
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import EFFECTS, Effect
@@ -46,8 +45,9 @@ class Request:
 
     @property
     def external(self) -> Effect | None:
-        """The effect that stands for torques from outside, None if it is forbidden."""
-        return external_effect(self.effects, self.options.forbid)
+        """The effect that stands for torques from outside; None without one or if it is forbidden."""
+        allowed = (e for name, e in self.effects.items() if e.is_external and name not in self.options.forbid)
+        return next(allowed, None)
 
     def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
         """The same request with the diagnostics of its data."""

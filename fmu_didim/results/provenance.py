@@ -1,4 +1,4 @@
-"""From what a result came: versions, hashes of the inputs, options, the loop."""
+"""The origin of a result: versions, hashes of the inputs, options, the loop."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Whether a reference is in other units than it should be: degrees for radians, millimetres for metres.
 
-The torque of the nominal values along the reference, W(q, dq, ddq) theta + known, is compared with the log as the
-reference stands and with its columns converted. What decides is scale and shape together, so that start values may be
-off by a factor of three:
+The torque of the nominal values along the reference, W(q, dq, ddq) theta + known, is compared with the log for the
+reference as it is and converted. Scale and shape decide together, so that start values may be off by a factor of three:
 
     u = mean over the joints of  1 - corr_j + |ln ratio_j| / ln OTHER_UNIT
 """
@@ -49,7 +48,7 @@ UNITS = (("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"), ("N", "millime
 
 
 def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
-    """Units of the reference that would explain the log where those that it should have do not."""
+    """Other units of the reference that explain the log where the right ones do not."""
     if given.columns is None or unlikeness(given.measured, _nominal(run, given.columns, given.known)) <= UNLIKE:
         return []
     reference = run.experiment.reference
@@ -74,7 +73,7 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
 
 
 def unlikeness(measured: Array, expected: Array) -> float:
-    """How unlike a torque is to the one that is expected, (N, n) each: the mean u over the joints that move."""
+    """How unlike a torque is to the expected one, (N, n) each: the mean u over the joints that move."""
     correlation, ratio = correlation_and_ratio(measured, expected)
     with np.errstate(divide="ignore"):
         difference = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(OTHER_UNIT)

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_description import EffectAtJoint
-
-
-def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
-    """The effect that stands for torques from outside; None without one or if it is forbidden."""
-    return next((effect for name, effect in effects.items() if effect.is_external and name not in forbid), None)
 
 
 def rivalled(

@@ -92,8 +92,9 @@ class ProjectedMotion:
         self.path = Motion(time, *moved, none, none, step, {})
         ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / context.rate_hz) / step).astype(int))
         self.samples = ticks.size * context.noise.factor
-        thinned = most is not None and ticks.size > most
-        self.ticks = ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)] if thinned else ticks
+        self.ticks = ticks
+        if most is not None and ticks.size > most:
+            self.ticks = ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)]
         every = observed_along(model, time, *moved, context.chi) if model.observed else np.zeros((time.size, 0))
         q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
         rows = model.regressor_rows(q, dq, ddq, observed=self._observed)

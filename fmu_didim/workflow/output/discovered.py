@@ -198,7 +198,7 @@ class Discovered:
 
     @property
     def candidates(self) -> list[CandidateResult]:
-        """The competition: what was worth a fit in each round, and what became of it."""
+        """The shortlisted candidates of each round and their outcomes."""
         return self.document.candidates
 
     @property
