@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.mismatch import unlike_torque
 from fmu_didim.checks.plant import CHANGE
@@ -54,20 +56,13 @@ PLANT_DIFFERS = CATALOGUE(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of the regressor, of the plant against that of the description.
+class ColumnResult(Saved):
+    """A column of the regressor, of the plant against that of the robot description."""
 
-    Attributes:
-        difference: relative, |plant - description| / |description|.
-        cosine, size: of the angle between the two, and the ratio of their norms; NaN and 0 if it does not act.
-        joint: where they differ most, from 1.
-    """
-
-    difference: float
-    cosine: float
-    size: float
-    joint: int
+    difference: float = Field(description="relative")
+    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
+    size: float = Field(description="norm in the plant over norm by the description")
+    joint: int = Field(description="where they differ most")
 
     def text(self, name: str) -> str:
         """The difference in words."""
@@ -94,7 +89,7 @@ class Consistency:
 
     points: int = 0
     torque: tuple[float, ...] = ()
-    columns: dict[str, Column] | None = None
+    columns: dict[str, ColumnResult] | None = None
     method: str = ""
     by_differences: bool = False
     causes: tuple[str, ...] = ()
@@ -232,7 +227,7 @@ def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points
     return columns
 
 
-def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str, Column]:
+def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str, ColumnResult]:
     scale = np.abs(analytic).max(axis=(0, 1))
     found = {}
     for i, name in enumerate(names):
@@ -243,7 +238,8 @@ def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str
         cosine = float((ours * theirs).sum() / (norm * other)) if other else float("nan")
         joint = int(np.argmax(np.linalg.norm(theirs - ours, axis=0))) + 1
         size = 0.0 if other <= SILENT_COLUMN * norm else other / norm
-        found[name] = Column(float(np.linalg.norm(theirs - ours)) / norm, cosine, size, joint)
+        difference = float(np.linalg.norm(theirs - ours)) / norm
+        found[name] = ColumnResult(difference=difference, cosine=cosine, size=size, joint=joint)
     return found
 
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
-from fmu_didim.checks.agreement import Agreement, agreement
+from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
-from fmu_didim.checks.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
@@ -84,11 +84,11 @@ class Checks:
     """
 
     judgement: Judgement
-    residual: tuple[ResidualTest, ...]
-    agreements: Mapping[str, Agreement]
+    residual: tuple[NoiseResult, ...]
+    agreements: Mapping[str, AgreementResult]
 
 
-def residual_tests(estimate: Estimate) -> tuple[ResidualTest, ...]:
+def residual_tests(estimate: Estimate) -> tuple[NoiseResult, ...]:
     """The tests of the residual of each joint."""
     return lack_of_fit(estimate.colours, estimate.known_noise, stated=estimate.noise_is_stated)
 
@@ -108,7 +108,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *confirmed(model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
-        *agreement_diagnostics(agreements.values()),
+        *agreement_diagnostics(agreements),
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
@@ -191,10 +191,10 @@ def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     return found
 
 
-def agreement_diagnostics(found: Iterable[Agreement]) -> list[Diagnostic]:
+def agreement_diagnostics(found: Mapping[str, AgreementResult]) -> list[Diagnostic]:
     """Experiments that do not agree with the others."""
     return [
-        Diagnostic(DISAGREE, agreement.warning(), agreement.label, agreement.change_in_std, unit="standard deviations")
-        for agreement in found
-        if not agreement.agrees
+        Diagnostic(DISAGREE, one.warning(label), label, one.change_in_std, unit="standard deviations")
+        for label, one in found.items()
+        if not one.agrees
     ]

@@ -7,11 +7,12 @@ known noise shows it, by a larger residual.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.uncertainty import Colour, chi_square_bounds
 
@@ -63,32 +64,24 @@ RESIDUAL_SLOW = CATALOGUE(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ResidualTest:
-    """The residual of a joint, in all fitted logs of one rate.
+class NoiseResult(Saved):
+    """Noise of the residual of a joint, in all fitted logs of one rate.
 
     Attributes:
-        joint: counted from 1; rate_hz: of the logs.
-        chi_square_per_sample: variance of the noise by the residual over the known one, 1 if the model is right; None
-            where the noise is not known. chi_square_bound, chi_square_least: its bounds by chance.
-        noise_is_stated: whether the case states that noise; otherwise it comes from periods that repeat.
-        lag1: correlation of neighbouring samples.
-        order, coefficients: of the autoregression that gives the colour; 0 where the residual counts as white.
-        whiteness_p: p value of Ljung and Box's test with the autoregression taken out.
-        inflation: standard deviations that come from the joint, over those with white noise.
+        rate_hz: of the logs.
     """
 
-    joint: int
+    joint: int = Field(description="counted from 1")
     rate_hz: float
-    chi_square_per_sample: float | None
-    chi_square_bound: float | None
-    chi_square_least: float | None
-    noise_is_stated: bool
-    lag1: float
-    order: int
-    coefficients: Array
-    whiteness_p: float
-    inflation: float
+    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
+    coefficients: list[float] = Field(description="a_1 ... of it")
+    lag1: float = Field(description="correlation of neighbouring samples")
+    whiteness_p: float = Field(description="p value of Ljung and Box's test with the autoregression taken out")
+    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
+    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
+    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
+    chi_square_least: Number = Field(description="below which it is smaller")
+    noise_is_stated: bool = Field(description="by the case; otherwise periods that repeat give it")
 
     @property
     def exceeds_noise(self) -> bool:
@@ -103,7 +96,7 @@ class ResidualTest:
         return ratio is not None and bound is not None and ratio < bound
 
 
-def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[ResidualTest, ...]:
+def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[NoiseResult, ...]:
     """The test of the residual of each joint.
 
     Args:
@@ -116,16 +109,18 @@ def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: b
         least, most = chi_square_bounds(colour.samples, known_from)
         ratio = None if deviation is None else colour.residual_variance / deviation[colour.joint - 1] ** 2
         found.append(
-            ResidualTest(
-                colour.joint, colour.rate_hz, ratio, None if ratio is None else most, None if ratio is None else least,
-                stated, colour.lag_one, colour.coefficients.size, colour.coefficients, colour.whiteness,
-                colour.inflation,
+            NoiseResult(
+                joint=colour.joint, rate_hz=colour.rate_hz, order=colour.coefficients.size,
+                coefficients=colour.coefficients.tolist(), lag1=colour.lag_one, whiteness_p=colour.whiteness,
+                inflation=colour.inflation, chi_square_per_sample=ratio,
+                chi_square_bound=None if ratio is None else most, chi_square_least=None if ratio is None else least,
+                noise_is_stated=stated,
             )
         )  # fmt: skip
     return tuple(found)
 
 
-def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
+def residual_diagnostics(tests: Sequence[NoiseResult]) -> list[Diagnostic]:
     """The diagnostics of these tests."""
     found, rates = [], {test.rate_hz for test in tests}
     for test in tests:
@@ -158,7 +153,7 @@ def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
     return found
 
 
-def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
+def slow_diagnostics(tests: Sequence[NoiseResult], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
     """The joints whose residual is as slow as the motion, by the spectrum of its autoregression.
 
         S(f) = 1 / |1 - sum_k a_k exp(-2 pi i f k / rate)|^2
@@ -184,7 +179,7 @@ def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz:
     return found
 
 
-def _mean_density(test: ResidualTest, lowest: float, highest: float) -> float:
+def _mean_density(test: NoiseResult, lowest: float, highest: float) -> float:
     """Mean of the spectral density of a residual between two frequencies, with innovations of variance one."""
     frequency = np.linspace(lowest, highest, SPECTRUM_POINTS)
     turns = np.exp(-2j * np.pi * np.outer(frequency / test.rate_hz, np.arange(1, test.order + 1)))

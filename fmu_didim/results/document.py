@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.checks.agreement import Agreement
+from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
@@ -22,14 +22,11 @@ from fmu_didim.fit.statistics import correlation, relative_error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
-    AgreementResult,
-    ColumnResult,
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
     IntegrationResult,
     IterationResult,
-    NoiseResult,
     ParameterResult,
     ResultDocument,
     StageResult,
@@ -42,7 +39,7 @@ def consistency_result(found: Consistency) -> ConsistencyResult:
     warnings = found.warnings()
     return ConsistencyResult(
         agrees=not warnings, worst=found.worst, points=found.points, torque_difference=list(found.torque),
-        columns={name: ColumnResult(**asdict(column)) for name, column in (found.columns or {}).items()},
+        columns=found.columns or {},
         method=found.method, warnings=warnings,
         acceleration="difference of velocities" if found.by_differences else "output of the plant",
     )  # fmt: skip
@@ -100,7 +97,7 @@ def result_document(
         covariance=estimate.covariance.tolist(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
-        noise=[NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()}) for test in checks.residual],
+        noise=list(checks.residual),
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
@@ -149,18 +146,14 @@ def _fitted_errors(validations: Sequence[Validation]) -> ErrorResult:
     return _errors(*relative_error_percent(measured, simulated))
 
 
-def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
+def _experiment(model: LoopModel, validation: Validation, agreement: AgreementResult | None) -> ExperimentResult:
     noise = np.sqrt(((validation.measured - validation.simulated) ** 2).mean(axis=0))
-    found: dict[str, Any] = dict(
+    found = dict(
         noise_std=[float(v) if np.isfinite(v) else None for v in noise],
         relative_error_percent=_errors(validation.total_percent, validation.per_joint_percent),
+        agreement=agreement,
         failure=validation.failure,
     )
-    if agreement is not None:
-        found["agreement"] = AgreementResult(
-            p_value=agreement.p_value, agrees=agreement.agrees, differs_most=agreement.parameter,
-            change_in_std=agreement.change_in_std,
-        )  # fmt: skip
     return _data(model, validation.label).model_copy(update=found)
 
 

@@ -16,7 +16,10 @@ from pydantic import Field, ValidationError
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
+from fmu_didim.checks.agreement import AgreementResult
+from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
@@ -94,15 +97,6 @@ class IterationResult(Saved):
     note: str
 
 
-class ColumnResult(Saved):
-    """A column of the regressor, of the plant against that of the robot description."""
-
-    difference: float = Field(description="relative")
-    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
-    size: float = Field(description="norm in the plant over norm by the description")
-    joint: int = Field(description="where they differ most")
-
-
 class ConsistencyResult(Saved):
     """Whether a plant of its own agrees with the robot description.
 
@@ -122,19 +116,6 @@ class ConsistencyResult(Saved):
     warnings: list[str]
 
 
-class AgreementResult(Saved):
-    """Whether an experiment agrees with the others on what they share.
-
-    Attributes:
-        agrees: whether the p-value is above the level of the test.
-    """
-
-    p_value: float = Field(description="of as much disagreement by noise alone")
-    agrees: bool
-    differs_most: str = Field(description="shared parameter that would change most if the experiment had its own")
-    change_in_std: float = Field(description="by how many standard deviations")
-
-
 class ExperimentResult(Saved):
     """One experiment.
 
@@ -152,26 +133,6 @@ class ExperimentResult(Saved):
     own: list[str] = Field(description="parameters that have values of their own in it")
     agreement: AgreementResult | None = Field(description="null where fewer than two experiments are fitted")
     failure: str = Field(default="", description="why it could not be simulated")
-
-
-class NoiseResult(Saved):
-    """Noise of the residual of a joint, in all fitted logs of one rate.
-
-    Attributes:
-        rate_hz: of the logs.
-    """
-
-    joint: int = Field(description="counted from 1")
-    rate_hz: float
-    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
-    coefficients: list[float] = Field(description="a_1 ... of it")
-    lag1: float = Field(description="correlation of neighbouring samples")
-    whiteness_p: float = Field(description="p value of Ljung and Box's test with the autoregression taken out")
-    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
-    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
-    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
-    chi_square_least: Number = Field(description="below which it is smaller")
-    noise_is_stated: bool = Field(description="by the case; otherwise periods that repeat give it")
 
 
 class IntegrationResult(Saved):
