@@ -38,7 +38,7 @@ RANK = 1e-9
 
 
 class AgreementResult(Saved):
-    """Whether an experiment agrees with the others on what they share.
+    """Whether an experiment agrees with the others on shared parameters.
 
     Attributes:
         agrees: whether the p-value is above the level of the test.

@@ -32,7 +32,7 @@ from fmu_didim.model.numerical_regressor import RegressorProbe
 from fmu_didim.model.prediction import drive_torque
 
 POINTS = 20
-"""[instants] Compared, spread over what is simulated."""
+"""[instants] Compared, spread over the simulation."""
 LENGTHS = (2000, 200, 20, 10)
 """[ticks] Of the reference that are simulated; fewer where the loop does not run for so long."""
 TORQUE_TOLERANCE = 1e-3
@@ -142,7 +142,8 @@ def check_consistency(model: LoopModel) -> Consistency:
                 columns, method = probe.columns, "probed"
             except SimulationError:  # parameters that are fixed in a run, or no feed-through
                 points = _points(run, ticks)
-        if columns is None or not np.isfinite(columns).all() or _silent(columns, points[1]):
+        acts = points[1].any(axis=(0, 1))  # by the description
+        if columns is None or not np.isfinite(columns).all() or (acts & ~columns.any(axis=(0, 1))).any():
             columns, method = _simulated_columns(run, ticks, points), "simulated again"
     except SimulationError as error:
         return Consistency(failure=error.what)
@@ -200,11 +201,6 @@ def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None 
     observed = recording.table(names)[rows] if names else np.zeros((ticks.size, 0))
     regressor, known = model.parameters.regressor(*motion, observed=observed)
     return torque, regressor, known, (motion[0], motion[1], motion[2]), observed
-
-
-def _silent(columns: Array, analytic: Array) -> bool:
-    """Whether a parameter has no effect in the plant but one by the description."""
-    return bool((~columns.any(axis=(0, 1)) & analytic.any(axis=(0, 1))).any())
 
 
 def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points) -> Array:

@@ -178,7 +178,7 @@ def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
 
 
 def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
-    """The same for a fit of filtered samples."""
+    """How the residual of a filtered fit depends on the motion."""
     model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
     for label, part in model.rows.items():
         experiment = model.experiments[label]

@@ -146,7 +146,7 @@ def residual_diagnostics(tests: Sequence[NoiseResult]) -> list[Diagnostic]:
             found.append(Diagnostic(NOISE_COLOURED, text, place, test.inflation, 1.0, "1"))
         if test.whiteness_p < STILL_NOT_WHITE:
             text = (
-                f"what is left after the colour of the residual (order {test.order}) is not white either "
+                f"the residual is not white even with its colour (order {test.order}) taken out "
                 f"(p = {test.whiteness_p:.1e})."
             )
             found.append(Diagnostic(COLOUR_NOT_MODELLED, text, place, test.whiteness_p, STILL_NOT_WHITE, "1"))

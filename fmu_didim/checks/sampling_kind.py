@@ -1,4 +1,4 @@
-"""Whether the torque log shows points or averages, other than the case says.
+"""Whether the torque log shows points or averages, unlike the case states.
 
 An average over the preceding sample period lies half of it late and is smoothed; taken for a point it looks like a late
 clock or a lag. So the final model, without a shift of the log, is simulated again and sampled in each way, y_k = S_k
@@ -49,9 +49,9 @@ class Way:
     def text(self, seconds: float) -> str:
         """The sentence about it; ``seconds``: sample period."""
         shows, entry = way_text(self.kind, self.window, 1000 * seconds)
-        how = "without a shift, and as well" if self.instead else "better than what was found"
+        how = "without a shift, and as well" if self.instead else "better than the final model"
         return (
-            f"The log may show {shows}, other than the case says: that explains it {how} (BIC difference "
+            f"The log may show {shows}, unlike the case states: that explains it {how} (BIC difference "
             f"{self.gain:.0f}). Find out how the logger samples; if so, write torque: {{{entry}}}."
         )
 
@@ -82,7 +82,7 @@ def other_sampling(fit: Fit, model: LoopModel, *, saved: float, threshold: float
 def _sampled(
     model: LoopModel, fit: Fit, most: float
 ) -> list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]]:
-    """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operators."""
+    """Other ways with less than ``most`` times the chi-square of the fit: chi-square to first order, way, operators."""
     runs = {label: model.simulation(model.start, label) for label in model.estimation_labels}
     commands = {label: run.logged_torque(run.record(all_ticks=True)) for label, run in runs.items()}
     base = BaseProjection.of_fit(fit)
@@ -98,7 +98,7 @@ def _sampled(
 
 
 def way_text(kind: Kind, window: Window, period_ms: float) -> tuple[str, str]:
-    """What a log shows that is sampled in this way, and the entry of a case for it."""
+    """The values of a log that is sampled in this way, in words, and the entry of a case for it."""
     if kind == "point":
         return "points", "sampling: point"
     return f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp", f"sampling: average, window: {window}"

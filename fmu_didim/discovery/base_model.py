@@ -29,9 +29,9 @@ FIRST_NOISE = 1e-9
 """[N.m or N] Smallest deviation of a torque with which the first fit weights a joint."""
 
 BASE_FIT = Stopping(exact=True)
-"""The best sensitivities: what the base model can absorb is projected out of all candidates."""
+"""The best sensitivities, which are projected out of all candidates."""
 NO_REPETITION = (
-    "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the motion, "
+    "The motion does not repeat: the noise is taken from the residual above the frequencies of the motion, "
     "an upper bound."
 )
 

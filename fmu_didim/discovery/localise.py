@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: joint, and region of velocity, position, load, time.
+"""Localisation of the model error: joint, and region of velocity, position, load, time.
 
 For each joint the mean residual in bins of each quantity is compared with the noise; the false-discovery rate over
 all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own are
@@ -40,7 +40,7 @@ WINDOW_GRID = 800
 
 
 def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[RegionResult]:
-    """Where a model disagrees with the data that it is fitted to; nothing if the plant does not give its motion.
+    """Regions where a model disagrees with the fitted data; none if the plant does not give its motion.
 
     Args:
         description: the robot, None for a plant that is a black box.

@@ -1,4 +1,4 @@
-"""What a search is asked for, beside the model."""
+"""The settings of a search, beside the model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Discovery from end to end: prepare, localise, compete, and write down what was found."""
+"""Discovery from end to end: prepare, localise, compete, document."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Found:
 
     Attributes:
         document: the content of ``findings.json``.
-        discovery: base and final fit with the steps between; builder: builds what was found.
+        discovery: base and final fit with the steps between; builder: of the final model.
     """
 
     document: FindingsDocument
@@ -123,7 +123,7 @@ class _Search:
         return _Search(request, prepared, base, torques, builder, is_late, regions_of_fit(base, builder.description))
 
     def found(self) -> Found:
-        """Run the rounds and write down what they found."""
+        """Run the rounds and document their result."""
         base, builder, options = self.base, self.builder, self.request.options
         start, free = base if self.torques is None else self.torques.fit, None
         discovery = run_rounds(builder, start, options, self.request.progress, self.keep)
@@ -206,7 +206,7 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - gears))
     note = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(
-        request, options=options, keep=None, notes=(*request.notes, f"{note}: what was found takes them in.")
+        request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
     )
     second = _Search.of(again, prepared).found()
     if second.discovery.steps:

@@ -20,7 +20,7 @@ SEARCH_RUNNING = CATALOGUE(
 )  # fmt: skip
 SEARCH_CUT = CATALOGUE(
     "search-cut", DOUBT, rank=1,
-    meaning="The time limit ended the search: what was not tried may explain the data better, or something else.",
+    meaning="The time limit ended the search: effects that were not tried may explain the data better.",
     next_step="Give it more time (--time-limit), or fewer effects to try (--forbid).",
 )  # fmt: skip
 

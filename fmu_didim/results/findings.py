@@ -75,7 +75,7 @@ class FindingResult(_Document):
     """One named effect.
 
     Attributes:
-        effect: its name in the catalogue; title: in words; equation: what it does, in one line.
+        effect: its name in the catalogue; title: in words; equation: in one line.
         class_: of effects that ordinary data cannot distinguish.
         place: where it acts: torque balance, drive, sensor, structure or measurement.
         parameters: its amplitudes and shapes.
@@ -100,10 +100,10 @@ class FindingResult(_Document):
 
 
 class RegionResult(_Document):
-    """Where the residual of the base model has a mean of its own.
+    """A range in which the residual of the base model has a mean of its own.
 
     Attributes:
-        joint: from 1; quantity: what the residual goes with, such as ``velocity``; unit: of low and high.
+        joint: from 1; quantity: on which the residual depends, such as ``velocity``; unit: of low and high.
         low, high: range of the quantity; mean: of the residual there, in the unit of the torque of the joint.
         share_of_gap: part of the squared model error of the joint that the means of all bins of the quantity explain.
         p_value: probability of such a mean by noise alone.
@@ -242,7 +242,7 @@ class FindingsDocument(_Document):
     torque_unit: list[str]
     seconds: float
     notes: list[str]
-    files: dict[str, str] = Field(description="what was written beside this file")
+    files: dict[str, str] = Field(description="written beside this file")
     provenance: dict[str, Any]
 
 

@@ -127,7 +127,7 @@ class FittedMotion:
         return [e.diagnostic for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
 
     def misfit_of(self, other: FittedMotion) -> float:
-        """The same along another motion, joints divided by their size along this one."""
+        """The misfit along another motion, joints divided by their size along this one."""
         rest = other._rest(other.experiment.operator, other.columns, self.size)
         return float(np.mean((rest / self.size) ** 2))
 

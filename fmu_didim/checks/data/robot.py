@@ -84,7 +84,7 @@ def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
         for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
                 f"Against the other joints the torque seems to be {math.exp(x):.3g} times (± {100 * deviation:.1g} %) "
-                f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
+                f"what it should be: corrected, the residual falls to {100 * math.sqrt(least):.0f} % of its size."
             )
             bound = math.exp(math.copysign(max(SHIFT_SIGMAS * deviation, LEAST_SCALE), x))
             diagnostic = Diagnostic(TORQUE_SCALE, text, f"{fitted.run.label}: joint {j + 1}", math.exp(x), bound, "1")
@@ -113,8 +113,8 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
 
         for x, deviation, least in _clear(fitted, misfit, LARGEST_CHANGE):
             text = (
-                f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: so, base "
-                f"parameters leave {100 * math.sqrt(least):.0f} % of what they leave as it is."
+                f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: "
+                f"with that, the residual of the base parameters falls to {100 * math.sqrt(least):.0f} %."
             )
             diagnostic = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
             yield Explanation(least, fitted.gain(least), diagnostic)

@@ -15,7 +15,7 @@ COPIED = 0.5
 
 VALIDATION_COPIED = CATALOGUE(
     "validation-copied", DOUBT, rank=12,
-    meaning="The log of a validation experiment is that of an estimation experiment, or part of it: what is fitted is "
+    meaning="The log of a validation experiment is that of an estimation experiment, or part of it: the fit is "
     "compared with itself.",
     next_step="Record a run with another motion for the validation, or leave the validation out.",
 )  # fmt: skip

@@ -46,7 +46,7 @@ CLOCK_EARLY = CATALOGUE(
 )  # fmt: skip
 COMMAND_DELAY = CATALOGUE(
     "command-delay", DOUBT, rank=21,
-    meaning="The command seems to act later than the model says, by a control period.",
+    meaning="The command seems to act later than in the model, by a control period.",
     next_step="Give loop: {delay_samples: ...}, or estimate it: estimator: {estimate_delay: true}.",
 )  # fmt: skip
 SAMPLING_KIND = CATALOGUE(
@@ -83,8 +83,8 @@ def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
         least = fitted.misfit_of(shifted)
         code, way = (CLOCK_LATE, "late") if late > 0 else (CLOCK_EARLY, "early")
         text = (
-            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, base "
-            f"parameters leave {100 * np.sqrt(least):.0f} % of what they leave as it is."
+            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, the "
+            f"residual of the base parameters falls to {100 * np.sqrt(least):.0f} %."
         )
         advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
         advice += "to estimate it: identify: {clock: {of: log}}."
@@ -121,8 +121,8 @@ def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
     misfit = _brought_near(fitted, fitted.run.on(replace(fitted.experiment, operator=operator)), misfit)
     shows, entry = way_text(kind, window, 1000 / fitted.experiment.rate_hz)
     text = (
-        f"The log seems to show {shows}: so, base parameters leave {100 * np.sqrt(misfit):.0f} % of what they leave "
-        "as it is."
+        f"The log seems to show {shows}: with that, the residual of the base parameters falls to "
+        f"{100 * np.sqrt(misfit):.0f} %."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
     diagnostic = Diagnostic(SAMPLING_KIND, text, label, misfit, WORTH_IT, "1", advice)
@@ -140,8 +140,8 @@ def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
     except SimulationError:
         return
     text = (
-        f"The command seems to act {1000 * system.step_size:.4g} ms later than the model says: base parameters then "
-        f"leave {100 * np.sqrt(misfit):.0f} % of what they leave as it is."
+        f"The command seems to act {1000 * system.step_size:.4g} ms later than in the model: with that, the "
+        f"residual of the base parameters falls to {100 * np.sqrt(misfit):.0f} %."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
     diagnostic = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)

@@ -17,7 +17,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.torque_channel import OTHER_UNIT, correlation_and_ratio
-from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators.reference_start import rows_on, whole_reference
 from fmu_didim.model.loop_model import Simulation
 
@@ -56,7 +56,10 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
         joints = [j for j, of in enumerate(run.model.parameters.torque_units, start=1) if of == kind]
         if not joints:
             continue
-        other = run.on(replace(run.experiment, reference=_converted(reference, joints, factor)))
+        names = {f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in joints}
+        scale = [factor if name in names else 1.0 for name in reference.names]
+        converted = replace(reference, values=reference.values * scale)
+        other = run.on(replace(run.experiment, reference=converted))
         try:
             columns, known = rows_on(other, whole_reference(other))
         except FmuDidimError:
@@ -87,8 +90,3 @@ def unlikeness(measured: Array, expected: Array) -> float:
 def _nominal(run: Simulation, columns: Array, known: Array | None) -> Array:
     torque = columns @ run.values[: columns.shape[2]]
     return torque if known is None else torque + known
-
-
-def _converted(reference: Trajectory, joints: list[int], factor: float) -> Trajectory:
-    names = {f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in joints}
-    return replace(reference, values=reference.values * [factor if name in names else 1.0 for name in reference.names])

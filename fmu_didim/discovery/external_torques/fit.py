@@ -44,7 +44,7 @@ SAME_PHASE = 0.05
 SAME_PHASE_S = 0.1
 """[s] but no longer than this."""
 SHARE = 0.6
-"""[1] Fraction of the gap that external torques must explain to be taken for what is missing."""
+"""[1] Fraction of the gap that external torques must explain to be accepted."""
 DELAY_START = 0.1
 """[control periods] Added to the known delay of the loop where its fit starts."""
 DELAY_ROOM = 3.0
@@ -60,7 +60,7 @@ LAST_STEPS = 6
 EDGE_MOVES = (-0.6, -0.3, 0.3, 0.6)
 """[control periods] Tried of each edge: its instant has a minimum in each control period."""
 EDGE_GAIN = 1.0
-"""[chi-square] That such a move must gain."""
+"""[chi-square] Least gain of a move."""
 EDGE_ROOM = 4.0
 """[samples or control periods] How far a fit may take an edge; the longer of the two."""
 EDGE_SLOPE = 0.5

@@ -1,4 +1,4 @@
-"""The search for external torques to first order: steps of a torque, found in what they leave in the log.
+"""The search for external torques to first order: steps of a torque, found by their response in the residual.
 
 With s(t) the change of the log by a lasting unit torque that begins at t = 0, which one more simulation gives, a
 residual made of external torques is
@@ -32,7 +32,7 @@ from fmu_didim.model.external_torque import ExternalTorque
 MOST = 2 * MAXIMUM_WINDOWS
 """[external torques] Looked for on a joint: twice as many as windows."""
 STEP_COST = 2.0
-"""[parameters] That one step counts as: instant and size."""
+"""[parameters] Cost of a step: instant and size."""
 INDEPENDENT = 0.05
 """[1] Smallest fraction of the samples that counts as independent in the cost of a step."""
 WEAKEST = 0.02

@@ -58,7 +58,7 @@ def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displa
 
 @dataclass(frozen=True)
 class DesignContext:
-    """What is known before the experiment.
+    """The known quantities of a design.
 
     Attributes:
         description, chi: the base robot and its (ns,) standard parameters; effects: the catalogue.

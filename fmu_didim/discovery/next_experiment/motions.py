@@ -16,7 +16,7 @@ WITHIN = 0.999
 
 @dataclass(frozen=True)
 class Limits:
-    """Where and how fast each joint may move: (n,) positions low and high, speed and acceleration, SI units."""
+    """Limits (n,) of the position, speed and acceleration of each joint, SI units."""
 
     low: Array
     high: Array
@@ -106,7 +106,7 @@ def straight(
 
 
 def sampled(start: Array, legs: list[Leg], space: Space) -> Trajectory:
-    """Legs one after another at the control rate, then rest for what is left of the duration."""
+    """Legs one after another at the control rate, then rest for the remaining time."""
     time = np.arange(round(space.duration_s / space.step) + 1) * space.step
     q = np.tile(legs[-1].target if legs else start, (time.size, 1))
     dq, ddq = np.zeros_like(q), np.zeros_like(q)

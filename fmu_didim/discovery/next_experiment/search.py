@@ -20,7 +20,7 @@ SAME = 1e-4
 MEAN_PART = 0.1
 """[1] Weight of the mean separation beside the smallest one."""
 MOST_SAMPLES = 600
-"""[samples] That the search looks at; the result is computed with all."""
+"""[samples] Used by the search; the result is computed with all."""
 EVALUATIONS = 30
 """[motions] Tried to improve the best candidates."""
 FIRST_MOVE = 0.35
@@ -30,7 +30,7 @@ TURNED = 0.6
 MOTION_SETTLED = 0.01
 """[1] Change of design and of the logarithm of the score that ends it."""
 SMALLEST_SCORE = 1e-12
-"""[standard deviations] Of which that logarithm is taken."""
+"""[standard deviations] Least score for that logarithm."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The competition: every candidate is screened by its signature, the best are fitted in the closed loop.
 
-Screening projects the base out of each signature: only what the present model cannot absorb counts.
+Screening projects the base out of each signature: only the part that the present model cannot absorb counts.
 
     gain = |Q_c' r|^2 - cost log(N f),   Q_c = orthonormal basis of (I - Q Q') C,   Q of the sensitivities of the model
 """
@@ -84,7 +84,7 @@ class Competition:
 
     @cached_property
     def base(self) -> BaseProjection:
-        """What the present model can absorb."""
+        """The projection of what the present model can absorb."""
         return BaseProjection.of_fit(self.fit)
 
     @cached_property

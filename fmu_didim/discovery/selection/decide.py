@@ -1,4 +1,4 @@
-"""The decision: which candidate is added, if any, and what the data cannot tell from it."""
+"""The decision: the candidate that is added, if any, and those that the data cannot distinguish from it."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Step:
             members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
-        remark: what the user should know of the decision.
+        remark: on the decision, for the user.
     """
 
     effect_at: EffectAtJoint

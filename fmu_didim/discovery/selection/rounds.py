@@ -91,7 +91,7 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The competition's fits are short; what is missing next is looked for from the minimum.
+            # The fits of a competition are short; the next round starts from the minimum.
             accepted = replace(
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
