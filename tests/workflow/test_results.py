@@ -25,7 +25,9 @@ from fmu_didim import (
     simulate,
     validate,
 )
+from fmu_didim.base.constants import recorded
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.report import result_table
 from fmu_didim.report.discovery.sections import discovery_table
 from tests.report.drawn import plotted
@@ -229,6 +231,12 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     final = discovered.found.discovery.final
     measured = case.model.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
+
+
+def test_discovery_records_the_constants_on_which_it_depends(found: tuple[Discovered, Path]) -> None:
+    thresholds = found[0].provenance["thresholds"]
+    assert thresholds == recorded(DECIDING)
+    assert thresholds["discovery.selection.decide.bic"] == 10.0
 
 
 def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path]) -> None:
