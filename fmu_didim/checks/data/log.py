@@ -111,8 +111,7 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
     """
     found = [
         *_missing(experiment, label),
-        *_jitter(experiment, label),
-        *_too_fast(experiment, label),
+        *_of_stamps(experiment, label),
         *_upsampled(experiment, label, control_rate_hz),
     ]
     for j in range(experiment.torque.shape[1]):
@@ -139,25 +138,16 @@ def _missing(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
         yield Diagnostic(SAMPLES_MISSING, text, label, float(missing), unit="samples")
 
 
-def _stamps(experiment: Experiment) -> Array:
-    return experiment.time if experiment.stamps is None else experiment.stamps
-
-
-def _jitter(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
-    stamps = _stamps(experiment)
+def _of_stamps(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+    stamps = experiment.time if experiment.stamps is None else experiment.stamps
     places = grid_places(stamps)
-    if stamps.size <= 2:
-        return
-    slope, origin = np.polyfit(places, stamps, 1)
-    scatter = float(np.std(stamps - origin - slope * places)) / slope
-    if scatter > JITTER:
-        text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
-        yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
-
-
-def _too_fast(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
-    stamps = _stamps(experiment)
-    rate = float(grid_places(stamps)[-1] / (stamps[-1] - stamps[0]))
+    if stamps.size > 2:
+        slope, origin = np.polyfit(places, stamps, 1)
+        scatter = float(np.std(stamps - origin - slope * places)) / slope
+        if scatter > JITTER:
+            text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
+            yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
+    rate = float(places[-1] / (stamps[-1] - stamps[0]))
     if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
         text = f"rate_hz requests {experiment.rate_hz:.4g} Hz, but the log has {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
