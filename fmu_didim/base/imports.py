@@ -62,6 +62,13 @@ def located(reference: str, *folders: Path) -> str:
     return reference if found is None else f"{found.resolve()}:{name}"
 
 
+def source_file(reference: str) -> Path | None:
+    """The file of the module that a reference names, once that was imported; None without one, as in a notebook."""
+    module = located(reference).rpartition(":")[0]
+    file = module if module.endswith(".py") else getattr(sys.modules.get(module), "__file__", None)
+    return None if file is None else Path(file)
+
+
 def without_folder(reference: str) -> str:
     """A reference as texts name it: its file without the folder; other texts stay as they are."""
     return Path(reference).name if is_reference(reference) else reference

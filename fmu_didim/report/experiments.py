@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
@@ -13,7 +14,7 @@ from fmu_didim.report.numbers import (
     rounding,
     significant,
 )
-from fmu_didim.results.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
+from fmu_didim.results.result import ExperimentResult, ParameterResult, ResultDocument
 
 DELAY = "delay"
 """Value of ``of`` for parameters that count control periods."""

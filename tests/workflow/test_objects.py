@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -29,9 +31,11 @@ from fmu_didim import (
     to_control,
 )
 from fmu_didim.base.diagnostics import DiagnosedError
-from fmu_didim.dynamics.effects import Parameter, TorqueEffect
+from fmu_didim.base.documents import validate
+from fmu_didim.dynamics.effects import Parameter, TorqueEffect, effect_name
 from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
 from fmu_didim.export import build_fmu
+from fmu_didim.workflow.case_files import case_files
 from tests.workflow.three_experiments import three_experiments
 
 CASE = "examples/scara/identify.yaml"
@@ -328,6 +332,51 @@ def test_a_class_that_is_defined_anew_is_another_effect() -> None:
     assert former.joints[0].effects != anew.joints[0].effects
     assert [v.name for v in RobotModel(former).parameters if v.start] == ["ZZ1", "Fr1"]
     assert [v.name for v in RobotModel(anew).parameters if v.start] == ["ZZ1", "Fq1"]
+
+
+OWN_EFFECT = """
+from fmu_didim.dynamics.effects.viscous import Viscous
+
+
+class Own(Viscous):
+    name = "own"
+
+    def columns(self, at, shapes):
+        return (at.dq * {factor},)
+"""
+
+
+def digests(*effects: Any, folder: Path, further: tuple[str, ...] = ()) -> dict[str, str]:
+    """The digests of all that is read by a case whose robot has these effects on its first joint."""
+    robot = read_robot(ROBOT).model_dump(by_alias=True)
+    robot["joints"][0]["effects"] = ("motor_inertia", "coulomb", *effects)
+    case = load_case(
+        {**load_case(CASE).content, "robot": validate(RobotDescription, robot, where="", folder=folder)},
+        folder=Path(CASE).parent,
+    )
+    return case_files(case, effects=further)
+
+
+def test_source_of_own_effects_is_hashed_into_the_provenance(tmp_path: Path) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(OWN_EFFECT.format(factor=1), encoding="utf-8")
+    found = digests("own.py:Own", folder=tmp_path, further=("stribeck", effect_name(RootFriction)))
+    assert found[f"{file}:Own"] == sha256(file.read_bytes()).hexdigest()
+    assert found[f"{__name__}:RootFriction"] == sha256(Path(__file__).read_bytes()).hexdigest()
+    assert "stribeck" not in found and "coulomb" not in found
+
+
+def test_source_of_an_effect_in_no_file_is_that_of_its_class(tmp_path: Path) -> None:
+    def made(factor: float) -> str:
+        cell: dict[str, Any] = {"__name__": "a_notebook"}
+        exec(OWN_EFFECT.format(factor=factor), cell)  # as a cell of a notebook
+        name = effect_name(cell["Own"])
+        assert name.startswith("a_notebook:Own")
+        return digests(cell["Own"], folder=tmp_path)[name]
+
+    first = made(1)
+    assert len(first) == 64
+    assert made(1) == first != made(2)
 
 
 @pytest.mark.parametrize("wrong", [RootFriction(), int, 3])

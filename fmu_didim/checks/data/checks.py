@@ -27,15 +27,15 @@ SUBSTEPS = 4
 
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a model, the most important first; empty if nothing is wrong.
+    """Problems and doubts about the data of a model, the most important first.
 
-    Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
-    factor of three.
+    Each experiment needs one simulation and one regressor along the reference. Start values may be wrong by a factor
+    of three.
 
     Args:
-        without_torque: labels of validation experiments that have no log, and are not in the model.
-        causes: whether to ask what another timing, scale or length of a link would explain, with some steps of DIDIM;
-            discovery names such causes itself.
+        without_torque: labels of validation experiments without a log, which are not in the model.
+        causes: whether to test other timings, scales and lengths of links, with some steps of DIDIM; discovery names
+            such causes itself.
     """
     if model.loop.chooses_substeps and model.loop.substeps is None:
         model = model.with_loop(substeps=SUBSTEPS)
@@ -60,8 +60,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
     """The diagnostics without those scales and lengths that explain nothing along the motion of a fit.
 
-    Before a fit the simulated motion is only near the measured one. What is left along it is then no noise, and a
-    scale or a length may make up for a part of that.
+    Before a fit the simulated motion is only near the measured one, and a scale or a length may explain a part of the
+    difference.
 
     Args:
         model: with the values of the fit; found: before it.
@@ -79,7 +79,7 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
 
 
 def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:
-    """What another timing, scale or length would explain of a log, the best first."""
+    """Other timings, scales and lengths that explain a log better, the best first."""
     offered = [*timing(fitted, clock_alone=held_out)]
     if not held_out:
         offered += another_robot(fitted)

@@ -1,8 +1,7 @@
 """Whether a reference is in other units than it should be: degrees for radians, millimetres for metres.
 
-The torque of the nominal values along the reference, W(q, dq, ddq) theta + known, is compared with the log as the
-reference stands and with its columns converted. What decides is scale and shape together, so that start values may be
-off by a factor of three:
+The torque of the nominal values along the reference, W(q, dq, ddq) theta + known, is compared with the log for the
+reference as it is and converted. Scale and shape decide together, so that start values may be off by a factor of three:
 
     u = mean over the joints of  1 - corr_j + |ln ratio_j| / ln OTHER_UNIT
 """
@@ -18,7 +17,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.torque_channel import OTHER_UNIT, correlation_and_ratio
-from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators.reference_start import rows_on, whole_reference
 from fmu_didim.model.loop_model import Simulation
 
@@ -44,15 +43,12 @@ REFERENCE_UNIT_DOUBT = CATALOGUE(
     "range of the motion is possible either way.",
     next_step="Check the unit of the reference; it must be rad or m, with its derivatives.",
 )  # fmt: skip
-UNITS = (
-    ("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"),
-    ("N", "millimetres", 0.001, LARGEST_STROKE, "m"),
-)
+UNITS = (("N.m", "degrees", math.pi / 180, LARGEST_RANGE, "rad"), ("N", "millimetres", 0.001, LARGEST_STROKE, "m"))
 """Unit of torque of the joints that are asked -> unit suspected, factor, largest range that a machine has."""
 
 
 def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
-    """Units of the reference that would explain the log where those that it should have do not."""
+    """Other units of the reference that explain the log where the right ones do not."""
     if given.columns is None or unlikeness(given.measured, _nominal(run, given.columns, given.known)) <= UNLIKE:
         return []
     reference = run.experiment.reference
@@ -60,7 +56,10 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
         joints = [j for j, of in enumerate(run.model.parameters.torque_units, start=1) if of == kind]
         if not joints:
             continue
-        other = run.on(replace(run.experiment, reference=_converted(reference, joints, factor)))
+        names = {f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in joints}
+        scale = [factor if name in names else 1.0 for name in reference.names]
+        converted = replace(reference, values=reference.values * scale)
+        other = run.on(replace(run.experiment, reference=converted))
         try:
             columns, known = rows_on(other, whole_reference(other))
         except FmuDidimError:
@@ -77,7 +76,7 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
 
 
 def unlikeness(measured: Array, expected: Array) -> float:
-    """How unlike a torque is to the one that is expected, (N, n) each: the mean u over the joints that move."""
+    """How unlike a torque is to the expected one, (N, n) each: the mean u over the joints that move."""
     correlation, ratio = correlation_and_ratio(measured, expected)
     with np.errstate(divide="ignore"):
         difference = np.abs(np.log(np.maximum(ratio, 0.0))) / math.log(OTHER_UNIT)
@@ -91,8 +90,3 @@ def unlikeness(measured: Array, expected: Array) -> float:
 def _nominal(run: Simulation, columns: Array, known: Array | None) -> Array:
     torque = columns @ run.values[: columns.shape[2]]
     return torque if known is None else torque + known
-
-
-def _converted(reference: Trajectory, joints: list[int], factor: float) -> Trajectory:
-    names = {f"{signal}{j}" for signal in ("q", "dq", "ddq") for j in joints}
-    return replace(reference, values=reference.values * [factor if name in names else 1.0 for name in reference.names])

@@ -54,8 +54,7 @@ class LoopModelBuilder:
         return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:
-        """The joints, from 1, on which an effect may be; the first one only where it acts on the whole log or on the
-        base of the robot."""
+        """The joints, from 1, that an effect may act on; only the first one if it acts on the whole log or the base."""
         effect = self.effects[name]
         return tuple(range(1, self.base.joint_count + 1))[: 1 if effect.is_of_log or effect.acts_on_base else None]
 
@@ -93,10 +92,9 @@ class LoopModelBuilder:
         return self._with_effects(model.with_free(free_parameters), added_effects)
 
     def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], *, progress: Progress, workers: int) -> None:
-        """Compile all that models with these effects need, plants side by side, as far as the time allows.
+        """Compile what models with these effects need, plants side by side, as far as the time allows.
 
-        CasADi expressions must not be built by several threads at once: models that are built in threads are prepared
-        first.
+        Models that are built in threads must be prepared first: CasADi expressions are not thread-safe.
         """
         self._plants.compile(
             [self._at_all(added_effects) for added_effects in wanted], progress=progress, workers=workers
@@ -125,8 +123,8 @@ class LoopModelBuilder:
 
     @cached_property
     def _ticks(self) -> int:
-        """Ticks in a control period where a torque of the plant stands in the wiring: one number for all models, which
-        are compared, found with more of the steepest effects than is likely, such as Coulomb friction."""
+        """Ticks in a control period of models with a torque of the plant in the wiring, found with more of the steepest
+        effects, such as Coulomb friction, than is likely: one number for all, so that models can be compared."""
         sizes = LIKELY_SIZE * np.sqrt(np.mean(self.base.measured**2, axis=0))
         steepest = [one for one in self._placed.values() if one.effect.sets_ticks and isinstance(one, InWiring)]
         model = self._wired(replace(self.base, added_effects=tuple(p.effect_at for p in steepest)), steepest)

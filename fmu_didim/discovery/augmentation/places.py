@@ -1,4 +1,4 @@
-"""Where an effect acts in a loop: decided once, with its free parameters and what it changes there.
+"""Where an effect acts in a loop, decided once, with its free parameters and its change of the loop.
 
     torque balance, structure    the equations of the plant, which is built anew
     drive, sensor                a component in the wiring
@@ -131,7 +131,7 @@ class LoopEffect(ABC):
 
     @cached_property
     def search(self) -> Mapping[str, Search]:
-        """The searched parameters, their grids moved to where the reference goes and the data can tell."""
+        """The searched parameters, with grids adapted to the range of the reference."""
         kind = self.joint_type
         units = {v.name: v.unit for v in (*self.effect.parameters(kind), *self.effect.shapes(kind))}
         within = self.loop.ranges[self.effect_at.joint - 1]
@@ -148,16 +148,13 @@ class LoopEffect(ABC):
         """Its searched shapes, by their plain names."""
         return tuple(v for v in self.effect.shapes(self.joint_type) if v.name in self.search)
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Parameters that it counts as when models are compared."""
         return parameter_cost([v.name for v in self.amplitudes], self.search)
 
     def free_parameters(self, proposal: Proposal, index: int) -> list[FreeParameter]:
-        """Its free parameters, as the effect of this index of a model, at the values proposed.
-
-        A parameter of a nonlinear effect without a proposed value stays neutral.
-        """
+        """Its free parameters as effect ``index`` of a model; of a nonlinear effect those with proposed values only."""
         amplitudes = [v for v in self.amplitudes if self.effect.is_linear or v.name in proposal.values]
         return [
             *(self._free(v, proposal, index, is_shape=False) for v in amplitudes),
@@ -177,18 +174,11 @@ class LoopEffect(ABC):
         name, key = self._name_and_key(variable.name, is_shape)
         value = proposal.values.get(variable.name, variable.start)
         lowest, highest = self._limits(variable.name, is_shape)
+        scale = float(abs(proposal.scales.get(variable.name, value)) or SMALLEST_SCALE)
         return FreeParameter(
-            name=name,
-            unit=variable.unit,
-            owner=self.owner,
-            key=key,
-            value=float(value),
-            scale=float(abs(proposal.scales.get(variable.name, value)) or SMALLEST_SCALE),
-            lowest=float(lowest),
-            highest=float(highest),
-            effect=index,
+            name, variable.unit, self.owner, key, float(value), scale, float(lowest), float(highest), effect=index,
             is_shape=is_shape,
-        )
+        )  # fmt: skip
 
     def _name_and_key(self, name: str, is_shape: bool) -> tuple[str, str]:
         """Name shown to the user, and name in the owner, of a parameter."""
@@ -259,7 +249,7 @@ class InWiring(LoopEffect):
         return self.effect
 
     def wired(self, system: System, label: str) -> System:
-        """The loop along the experiment of this label with its component."""
+        """The loop of an experiment with its component."""
         joint, plant = self.effect_at.joint, self.loop.model.loop.plant_name
         return insert_effect(system, self.part, joint, self.joint_type, plant=plant)
 

@@ -31,15 +31,15 @@ class Plants:
         Raises:
             InputError: the plant is a black box.
         """
-        added = _in_equations(added)
-        if _key(added) not in self._compiled:
-            self._compiled[_key(added)] = self._compile(self._block(added))
-        return self._compiled[_key(added)]
+        key = _key(added)
+        if key not in self._compiled:
+            self._compiled[key] = self._compile(self._block(added))
+        return self._compiled[key]
 
     def compile(self, wanted: Sequence[Sequence[LoopEffect]], *, progress: Progress, workers: int) -> None:
         """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
-        missing = {_key(added): added for added in map(_in_equations, wanted) if _key(added) not in self._compiled}
-        blocks = {key: self._block(added) for key, added in missing.items()}
+        missing = {_key(added): added for added in wanted}
+        blocks = {key: self._block(added) for key, added in missing.items() if key not in self._compiled}
         report = progress.counted("compiling plant", len(blocks))
 
         def compile_one(key: tuple[EffectAtJoint, ...], block: Block) -> None:
@@ -52,7 +52,8 @@ class Plants:
     def _block(self, added: Sequence[LoopEffect]) -> Block:
         if self.loop.description is None:
             raise InputError("This plant has no robot description, so its torque balance cannot get further effects.")
-        return RobotModel(described(self.loop.description, added)).block()
+        changing = [one for one in added if one.changes_equations]
+        return RobotModel(described(self.loop.description, changing)).block()
 
     def _compile(self, block: Block) -> Component:
         component = with_compiled_twin(ModelComponent(block))
@@ -66,9 +67,5 @@ def described(robot: RobotDescription, added: Sequence[LoopEffect]) -> RobotDesc
     return robot
 
 
-def _in_equations(added: Sequence[LoopEffect]) -> tuple[LoopEffect, ...]:
-    return tuple(one for one in added if one.changes_equations)
-
-
 def _key(added: Sequence[LoopEffect]) -> tuple[EffectAtJoint, ...]:
-    return tuple(one.effect_at for one in added)
+    return tuple(one.effect_at for one in added if one.changes_equations)

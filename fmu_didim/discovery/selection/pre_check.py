@@ -25,14 +25,14 @@ FITTED = 4
 PROMISING = 0.9
 """[1] Fraction of the chi-square of the base model below which the best trial must come."""
 WORSE = 1.02
-"""[1] Held-out RMS ratio beyond which data that do not reach the value still speak against it; a little comes from
-the base parameters, which are fitted along."""
+"""[1] Held-out RMS ratio beyond which data that do not reach the value still contradict it; the base parameters, which
+are fitted along, make a little of it."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
-    """The base model with the effects that are found before all others, and one step for each of them.
+    """The base model with the effects of the pre-check, and a step for each of them.
 
-    Values at the upper quantiles of the measured torque of each joint are tried in full simulations.
+    Values at upper quantiles of the measured torque of each joint are tried in full simulations.
     """
     fit, steps = base, []
     for name, effect in builder.effects.items():

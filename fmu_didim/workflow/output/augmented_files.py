@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -109,8 +109,7 @@ def _write_robot(
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
     given = _write_given(case, out)
-    at_home = _augmented_case(fit, _relocated(case.content, case.folder, home, given))
-    (out / CASE_FILE).write_text(yaml.safe_dump(at_home, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    _write_case(_augmented_case(fit, _relocated(case.content, case.folder, home, given)), out)
     files = {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
     return files, _augmented_case(fit, _relocated(case.content, case.folder, out, given))
 
@@ -135,6 +134,16 @@ def _write_given(case: Case, out: Path) -> dict[str, str]:
         written[name] = f"data_{number}.csv"
         write_csv(signals, out / written[name])
     return written
+
+
+def move_case(old: Path, new: Path, home: Path, copied: Iterable[str]) -> None:
+    """Write the case of the folder ``old`` to ``new`` as it must be in ``home``, beside the files that were copied."""
+    content = yaml.safe_load((old / CASE_FILE).read_text(encoding="utf-8"))
+    _write_case(_relocated(content, old, home, {name: name for name in copied}), new)
+
+
+def _write_case(content: dict[str, Any], out: Path) -> None:
+    (out / CASE_FILE).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 
 
 def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -> Any:

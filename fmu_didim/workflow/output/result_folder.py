@@ -84,6 +84,10 @@ class ResultFolder:
         except OSError as error:
             raise _unwritable(self.folder, error) from error
 
+    def left(self) -> list[str]:
+        """Names of the files that the last run left, beside its head."""
+        return sorted(name for name in self._earlier() - {self.head} if (self.folder / name).is_file())
+
     def _take_in(self, new: Path) -> None:
         names = {path.name for path in new.iterdir()}
         for name in names:
