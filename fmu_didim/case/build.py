@@ -14,7 +14,7 @@ import numpy as np
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import is_file
-from fmu_didim.case.changes import CaseChanges, CaseObjects, merged
+from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters
@@ -226,7 +226,7 @@ def case_of(
     Raises:
         InputError, FmuError, BuildError: as of :func:`load_case`; or the case does not tell which entry is meant.
     """
-    if case is None or objects.given:
+    if case is None or any(value is not None for value in objects.values()):
         folder, memory, document = Path(), Memory(), None
         if isinstance(case, Case):
             folder, memory, document = case.folder, case.memory, case.document
@@ -235,7 +235,7 @@ def case_of(
             document = validate(CaseDocument, content, where="case")
         elif case is not None:
             folder, document = Path(case).parent, read_case(case)
-        changes = objects.changes(document)
+        changes = changes_by(objects, document)
         if document is None:
             content, memory = named(changes, folder)
             return _of_content(content, folder, memory, require_torque=require_torque)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
 from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
+from fmu_didim.case import Case, CaseObjects, case_of, with_objects
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.expected_accuracy import (
     ExpectedAccuracy,
@@ -127,16 +127,10 @@ class Checked:
         return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
 
 
+@with_objects
 def check(
     case: Case | Path | str | Mapping[str, Any] | None = None,
-    *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Checked:
     """Look at a case before any long work: its plant, its parameters, its torque logs and where it starts.
 
@@ -152,7 +146,7 @@ def check(
     Raises:
         InputError, FmuError, BuildError: the case cannot be loaded at all.
     """
-    case = case_of(case, CaseObjects(robot, plant, controller, log, reference, validation, loop))
+    case = case_of(case, objects)
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = _of_the_plant(case, model)
     diagnostics += case_diagnostics(case)

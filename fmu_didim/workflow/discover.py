@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from fmu_didim.base.diagnostics import refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, CaseObjects, Log, Reference
+from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.run import Found, Request
@@ -37,18 +37,12 @@ NEXT_FILE = "reference_next.yaml"
 NO_MOTION = "No motion within the limits of the present reference splits them better than the present one."
 
 
+@with_objects
 @one_blas_thread
 def discover(
     case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
     forbid: Sequence[str | type[Effect]] = (),
     prefer: Sequence[str | type[Effect]] = (),
     effects: Sequence[str | type[Effect]] = (),
@@ -58,6 +52,7 @@ def discover(
     figures: bool = False,
     progress: Callable[[str], None] | None = None,
     show: Callable[[Discovered], None] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Discovered:
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
@@ -84,7 +79,6 @@ def discover(
     """
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
-    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
     case = checked_case(case, folder, objects)
     model = case.model
     places = (Path(), case.folder)

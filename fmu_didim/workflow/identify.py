@@ -6,11 +6,11 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
-from fmu_didim.case import Case, CaseObjects, Log, Reference
+from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
@@ -33,22 +33,17 @@ from fmu_didim.workflow.start import started_from
 _log = logging.getLogger(__name__)
 
 
+@with_objects
 @one_blas_thread
 def identify(
     case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
     start: Result | None = None,
     figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Result], None] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Result:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
@@ -80,7 +75,6 @@ def identify(
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out, figures=figures)
-    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
     case = checked_case(case, folder, objects)
     if start is not None:
         case = started_from(case, start)
