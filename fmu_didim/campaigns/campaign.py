@@ -15,6 +15,7 @@ from typing import Any
 from fmu_didim.base.documents import load_yaml, problems_error
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import file_name
+from fmu_didim.campaigns.planning.fields import plain
 from fmu_didim.campaigns.planning.identity import code_digest
 from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
 from fmu_didim.campaigns.reporting.results import Results
@@ -33,6 +34,7 @@ from fmu_didim.campaigns.running.runner import (
 from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
+from fmu_didim.case.memory import Memory
 from fmu_didim.workflow.output.result_folder import check_writable
 
 _log = logging.getLogger(__name__)
@@ -240,11 +242,12 @@ def campaign(
         folder: to which the paths of a content are relative.
 
     Raises:
-        InputError: it has too many errors to plan anything; :meth:`Campaign.check` reports all others.
+        InputError: it holds an object that only this process has, or too many errors to plan anything;
+            :meth:`Campaign.check` reports all others.
     """
     if isinstance(source, Mapping):
-        content, folder, stem = dict(source), Path(folder), file_name(str(source.get("name", "campaign")))
-        file = ""
+        content, folder, file = plain(source, Memory()), Path(folder), ""
+        stem = file_name(str(source.get("name", "campaign")))
     else:
         content, folder = load_yaml(source), Path(source).parent
         file = Path(source).name
@@ -277,8 +280,7 @@ def study(
         InputError: as of :func:`campaign`.
     """
     if isinstance(case, Case):
-        content: Any = case.content
-        folder = case.folder
+        content, folder = plain(case.content, case.memory, "case"), case.folder
     else:
         content = dict(case) if isinstance(case, Mapping) else str(case)
     name = entries.pop("name", None) or (f"study of {Path(content).stem}" if isinstance(content, str) else "study")
