@@ -127,7 +127,7 @@ def _description(case: Case) -> RobotDescription | None:
 
 @dataclass(frozen=True)
 class _Run:
-    """One discovery and where it is shown and written.
+    """One discovery, with where it is shown and written.
 
     Attributes:
         description: the robot, None for a plant that is a black box.
@@ -141,7 +141,7 @@ class _Run:
     show: Callable[[Discovered], None]
 
     def keep(self, document: FindingsDocument) -> None:
-        """The answer so far written down, without anything of an earlier run; the search goes on where that fails."""
+        """Save the answer so far in place of an earlier run; the search goes on where that fails."""
         assert self.folder is not None
         try:
             with self.folder.written() as new:
@@ -150,7 +150,7 @@ class _Run:
             self.progress.say(f"the answer so far could not be written: {error.got}")
 
     def answer(self, found: Found) -> Discovered:
-        """What was found, shown and then in its folder; where that fails, shown as far as it came."""
+        """The answer, shown and then moved to its folder; shown as well where writing fails."""
         answer = Discovered(found.document, found)
         if self.folder is None:
             self.show(answer)

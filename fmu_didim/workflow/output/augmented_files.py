@@ -86,19 +86,15 @@ def augmented_robot(builder: LoopModelBuilder, fit: Fit) -> RobotDescription:
     """The robot description with all effects found and the fitted values, wherever they act."""
     described = builder.described(fit.model.added_effects)
     parameters = fit.model.parameters
-    assert described is not None
-    values = _described_values(parameters.described(fit.values[: parameters.count]))
+    fitted = parameters.described(fit.values[: parameters.count])
+    assert described is not None and fitted is not None
+    values = {v.name: v.start for v in (*fitted.standard_parameters(), *fitted.shape_parameters())}
     for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True):
         if parameter.owner == PLANT:
             values[parameter.key] = float(value)
         elif parameter.owner not in (BASE, LOG) and parameter.effect is not None:
             values[f"{parameter.key}_{fit.model.added_effects[parameter.effect].joint}"] = float(value)
     return described.with_values(values)
-
-
-def _described_values(robot: RobotDescription | None) -> dict[str, float]:
-    assert robot is not None
-    return {v.name: v.start for v in (*robot.standard_parameters(), *robot.shape_parameters())}
 
 
 def _write_robot(
@@ -108,7 +104,9 @@ def _write_robot(
     robot = augmented_robot(builder, fit)
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
-    given = _write_given(case, out)
+    given = {name: f"data_{number}.csv" for number, name in enumerate(case.signals, start=1)}
+    for name, file in given.items():
+        write_csv(case.signals[name], out / file)
     at_home = _augmented_case(fit, _relocated(case.content, case.folder, home, given))
     (out / CASE_FILE).write_text(yaml.safe_dump(at_home, sort_keys=False, allow_unicode=True), encoding="utf-8")
     files = {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
@@ -128,17 +126,8 @@ def _augmented_case(fit: Fit, document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _write_given(case: Case, out: Path) -> dict[str, str]:
-    """Signals that were given in memory, as files: name in the case -> name in the folder."""
-    written = {}
-    for number, (name, signals) in enumerate(case.signals.items(), start=1):
-        written[name] = f"data_{number}.csv"
-        write_csv(signals, out / written[name])
-    return written
-
-
 def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -> Any:
-    """A case document whose relative paths are seen from another folder, in which some files were written anew."""
+    """A case document with its relative paths from another folder, in which some files were written anew."""
     if isinstance(content, list):
         return [_relocated(item, old, new, written) for item in content]
     if not isinstance(content, dict):
@@ -148,12 +137,12 @@ def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -
         if key == "time" and content.get("file") in written:
             continue  # the new file has its own name for it
         named = key in _PATH_KEYS and isinstance(value, str)
-        result[key] = _seen_from(value, old, new, written) if named else _relocated(value, old, new, written)
+        result[key] = _moved(value, old, new, written) if named else _relocated(value, old, new, written)
     return result
 
 
-def _seen_from(name: str, old: Path, new: Path, written: Mapping[str, str]) -> str:
-    """A path, or ``module:name``, seen from another folder; whatever is no file there stays as it is."""
+def _moved(name: str, old: Path, new: Path, written: Mapping[str, str]) -> str:
+    """A path, or ``module:name``, from another folder; a name of no file stays as it is."""
     if name in written:
         return written[name]
     if is_reference(name):
