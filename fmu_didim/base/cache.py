@@ -1,4 +1,4 @@
-"""Where compiled and extracted files are kept between runs."""
+"""The cache of compiled and extracted files."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Diagnostics: what is wrong with data, a model or an answer, each kind under a stable code.
+"""Diagnostics: problems of data, a model or an answer, each kind under a stable code.
 
-A module writes the codes of what it can find down once, where the catalogue hands each of them back:
+A module lists its codes once, and the catalogue returns each of them:
 
     CLOCK_LATE = CATALOGUE(
         "clock-late", DOUBT, rank=20, meaning="The clock of the log runs behind ...", next_step="Free log_delay ..."
     )
 
-and makes a :class:`Diagnostic` of it with the figures of a case. Codes are part of the interface: scripts decide by
-them, so a code never changes its meaning.
+From a code and the figures of a case it makes a :class:`Diagnostic`. Scripts decide by codes, so that a code never
+changes its meaning.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class Severity(Enum):
     """What a diagnostic means for an answer."""
 
     PROBLEM = "problem"
-    """Nothing can be identified before it is mended."""
+    """Nothing can be identified before it is fixed."""
     DOUBT = "doubt"
     """The answer may be wrong, or less certain than it says."""
     REMARK = "remark"
-    """To be known; the answer stands."""
+    """Good to know; the answer stands."""
 
 
 PROBLEM, DOUBT, REMARK = Severity.PROBLEM, Severity.DOUBT, Severity.REMARK
@@ -136,8 +136,8 @@ class Catalogue:
         self._codes: dict[str, Code] = {}
 
     def __call__(self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str) -> Code:
-        """Write a code down; returns it."""
-        assert name not in self._codes, f"the code {name} is written down twice"
+        """Add a code and return it."""
+        assert name not in self._codes, f"the code {name} is there twice"
         self._codes[name] = Code(name, severity, rank, meaning, next_step)
         return self._codes[name]
 

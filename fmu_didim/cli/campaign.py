@@ -69,7 +69,7 @@ def _run(options: argparse.Namespace, say: Say) -> int:
         for line in found.dry_run(workers=options.workers).lines():
             say(line)
         return 0
-    return _told(found, options, say)
+    return _reported(found, options, say)
 
 
 def _retry(options: argparse.Namespace, say: Say) -> int:
@@ -80,10 +80,10 @@ def _retry(options: argparse.Namespace, say: Say) -> int:
     if not options.only:
         say("No run has failed.")
         return 0
-    return _told(found, options, say)
+    return _reported(found, options, say)
 
 
-def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
+def _reported(found: Campaign, options: argparse.Namespace, say: Say) -> int:
     """Run, and tell what happens."""
     from fmu_didim.campaigns.reporting.sections import duration
 

@@ -38,12 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     begin()
     with printable():
         typed = sys.argv[1:] if arguments is None else arguments
-        return _run(_parser().parse_args(typed), typed)
+        return _run(command_parser().parse_args(typed), typed)
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
     try:
-        with _told(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
+        with _logged(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
             _check_current_folder()
             _check_names(typed)
             return int(options.run(options))
@@ -109,7 +109,7 @@ def _check_names(typed: Sequence[str]) -> None:
 
 
 @contextmanager
-def _told(*, quiet: bool) -> Iterator[None]:
+def _logged(*, quiet: bool) -> Iterator[None]:
     """What the package logs stands on standard error: what takes long the first time, and what to know of an FMU."""
     logger, handler = logging.getLogger("fmu_didim"), CurrentStderr()
     level = logger.level
@@ -122,7 +122,7 @@ def _told(*, quiet: bool) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _parser() -> argparse.ArgumentParser:
+def command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",

@@ -207,9 +207,9 @@ def _experiments(document: ResultDocument) -> Section:
         marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in each]
         texts = [MISSING if e.agreement is None else significant(e.agreement.p_value, 2) for e in each]
         columns.append(numbers("agreement p", texts, marks=marks, page_head="p-value of its agreement"))
-        found_ = [e.agreement for e in each]
         differences = [
-            f"{a.differs_most}, by {a.change_in_std:.1f} σ" if a and a.differs_most else MISSING for a in found_
+            f"{a.differs_most}, by {a.change_in_std:.1f} σ" if (a := e.agreement) and a.differs_most else MISSING
+            for e in each
         ]
         columns.append(words("would differ most", differences, shown="page"))
         notes.append("p-value: probability of as much disagreement with the other fitted experiments on shared "

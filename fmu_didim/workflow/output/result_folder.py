@@ -167,14 +167,14 @@ def check_writable(folder: Path) -> None:
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` write a file, which takes the place of an earlier one as a whole; raises InputError if it fails."""
-    with told_unwritable(path):
+    with reported_unwritable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             write(temporary)
 
 
 @contextmanager
-def told_unwritable(path: Path) -> Iterator[None]:
+def reported_unwritable(path: Path) -> Iterator[None]:
     """What hinders the writing of a file or folder as an InputError."""
     try:
         yield
