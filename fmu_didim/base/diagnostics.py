@@ -20,7 +20,7 @@ from fmu_didim.base.errors import InputError
 
 
 class Severity(Enum):
-    """What a diagnostic means for an answer."""
+    """The meaning of a diagnostic for an answer."""
 
     PROBLEM = "problem"
     """Nothing can be identified before it is fixed."""
@@ -72,7 +72,7 @@ class Diagnostic:
 
     @property
     def advice(self) -> str:
-        """What to do about it: here, or about its kind."""
+        """The next step: its own, or that of its code."""
         return self.next_step or self.code.next_step
 
     @property
@@ -116,7 +116,7 @@ class DiagnosedError(InputError):
 
 
 def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """What was found, in order of weight; raises DiagnosedError where a problem is among it."""
+    """The diagnostics in order of weight; raises DiagnosedError where a problem is among them."""
     ordered = by_weight(found)
     if any(d.code.severity is PROBLEM for d in ordered):
         raise DiagnosedError(d for d in ordered if d.code.severity is PROBLEM)

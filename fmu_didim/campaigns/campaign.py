@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DryRun:
-    """What a campaign would do.
+    """The runs of a campaign and their estimated time.
 
     Attributes:
         name: of the campaign; count: different runs; equal: further runs that equal one of these.

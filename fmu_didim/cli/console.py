@@ -77,7 +77,7 @@ def show(text: str, *, stream: Any = None, console: Console | None = None) -> No
 
 
 class Display:
-    """What ``identify`` and ``discover`` show while they work; a context.
+    """The progress of ``identify`` and ``discover``; a context.
 
     Args:
         quiet: whether nothing is shown; console: to write to, for tests.

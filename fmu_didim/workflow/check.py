@@ -1,4 +1,4 @@
-"""The verb ``check``: what can be said of a case before any long work."""
+"""The verb ``check``: diagnostics of a case before any long work."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ CONFOUNDED = CATALOGUE(
 
 @dataclass(frozen=True, repr=False)
 class Checked:
-    """What :func:`check` returns.
+    """The findings of :func:`check`.
 
     Attributes:
         name: of the case; parameters: (p,) names of what would be identified.
         experiments: label -> data; loop: a line a component, one for its timing.
-        diagnostics: what was found, the most important first; problems must be fixed before an identification.
+        diagnostics: the most important first; problems must be fixed before an identification.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
@@ -78,7 +78,7 @@ class Checked:
         return not self.found(PROBLEM)
 
     def found(self, severity: Severity) -> tuple[Diagnostic, ...]:
-        """What was found of one severity."""
+        """The diagnostics of one severity."""
         return tuple(d for d in self.diagnostics if d.code.severity is severity)
 
     def saved(self, case: str = "") -> dict[str, Any]:
@@ -98,7 +98,7 @@ class Checked:
         return f"Checked({self.name!r}, {counts})"
 
     def summary(self) -> str:
-        """What was found, at most 100 columns wide; the verdict comes last."""
+        """The findings, at most 100 columns wide; the verdict comes last."""
         entries = [
             ("Parameters", f"{len(self.parameters)}: {', '.join(self.parameters)}"),
             *(

@@ -11,7 +11,7 @@ from fmu_didim.model.loop_model import LoopModel
 
 
 def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a case, the most important first.
+    """Problems and doubts about the data of a case, the most important first.
 
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.

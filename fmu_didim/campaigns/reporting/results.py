@@ -98,7 +98,7 @@ class Results:
         return self._runs[shown].merge(found, on="id")
 
     def summary(self) -> str:
-        """What the terminal shows: groups, hidden effects against named ones, remarks."""
+        """The text for the terminal: groups, hidden effects against named ones, remarks."""
         tables, paths = [group_columns(whole := self.groups(), self.paths)], self.paths
         if len(whole) > GROUPS_PRINTED and len(paths) > 1:
             tables = [group_columns(self.groups(path), [path]) for path in paths]
@@ -205,7 +205,7 @@ class Results:
         return pd.crosstab(hidden.rename("hidden"), runs["named"].replace("", "nothing").rename("named"))
 
     def remarks(self) -> list[str]:
-        """What to keep in mind when reading these figures."""
+        """Remarks for the reader of these figures."""
         status, runs, found = self.status(), self._runs, list[str]()
         ran = runs[runs["status"] != "open"]
         without = int((~ran["verdict"].isin(USABLE)).sum())

@@ -36,7 +36,7 @@ def groups_section(groups: pd.DataFrame, paths: Sequence[str], runs: Sequence[Se
 
 
 def group_columns(groups: pd.DataFrame, paths: Sequence[str]) -> list[Column]:
-    """What is shown of groups by some fields; counts that are zero everywhere are left out."""
+    """The columns of groups by some fields; counts that are zero everywhere are left out."""
     columns = [words(path, [shown(v) for v in groups[path]]) for path in paths]
     columns.append(_counts(groups, "runs"))
     if (groups["data"] != groups["runs"]).any():

@@ -70,7 +70,7 @@ class Trial:
 
 @dataclass
 class WorkerState:
-    """What a worker process holds between runs.
+    """The state of a worker process between runs.
 
     Attributes:
         scratch: folder of this process; prepared: the last cases with their truth, by design.

@@ -1,4 +1,4 @@
-"""What the columns of a file are likely to be, from their names, English and German, and their units.
+"""Guesses for the columns of a file, from their names, English and German, and their units.
 
 Nothing is taken for granted: what was guessed is written into the case, where it can be seen and changed, and where
 two columns may be meant, none is taken.

@@ -30,7 +30,7 @@ EFFECTS = "[motor_inertia, viscous, coulomb, torque_offset]"
 
 @dataclass(frozen=True)
 class Started:
-    """What ``init`` wrote.
+    """The files that ``init`` wrote.
 
     Attributes:
         files: the files; found: (file, column, what it was taken for), one for each column used.

@@ -1,4 +1,4 @@
-"""What discovery adds to a model, as files: signals, robot description, FMUs, case and SSP archive."""
+"""Files of an augmented model: signals, robot description, FMUs, case and SSP archive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``discover`` returns: the findings, the models they come from, and views of both."""
+"""The result of a discovery: the findings, the models they come from, and views of both."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Discovered:
-    """What :func:`~fmu_didim.discover` returns, and :meth:`load` reads from a folder.
+    """The result of :func:`~fmu_didim.discover`, which :meth:`load` reads from a folder.
 
     Two are equal if their documents are.
 
@@ -58,7 +58,7 @@ class Discovered:
 
     @classmethod
     def load(cls, path: Path | str) -> Discovered:
-        """What was saved in a folder, or in its ``findings.json``; raises InputError if that is no discovery."""
+        """The discovery of a folder, or of its ``findings.json``; raises InputError if there is no discovery."""
         document, path = load_findings(path), Path(path)
         return cls(document, folder=path if path.is_dir() else path.parent)
 
@@ -89,7 +89,7 @@ class Discovered:
 
     @property
     def exit_code(self) -> int:
-        """What the command line ends with."""
+        """The exit code of the command line."""
         return EXIT_CODES[self.verdict]
 
     @property
@@ -139,7 +139,7 @@ class Discovered:
 
     @property
     def candidates(self) -> list[CandidateResult]:
-        """The competition: what was worth a fit in each round, and what became of it."""
+        """The candidates that were fitted in each round, with their outcome."""
         return self.document.candidates
 
     @property
@@ -164,12 +164,12 @@ class Discovered:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of the data and of the search."""
+        """Remarks on the data and on the search."""
         return self.document.notes
 
     @property
     def files(self) -> Mapping[str, str]:
-        """What was written beside ``findings.json``; empty without an output folder."""
+        """Files beside ``findings.json``; empty without an output folder."""
         return self.document.files
 
     @property

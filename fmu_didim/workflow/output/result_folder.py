@@ -175,7 +175,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 @contextmanager
 def reported_unwritable(path: Path) -> Iterator[None]:
-    """What hinders the writing of a file or folder as an InputError."""
+    """Report an error in writing a file or folder as an InputError."""
     try:
         yield
     except OSError as error:

@@ -107,7 +107,7 @@ def effects_text() -> str:
 
 
 def effect_text(name: str) -> str:
-    """What an effect is, how it shows, how it is written at a joint, and what it does along a motion."""
+    """An effect: equation, signature, how it is written at a joint, and a plot along a motion."""
     entry = effect_entry(name)
     lines = [f"{entry.name}: {entry.title} ({entry.place})", "", f"  {entry.equation}", ""]
     for p in entry.parameters:
@@ -130,7 +130,7 @@ def _written(entry: EffectEntry) -> str:
 
 
 def effect_plot(effect: Effect) -> list[str]:
-    """What an effect does along a sine, as lines of text; none where one joint alone does not show it."""
+    """A plot of an effect along a sine, as lines of text; empty where one joint alone does not show it."""
     time = np.arange(POINTS, dtype=np.float64) * STEP
     w = 2 * np.pi * FREQUENCY_HZ
     q, dq, ddq = (AMPLITUDE * w**k * np.sin(w * time + k * np.pi / 2) for k in (0, 1, 2))
@@ -178,7 +178,7 @@ def _torque(effect: TorqueEffect, time: Array, q: Array, dq: Array, ddq: Array) 
 
 
 def _output(effect: InsertedEffect, u: Array) -> Array:
-    """What comes out of a drive or sensor effect, each of its parameters in the middle of where it is searched."""
+    """The output of a drive or sensor effect, with each parameter in the middle of its search range."""
     block = effect.block("revolute", STEP)
     grids = effect.search("revolute")
     middle = {
